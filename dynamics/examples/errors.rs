@@ -1,7 +1,7 @@
-//! Prints how far each integration scheme is from the solution: for every damping, gravity, friction
-//! and excitation the largest position error of a trajectory that 99 of 100 stay below, in rad. Only
-//! trajectories that keep clear of the joint limits count, as in a dataset, and where none does, all;
-//! the first column of numbers is their share.
+//! Prints the error of each integration scheme, for every damping, gravity, friction and
+//! excitation: the 99th percentile over trajectories of the largest position error, in rad. Only
+//! trajectories that keep clear of the joint limits count, as in a dataset. Where none does, all
+//! count. The first column of numbers is their share.
 //!
 //! `cargo run --release -p dynamics --example errors -- [TRAJECTORIES] [DAMPING ..]`
 
@@ -14,7 +14,8 @@ use spec::{Integrator, JobSpec, Precision, SimulateSpec};
 /// Joints of the Panda.
 const JOINTS: usize = 7;
 
-/// Close enough to call the solution where any scheme can follow; [`CONTROL`] shows where none can.
+/// The reference solution. It is accurate where any scheme can follow the motion. [`CONTROL`] shows
+/// where none can.
 const SOLUTION: Integrator = Integrator::Rk4 { substeps: 64 };
 const CONTROL: Integrator = Integrator::Extrapolated { order: 4, substeps: 24 };
 

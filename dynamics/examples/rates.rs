@@ -2,14 +2,14 @@
 //!
 //! `cargo run --release -p dynamics --example rates -- [--json] [SPEC] [SET] [THREADS ..]`
 //!
-//! Trajectories are counted with everything they take: draws, excitation, rejection, output; into fresh
-//! memory and into memory used before. Evaluations are those of Runge-Kutta, where each is a complete
-//! one: mass matrix, bias forces, factorization, solution, and the update of the state.
+//! The rate of trajectories includes draws, excitation, rejection and output, into fresh memory and
+//! into memory used before. The rate of evaluations is that of Runge-Kutta. Each evaluation is
+//! complete: mass matrix, bias forces, factorization, solution, and the update of the state.
 //!
-//! SPEC is a file with a simulate job to take instead of the default one. SET, say `AVX2`, is the only
-//! instruction set to measure. `--json` measures the one that
-//! is used, the fastest unless `TORQUED_INSTRUCTIONS` names another, and each rate only twice, for `cargo xtask bench dynamics`, which lets us and
-//! other simulators take turns.
+//! SPEC is a file with a simulate job that replaces the default one. SET, such as `AVX2`, is the
+//! only instruction set to measure. `--json` measures the set in use, which is the fastest unless
+//! `TORQUED_INSTRUCTIONS` names another, and measures each rate only twice. `cargo xtask bench
+//! dynamics` uses it and lets this program and other simulators take turns.
 
 use std::ops::ControlFlow;
 use std::time::Instant;
@@ -24,7 +24,7 @@ const DEFAULT_SPEC: &str = r#"{
 }"#;
 
 const SUBSTEPS: u32 = 50;
-/// Per step of Runge-Kutta.
+/// Evaluations per step of Runge-Kutta.
 const EVALUATIONS: u32 = 4;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
@@ -74,7 +74,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// What one instruction set does per second.
+/// The rates of one instruction set, per second.
 struct Rates {
     instructions: InstructionSet,
     precision: Precision,

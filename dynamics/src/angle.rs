@@ -1,7 +1,7 @@
 use std::f64::consts::FRAC_1_SQRT_2;
 
-/// Sine and cosine of an angle and of its half. Multiples of 45° are exact as far as f64 has them, so that
-/// axes that are parallel or at right angles stay so.
+/// Sine and cosine of an angle and of its half. Multiples of 45° are exact within f64, so that
+/// parallel and perpendicular axes stay so.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Angle {
     pub sin: f64,
@@ -52,7 +52,7 @@ mod tests {
             let radians = degrees.to_radians();
             assert!((angle.sin - radians.sin()).abs() < 5e-15, "{degrees}");
             assert!((angle.cos - radians.cos()).abs() < 5e-15, "{degrees}");
-            // The half may be that of the angle or of one turn more.
+            // The half is that of this angle, not of the angle plus one turn.
             let half = (0.5 * radians).sin_cos();
             assert!((angle.half_sin - half.0).abs() < 5e-15, "{degrees}");
             assert!((angle.half_cos - half.1).abs() < 5e-15, "{degrees}");

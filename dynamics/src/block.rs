@@ -22,7 +22,7 @@ use crate::{ArmState, DynamicsError, Joints, Scenario, Scenarios};
 /// Trajectories `first`, `first + 1`, .., one per element of `scenarios`.
 pub(crate) struct Block<'a> {
     pub(crate) source: &'a Scenarios<'a>,
-    /// As first drawn; rejected ones are replaced by the draw that was kept.
+    /// The first draws. The accepted draws replace rejected ones.
     pub(crate) scenarios: &'a mut [Scenario],
     /// Torques, [trajectory, sample, joint].
     pub(crate) u: &'a mut [f32],
@@ -32,19 +32,19 @@ pub(crate) struct Block<'a> {
     pub(crate) qd: Option<&'a mut [f32]>,
     /// Poses of the hand, [trajectory, sample, 7].
     pub(crate) end_effector: Option<&'a mut [f32]>,
-    /// Told how many more trajectories are finished; may ask to stop.
+    /// Gets the number of newly finished trajectories, and may ask to stop.
     pub(crate) finished: &'a (dyn Fn(u64) -> ControlFlow<()> + Sync),
 }
 
-/// What a lane is doing.
+/// The state of a lane.
 #[derive(Clone, Copy)]
 enum Lane {
     Idle,
-    /// Must start the trajectory in this row of the block.
+    /// The lane starts the trajectory in this row of the block.
     Starting {
         row: usize,
     },
-    /// Stands at `sample` of the trajectory in `row`.
+    /// The lane is at `sample` of the trajectory in `row`.
     Running {
         row: usize,
         sample: usize,
@@ -174,13 +174,14 @@ pub(crate) fn simulate<L: Kernels, S: Structure<N>, const N: usize>(
     }
 }
 
-/// 0 where a value as it is recorded is finite, not a number where it is not.
+/// 0 where the recorded f32 value is finite, and NaN where it is not.
 #[inline(always)]
 fn times_zero<L: Kernels>(recorded: &[f32; MAX_LANES]) -> L {
     L::load(recorded) * L::splat(0.0)
 }
 
-/// Adds g(q) of each lane's robot, so that what is recorded and what acts are the same f32.
+/// Adds g(q) of each lane's robot to the torques in f32, so that the recorded torques are those
+/// that act.
 #[inline(always)]
 fn add_gravity_torques<L: Kernels, S: Structure<N>, const N: usize>(
     structure: S,

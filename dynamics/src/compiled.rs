@@ -1,7 +1,7 @@
 //! The structure that kernels are specialized for: which twists and which lengths of its table are zero.
 //!
-//! It is that of the Franka Emika Panda, and of every other arm whose twists are the same and whose other
-//! lengths are zero in the same places. Zeros and quarter turns cost nothing there.
+//! It is that of the Franka Emika Panda, and of every other arm with the same twists and with the
+//! same lengths that are zero. Zeros and quarter turns cost nothing there.
 
 use crate::Kinematics;
 

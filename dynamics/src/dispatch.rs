@@ -1,4 +1,4 @@
-//! From an instruction set to the simulations that are compiled for it.
+//! Selects the simulations that are compiled for an instruction set.
 
 use simd::{F32Array, F64Array, InstructionSet};
 #[cfg(target_arch = "x86_64")]
@@ -77,8 +77,8 @@ simulations!(F64x4, "avx2,fma");
 simulations!(F32Array<8>);
 simulations!(F64Array<4>);
 
-/// Calls a function of [`Simulations`] on the lanes of an instruction set and a precision. The choice never
-/// shows in a result, only in the time it takes.
+/// Calls a function of [`Simulations`] on the lanes of an instruction set and a precision. The
+/// instruction set changes the time, but never the result.
 macro_rules! on_lanes {
     ($instructions:expr, $precision:expr, $function:ident($($argument:expr),*)) => {
         match ($instructions, $precision) {

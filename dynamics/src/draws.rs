@@ -1,10 +1,10 @@
-//! Random numbers that depend on what they are for, never on when they are drawn.
+//! Random numbers keyed by purpose. The order of the draws does not matter.
 
 use random::ChaCha8Rng;
 use spec::Range;
 
-/// What a sequence of draws decides; each purpose has a sequence of its own, so that a change of
-/// one (another excitation, say) leaves the others as they were.
+/// The purpose of a sequence of draws. Each purpose has a sequence of its own, so that a change of
+/// one, such as another excitation, leaves the others as they were.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Purpose {
     /// Excitation family and master frequency.
@@ -20,7 +20,7 @@ pub(crate) enum Purpose {
     TorqueNoise = 9,
     /// Noise that is added to positions after they were recorded.
     AddedPositionNoise = 10,
-    /// Levels of torques that jump, and how long they are held.
+    /// Levels of torques in steps, and their durations.
     Steps = 11,
 }
 

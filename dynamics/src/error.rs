@@ -1,6 +1,6 @@
 use std::ops::Range;
 
-/// Why a simulation has no result.
+/// The reason why a simulation has no result.
 #[derive(Debug, thiserror::Error)]
 pub enum DynamicsError {
     /// The progress callback asked to stop.
@@ -14,7 +14,7 @@ pub enum DynamicsError {
     )]
     EveryDrawRejected { index: u64, seed: u64, draws: u32, margin_rad: f64 },
 
-    /// The state of a trajectory left the finite numbers.
+    /// The state of a trajectory is not finite.
     #[error(
         "trajectory {index} (seed {seed}, draw {draw}): the joint positions at sample {sample} are not finite; \
          the integrator is unstable for this robot, use more substeps"
@@ -22,6 +22,6 @@ pub enum DynamicsError {
     NotFinite { index: u64, seed: u64, draw: u32, sample: usize },
 
     /// More samples than memory can address.
-    #[error("{trajectories} trajectories of {samples} samples do not fit in memory")]
+    #[error("{trajectories} trajectories of {samples} samples do not fit into memory")]
     TooLarge { trajectories: u64, samples: u32 },
 }

@@ -33,12 +33,12 @@ impl<L: Lanes, const N: usize> Dynamics<L, N> {
     }
 }
 
-/// How a link moves when no joint accelerates, in the link's axes.
+/// The motion of a link while no joint accelerates, in the link's axes.
 #[derive(Clone, Copy)]
 pub(crate) struct Motion<L> {
     pub(crate) angular_velocity: Vector<L>,
     pub(crate) angular_acceleration: Vector<L>,
-    /// Of the frame's origin, less that of free fall.
+    /// Acceleration of the frame's origin minus that of free fall.
     pub(crate) acceleration: Vector<L>,
     /// The columns x and y of [ω̇] + [ω]²: the acceleration of a point of the link per distance from
     /// the origin. First moments have no z, nor do origins of joints of the compiled structure.
@@ -57,8 +57,8 @@ impl<L: Lanes> Motion<L> {
         Self { angular_velocity: w, angular_acceleration: w_dot, acceleration, gradient }
     }
 
-    /// The second link, carried by a first one that turns about the vertical, which is its own z, and
-    /// on whose axis it sits.
+    /// The motion of the second link. The first one turns about the vertical, which is its own z
+    /// axis, and the second one sits on this axis.
     #[inline(always)]
     pub(crate) fn of_second_link(base_acceleration: L, turn: Turn<L>, qd: &[L; JOINTS]) -> Self {
         const { assert!(!shifted::<1>(0) && !shifted::<1>(1) && !shifted::<1>(2)) };
@@ -67,7 +67,7 @@ impl<L: Lanes> Motion<L> {
         Self::new([x, y, qd[1]], w_dot, turn.axis_to_child::<1>(base_acceleration))
     }
 
-    /// The motion of the link that joint `J` carries, given that of the link before it.
+    /// The motion of the link behind joint `J`, from that of the link before it.
     #[inline(always)]
     pub(crate) fn child<const J: usize>(&self, origin: &Vector<L>, turn: Turn<L>, qd: L) -> Self {
         let acceleration = add_matrix_origin::<L, J>(&self.gradient, origin, self.acceleration);
@@ -79,7 +79,7 @@ impl<L: Lanes> Motion<L> {
         Self::new(w, w_dot, turn.to_child::<J>(acceleration))
     }
 
-    /// The wrench about the frame's origin that moves `link` this way (Newton and Euler).
+    /// The wrench about the frame's origin that causes this motion of `link` (Newton and Euler).
     #[inline(always)]
     pub(crate) fn wrench(&self, link: &Link<L>) -> Wrench<L> {
         let [mx, my] = link.first_moment;
@@ -183,7 +183,7 @@ impl<L: Lanes> Composite<L> {
         }
     }
 
-    /// The wrench of a unit acceleration about the frame's z from rest.
+    /// The wrench for a unit acceleration about the frame's z from rest.
     #[inline(always)]
     pub(crate) fn wrench_of_unit_acceleration(&self) -> Wrench<L> {
         let [x, y, _] = self.first_moment;
@@ -194,9 +194,9 @@ impl<L: Lanes> Composite<L> {
 
 /// Solves (M + A + h D) q̈ = u − C q̇ − g − D q̇ − τ_f(q̇).
 ///
-/// With h the length of the step to come, damping acts at the step's end (implicitly); with h = 0
-/// this is the acceleration at the given state. Friction always acts as at the step's start: it is
-/// bounded, and where a step crosses its bend its tangent leads further astray than its value.
+/// h is the length of the next step. Damping then acts at the step's end (implicitly). With h = 0
+/// this is the acceleration at the given state. Friction always acts as at the step's start. It is
+/// bounded, and where a step crosses its bend, its tangent has a larger error than its value.
 #[inline(always)]
 pub(crate) fn accelerations<L: Lanes, S: Structure<N>, const N: usize>(
     structure: S,
@@ -212,13 +212,13 @@ pub(crate) fn accelerations<L: Lanes, S: Structure<N>, const N: usize>(
         b[joint] =
             model.damping[joint].neg_mul_add(qd[joint], torque[joint] - dynamics.bias[joint]);
     }
-    // All robots of a simulation have friction or none has: the branch is always the same.
+    // All robots of a simulation have friction, or none has it. So the branch is always the same.
     if let Some(friction) = &model.friction {
         for joint in 0..structure.joints() {
             b[joint] = b[joint] - friction.torque(joint, qd[joint]);
         }
     }
-    // Read after the branch, since the compiler would keep a copy across it.
+    // This is read after the branch, because the compiler would keep a copy across it.
     let mut m = dynamics.mass_matrix;
     for joint in 0..structure.joints() {
         m[joint][joint] = step.mul_add(model.damping[joint], m[joint][joint]);

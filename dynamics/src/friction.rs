@@ -32,7 +32,8 @@ pub(crate) struct Sigmoids<L, const N: usize> {
     phi1: [L; N],
     phi2: [L; N],
     phi3: [L; N],
-    /// φ1 / (1 + exp(−φ2 φ3)), computed as for a moving joint, so that friction at rest is exactly 0.
+    /// φ1 / (1 + exp(−φ2 φ3)), computed in the same way as for a moving joint, so that friction at
+    /// rest is exactly 0.
     at_rest: [L; N],
 }
 
@@ -72,7 +73,7 @@ impl<L: Lanes, const N: usize> Sigmoids<L, N> {
 /// 1 / (1 + exp(−x)).
 #[inline(always)]
 fn sigmoid<L: Lanes>(x: L) -> L {
-    /// Where exp(−x) is far below the last place of 1, and its inverse still in range of f32.
+    /// Here exp(−x) is far below the last place of 1, and its inverse is still in the range of f32.
     const SATURATED: f64 = 80.0;
 
     let saturated = L::splat(SATURATED);

@@ -1,8 +1,8 @@
-//! Any chain of revolute joints: twists and offsets of every robot's own.
+//! The structure of any chain of revolute joints. Each robot has its own twists and offsets.
 //!
-//! The same algorithms as [`crate::forward_dynamics`], in loops over the joints that there are. Links come
-//! regrouped as well; the first one's remainder needs no mass of its own either, since the base does not
-//! move.
+//! The algorithms are those of [`crate::forward_dynamics`], in loops over the joints of the arm.
+//! Links are regrouped as well. The remainder of the first link needs no mass either, since the
+//! base does not move.
 
 use simd::Lanes;
 use spec::MAX_JOINTS;
@@ -24,13 +24,13 @@ impl General {
     }
 }
 
-/// Where a joint's frame lies in the frame of the link before it.
+/// The position and orientation of a joint's frame in the frame of the link before it.
 #[derive(Clone, Copy)]
 struct Place<L> {
     origin: Vector<L>,
-    /// About x.
+    /// The turn about x.
     twist: Turn<L>,
-    /// About z.
+    /// The turn about z.
     turn: Turn<L>,
 }
 
@@ -66,7 +66,8 @@ impl<L: Lanes> Place<L> {
     fn symmetric_to_parent(self, [xx, xy, xz, yy, yz, zz]: Symmetric<L>) -> Symmetric<L> {
         let Self { twist, turn, .. } = self;
         let ([xx, xy, yy], [xz, yz]) = turned(turn, [xx, xy, yy], [xz, yz]);
-        // About x, the axes y and z play the part that x and y play about z.
+        // Here y and z are turned about x. They take the place that x and y have for a turn about
+        // z.
         let ([yy, yz, zz], [xy, xz]) = turned(twist, [yy, yz, zz], [xy, xz]);
         [xx, xy, xz, yy, yz, zz]
     }
@@ -113,14 +114,14 @@ fn shifted<L: Lanes>(t: Vector<L>, h: Vector<L>, inertia: Symmetric<L>) -> Symme
 }
 
 impl<L: Lanes> Motion<L> {
-    /// The base, which feels only that it does not fall.
+    /// The base. It does not move, but it accelerates upwards against free fall.
     #[inline(always)]
     fn of_base(base_acceleration: L) -> Self {
         let zero = L::splat(0.0);
         Self::new([zero; 3], [zero; 3], [zero, zero, base_acceleration])
     }
 
-    /// The motion of the link beyond a joint, given that of the link before it.
+    /// The motion of the link behind a joint, from that of the link before it.
     #[inline(always)]
     fn beyond(&self, place: Place<L>, qd: L) -> Self {
         let [w, w_dot] = [self.angular_velocity, self.angular_acceleration];
@@ -149,7 +150,7 @@ impl<L: Lanes> Motion<L> {
 impl Structure<MAX_JOINTS> for General {
     #[inline(always)]
     fn joints(self) -> usize {
-        // Says to the compiler that no index is out of bounds.
+        // This tells the compiler that no index is out of bounds.
         self.joints.min(MAX_JOINTS)
     }
 

@@ -1,4 +1,4 @@
-//! Inertia of rigid bodies: composition, and which tensors a body can have.
+//! Inertia of rigid bodies: composition, and the conditions for a physical tensor.
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
@@ -27,7 +27,7 @@ impl RigidBody {
         Self { mass: self.mass, com: com.into(), inertia: symmetric_rows(&inertia) }
     }
 
-    /// Both bodies, welded; both are given in the same frame.
+    /// Both bodies welded together. Both are given in the same frame.
     pub(crate) fn welded_to(&self, other: &Self) -> Self {
         let mass = self.mass + other.mass;
         let com =
@@ -61,9 +61,9 @@ impl RigidBody {
         Self { inertia: symmetric_rows(&inertia), ..*self }
     }
 
-    /// The body stretched along the axes of its frame until its second moments about the planes across
-    /// them are `factors` times what they were: Σ → A Σ Aᵀ with A = diag(√factors). Mass and centre
-    /// stay, and what was physical stays so (Sylvester's law of inertia).
+    /// The body stretched along the axes of its frame: Σ → A Σ Aᵀ with A = diag(√factors). Its
+    /// second moments about the planes across these axes are multiplied by `factors`. Mass and
+    /// centre stay the same, and a physical body stays physical (Sylvester's law of inertia).
     #[must_use]
     pub fn stretched(&self, factors: [f64; 3]) -> Self {
         let stretches = Matrix3::from_diagonal(&factors.map(f64::sqrt).into());
@@ -74,7 +74,8 @@ impl RigidBody {
     ///
     /// A body that is physical already is returned bit for bit.
     pub(crate) fn projected(&self) -> Self {
-        /// Of the largest moment; keeps rounding from making the result unphysical again.
+        /// Relative to the largest moment. It keeps rounding from making the result unphysical
+        /// again.
         const SMALLEST: f64 = 1e-9;
 
         let moments = self.second_moments().symmetric_eigen();
@@ -102,7 +103,7 @@ fn matrix(rows: [[f64; 3]; 3]) -> Matrix3<f64> {
     Matrix3::from_fn(|row, column| rows[row][column])
 }
 
-/// The rows of the symmetric part, which removes what rounding made unsymmetric.
+/// The rows of the symmetric part. This removes the asymmetry that rounding causes.
 fn symmetric_rows(matrix: &Matrix3<f64>) -> [[f64; 3]; 3] {
     std::array::from_fn(|row| {
         std::array::from_fn(|column| 0.5 * (matrix[(row, column)] + matrix[(column, row)]))

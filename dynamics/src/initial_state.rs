@@ -3,8 +3,8 @@ use spec::{InitialState, Range};
 use crate::Joints;
 use crate::draws::Draws;
 
-/// Positions (rad) and velocities (rad/s) at t = 0, as [`InitialState`] states the law, for limits `joint1`
-/// of the first joint.
+/// Draws positions (rad) and velocities (rad/s) at t = 0 by the law of [`InitialState`]. `joint1`
+/// has the limits of the first joint.
 pub(crate) fn draw_initial_state(
     spec: &InitialState,
     joint1: Range,

@@ -1,8 +1,8 @@
 //! One sampling period, with the torque held.
 //!
-//! Both schemes work on *increments* to the state at the start of a step and add them once, to a
-//! position kept with the rounding error of the last addition. In f32 this is what makes the result
-//! as accurate as f64: the increments are small, and their rounding with them.
+//! Both schemes sum *increments* to the state at the start of a step, and add them once to a
+//! position that is kept with the rounding error of the last addition. In f32 this makes the result
+//! as accurate as f64, because the increments and their rounding errors are small.
 
 use spec::Integrator;
 
@@ -12,7 +12,7 @@ use crate::model::Model;
 use crate::spatial::Turn;
 use crate::structure::Structure;
 
-/// A way through one sampling period.
+/// A scheme that integrates over one sampling period.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Scheme {
     /// Euler with implicit damping in sequences of 1, 2, .. `order` steps, extrapolated.
@@ -39,7 +39,7 @@ const MAX_ORDER: usize = 4;
 /// Positions and velocities of the joints.
 pub(crate) struct State<L, const N: usize> {
     pub(crate) q: [L; N],
-    /// What rounding left out of `q` so far (Kahan summation).
+    /// The accumulated rounding error of `q` (Kahan summation).
     pub(crate) q_remainder: [L; N],
     pub(crate) qd: [L; N],
 }
@@ -105,8 +105,8 @@ impl<L: Kernels, const N: usize> Increment<L, N> {
     }
 }
 
-/// Intermediate results of a step. A simulation makes them once, because filling them with zeros at every step
-/// took 3 % of a trajectory's time.
+/// Intermediate results of a step. A simulation allocates them once, because filling them with
+/// zeros at every step took 3 % of a trajectory's time.
 pub(crate) struct Scratch<L, const N: usize> {
     table: [Increment<L, N>; MAX_ORDER],
     start: Dynamics<L, N>,
@@ -131,7 +131,7 @@ impl<L: Kernels, const N: usize> Scratch<L, N> {
     }
 }
 
-/// Moves `state` over `period` seconds under `torque` (N·m).
+/// Advances `state` by `period` seconds under `torque` (N·m).
 #[inline(always)]
 pub(crate) fn advance<L: Kernels, S: Structure<N>, const N: usize>(
     structure: S,
@@ -174,8 +174,8 @@ fn extrapolated_step<L: Kernels, S: Structure<N>, const N: usize>(
     let joints = structure.joints();
     let Scratch { table, start, start_turns, later_turns, qd, qdd } = scratch;
 
-    // Every sequence starts from the same state and needs its dynamics only once. Their first steps come first:
-    // none of them waits for another.
+    // Every sequence starts from the same state, so its dynamics are computed once. The first steps
+    // of all sequences come first, because they do not depend on each other.
     structure.turns(&state.q, start_turns);
     L::mass_matrix_and_bias(structure, model, start_turns, &state.qd, start);
     for steps in 1..=order {
@@ -221,7 +221,7 @@ fn runge_kutta_step<L: Kernels, S: Structure<N>, const N: usize>(
     state: &mut State<L, N>,
     scratch: &mut Scratch<L, N>,
 ) {
-    /// Weight of each stage's slope in the result, and how far along it the next stage lies.
+    /// The weight of each stage's slope in the result, and the position of the next stage along it.
     const STAGES: [(f64, f64); 4] =
         [(1.0 / 6.0, 0.5), (1.0 / 3.0, 0.5), (1.0 / 3.0, 1.0), (1.0 / 6.0, 0.0)];
 
@@ -274,7 +274,7 @@ mod tests {
         a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
     }
 
-    /// The power of the step with which the error falls between `substeps` and twice as many.
+    /// The order p of the scheme, from the errors with `substeps` and twice as many substeps.
     fn observed_order(scheme: impl Fn(u32) -> Scheme, substeps: u32) -> f64 {
         let robot = Robot { gravity: 9.81, damping: Joints::splat(JOINTS, 1.0), ..Robot::panda() };
         let exact = run(Scheme::Rk4 { substeps: 200 }, &robot, TORQUE, 0.2);
@@ -322,7 +322,7 @@ mod tests {
         let robot = Robot { gravity: 9.81, ..Robot::panda() };
         let fine = run(Scheme::Extrapolated { order: 4, substeps: 2 }, &robot, TORQUE, 0.5);
         let stiff = run(Scheme::Extrapolated { order: 1, substeps: 1 }, &robot, TORQUE, 0.5);
-        // One implicit step per period is coarse, but stays close where an explicit one blows up.
+        // One implicit step per period is coarse, but stays close where an explicit one diverges.
         assert!(distance(&fine[..JOINTS], &stiff[..JOINTS]) < 0.05);
         let explicit = run(Scheme::Rk4 { substeps: 1 }, &robot, TORQUE, 0.5);
         assert!(explicit.iter().any(|value| value.is_nan() || value.abs() > 1e3));

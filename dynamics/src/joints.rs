@@ -3,7 +3,7 @@ use std::ops::{Deref, DerefMut};
 
 use spec::MAX_JOINTS;
 
-/// One value per joint of an arm, in place: there are at most [`MAX_JOINTS`]. A slice in all but its type.
+/// One value per joint of an arm, at most [`MAX_JOINTS`], stored in place. It derefs to a slice.
 #[derive(Clone, Copy)]
 pub struct Joints<T> {
     values: [T; MAX_JOINTS],
@@ -12,7 +12,7 @@ pub struct Joints<T> {
 
 impl<T: Copy + Default> Joints<T> {
     /// # Panics
-    /// When there are more than [`MAX_JOINTS`]; as for all that make one.
+    /// If `count` is larger than [`MAX_JOINTS`]. The same holds for all constructors.
     pub fn from_fn(count: usize, value: impl FnMut(usize) -> T) -> Self {
         (0..count).map(value).collect()
     }
@@ -22,7 +22,7 @@ impl<T: Copy + Default> Joints<T> {
         Self::from_fn(count, |_| value)
     }
 
-    /// Every value changed.
+    /// Applies `change` to every value.
     #[must_use]
     pub fn map<U: Copy + Default>(&self, change: impl FnMut(T) -> U) -> Joints<U> {
         self.iter().copied().map(change).collect()

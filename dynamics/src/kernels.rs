@@ -1,9 +1,9 @@
 //! The functions of one evaluation that are compiled once per lane type and structure, for the instructions
 //! of that type.
 //!
-//! Everything else that is written over lanes is inlined into these. They are few and never inlined into each
-//! other, since one evaluation of the dynamics is about a thousand instructions and would otherwise
-//! be copied into every stage of every integrator.
+//! All other code over lanes is inlined into these. They are few and never inlined into each other.
+//! One evaluation of the dynamics is about a thousand instructions, and would otherwise be copied
+//! into every stage of every integrator.
 
 use simd::{F32Array, F64Array, Lanes, align_stack};
 

@@ -1,4 +1,4 @@
-//! Where joints and hand are.
+//! The positions of joints and hand.
 
 use std::f64::consts::FRAC_1_SQRT_2;
 
@@ -12,13 +12,13 @@ use crate::spatial::{Turn, Vector};
 /// An arm's modified Denavit-Hartenberg table (Craig's), and its hand's frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Kinematics {
-    /// Along x of the frame before the joint, m.
+    /// Distance along x of the frame before the joint, m.
     pub a_m: Joints<f64>,
-    /// Along the joint's own axis, m.
+    /// Distance along the joint's own axis, m.
     pub d_m: Joints<f64>,
-    /// About x of the frame before the joint: α.
+    /// Twist α about x of the frame before the joint.
     pub twists: Joints<Angle>,
-    /// From the last link's frame to the hand's, along their z, m.
+    /// Distance from the last link's frame to the hand's along their z, m.
     pub flange_m: f64,
     /// Rotation of the hand's frame about its z.
     pub hand_yaw: Angle,
@@ -29,7 +29,7 @@ pub struct Kinematics {
 pub struct Pose {
     /// m.
     pub position_m: [f64; 3],
-    /// x, y, z, w; of unit length.
+    /// x, y, z, w, of unit length.
     pub quaternion_xyzw: [f64; 4],
 }
 
@@ -60,8 +60,9 @@ impl Kinematics {
         Pose { position_m, quaternion_xyzw: quaternion_xyzw.map(|component| sign * component) }
     }
 
-    /// Poses of the hand at recorded positions `q`, [sample, joint] in rad, into `poses`,
-    /// [sample, 7]: the first with qw not negative, the others without jumps of sign.
+    /// Computes the poses of the hand at recorded positions `q`, [sample, joint] in rad, and writes
+    /// them to `poses`, [sample, 7]. In the first pose qw is not negative, and the signs of the
+    /// others do not jump.
     #[inline(always)]
     pub(crate) fn record_poses<D: Lanes>(&self, q: &[f32], poses: &mut [f32]) {
         let joints = self.a_m.len();
@@ -105,8 +106,9 @@ struct HandPose<L> {
     position: Vector<L>,
     /// x, y, z, w.
     ///
-    /// A product of rotations by half of each joint's angle, which is smooth in the angles: along
-    /// a motion it never jumps to the other of the two quaternions of an orientation.
+    /// The quaternion is a product of rotations by half of each joint's angle, which is smooth in
+    /// the angles. Along a motion it never jumps to the other of the two quaternions of an
+    /// orientation.
     quaternion: [L; 4],
 }
 
@@ -137,7 +139,7 @@ impl<L: Lanes> HandPose<L> {
     }
 }
 
-/// A point of a joint's link, in the axes of the link before it.
+/// A point in the frame of a joint's link, in the axes of the link before it.
 #[inline(always)]
 fn position_to_parent<L: Lanes>(twist: Angle, turn: Turn<L>, [x, y, z]: Vector<L>) -> Vector<L> {
     let turned_x = turn.sin.neg_mul_add(y, turn.cos * x);
@@ -153,7 +155,8 @@ fn position_to_parent<L: Lanes>(twist: Angle, turn: Turn<L>, [x, y, z]: Vector<L
     }
 }
 
-/// An orientation in a joint's link, in the link before it; `half` holds half the joint's angle.
+/// An orientation in a joint's link, seen from the link before it. `half` has half the joint's
+/// angle.
 #[inline(always)]
 fn quaternion_to_parent<L: Lanes>(twist: Angle, half: Turn<L>, [x, y, z, w]: [L; 4]) -> [L; 4] {
     let Turn { sin, cos } = half;
@@ -212,7 +215,8 @@ mod tests {
             * turn(Vector3::z(), kinematics.hand_yaw.sin.atan2(kinematics.hand_yaw.cos))
     }
 
-    /// Arms of 1 to 8 joints with twists in degrees, among them those that are exact.
+    /// Arms of 1 to 8 joints with twists in degrees, among them those with an exact sine and
+    /// cosine.
     fn arms() -> impl Strategy<Value = (Kinematics, Vec<f64>, Vec<f64>)> {
         let twist = prop_oneof![
             prop::sample::select(vec![-180.0, -90.0, -45.0, 0.0, 45.0, 90.0, 180.0]),

@@ -3,8 +3,8 @@
 //! [`simulate`] turns a [`spec::SimulateSpec`] and a range of trajectory indices into torques and
 //! joint positions. Trajectory `i` is a function of (spec, `i`): every random number is keyed by
 //! (seed, index, purpose, draw), and every lane type does the same fused arithmetic in the same
-//! order, so that ranges, threads, neighbours and processors do not show in the result.
-//! [`Replay`] moves robots that are given by torques that are given, on the same lanes.
+//! order. So ranges, threads, neighbours and processors do not change the result. [`Replay`] moves
+//! given robots by given torques, on the same lanes.
 //!
 //! Symbols are those of the manipulator equation
 //! `(M(q) + A) q̈ + C(q, q̇) q̇ + g(q) + D q̇ + τ_f(q̇) = u`, in SI units, with armature `A`, damping `D`

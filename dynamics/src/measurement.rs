@@ -6,8 +6,8 @@ use spec::SimulateSpec;
 
 use crate::draws::{Draws, Purpose};
 
-/// Adds to each robot of `series` the noise that `spec` asks for; the truth stays beside what is measured.
-/// `first` is the index of the first trajectory, which keys its noise.
+/// Adds the noise that `spec` asks for to each robot of `series`. The true values are kept beside
+/// the measured ones. `first` is the index of the first trajectory, which keys its noise.
 pub(crate) fn measure(series: &mut Series, spec: &SimulateSpec, first: u64) {
     let observations = &spec.observations;
     if !observations.measures_positions() && !observations.measures_torques() {
@@ -26,14 +26,16 @@ pub(crate) fn measure(series: &mut Series, spec: &SimulateSpec, first: u64) {
     });
 }
 
-/// Adds Gaussian noise of `deviation_rad` to the positions of the first `samples` samples of each robot, on
-/// top of what they have; the truth stays beside what is measured.
+/// Adds Gaussian noise of `deviation_rad` to the positions of the first `samples` samples of each
+/// robot, in addition to the noise that they have. The true values are kept beside the measured
+/// ones.
 ///
-/// The noise is keyed by (seed, trajectory), and that of a sample and joint is in proportion to the
-/// deviation: levels of noise have the same draws. `first` is the index of the first trajectory.
+/// The noise is keyed by (seed, trajectory). The noise of a sample and joint is proportional to the
+/// deviation, so all levels of noise share their draws. `first` is the index of the first
+/// trajectory.
 ///
 /// # Panics
-/// When there are fewer samples.
+/// If the series has fewer samples.
 pub fn add_position_noise(
     series: &mut Series,
     deviation_rad: f64,
@@ -67,7 +69,7 @@ fn disturb(values: &mut [f32], deviation: f64, mut draws: Draws) {
     }
 }
 
-/// Rounds `values` to multiples of `step`; 0 rounds nothing.
+/// Rounds `values` to multiples of `step`. A step of 0 leaves them as they are.
 #[expect(clippy::cast_possible_truncation, reason = "series hold f32")]
 fn round_to(values: &mut [f32], step: f64) {
     if step <= 0.0 {

@@ -6,18 +6,18 @@ use crate::regrouping::{Link, regrouped};
 use crate::spatial::Turn;
 use crate::structure::Structure;
 
-/// What does not change while robots move: their parameters, one robot per lane.
+/// The constants of moving robots: their parameters, one robot per lane.
 pub(crate) struct Model<L, const N: usize> {
     pub(crate) links: [Link<L>; N],
-    /// Of each joint, in the frame of the link before it.
+    /// Origin of each joint, in the frame of the link before it.
     pub(crate) origins: [[L; 3]; N],
-    /// About x of the frame before; not read where the structure is compiled.
+    /// Twists about x of the frame before. Compiled structures do not read them.
     pub(crate) twists: [Turn<L>; N],
     pub(crate) damping: [L; N],
     pub(crate) armature: [L; N],
     /// `None` when no robot has any.
     pub(crate) friction: Option<Sigmoids<L, N>>,
-    /// Of the base, upwards, which is what a still robot under gravity feels.
+    /// Acceleration of the base, upwards. A robot at rest under gravity feels the same.
     pub(crate) base_acceleration: L,
 }
 

@@ -1,4 +1,4 @@
-//! The nominal arm of a description: bodies before anything is welded, and where they hang.
+//! The nominal arm of a description: its bodies before any are welded, and their places.
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use spec::{BodyDescription, RobotDescription};
@@ -9,9 +9,9 @@ use crate::{Joints, Kinematics, RigidBody};
 /// The nominal robot, around which those of a description are drawn.
 #[derive(Clone, Debug)]
 pub(crate) struct Nominal {
-    /// Each in its link's frame.
+    /// The links, each in its own frame.
     pub(crate) links: Joints<RigidBody>,
-    /// Parts of the hand, each in a frame parallel to the hand's at this origin.
+    /// The parts of the hand. Each has a frame parallel to the hand's, with this origin.
     pub(crate) attached: Vec<(RigidBody, [f64; 3])>,
     pub(crate) kinematics: Kinematics,
 }
@@ -41,7 +41,7 @@ fn body(description: &BodyDescription) -> RigidBody {
     if nearest_physical { body.projected() } else { body }
 }
 
-/// Bodies welded together in the hand's frame, one after the other.
+/// The bodies welded together so far, in the hand's frame.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct Hand(Option<RigidBody>);
 

@@ -1,4 +1,4 @@
-//! How many operations an evaluation of the forward dynamics takes.
+//! Counts the operations of an evaluation of the forward dynamics.
 
 use std::cell::RefCell;
 use std::ops::{Add, Mul, Neg, Sub};
@@ -17,12 +17,12 @@ const EVALUATIONS: usize = 4;
 #[derive(Clone, Copy)]
 pub(crate) struct Recorded {
     value: F64Array<1>,
-    /// Position in [`OPERATIONS`]; `None` for what was given.
+    /// Position in [`OPERATIONS`]; `None` for an input.
     made_by: Option<usize>,
 }
 
 thread_local! {
-    /// The operands of every operation so far, by the operations that made them.
+    /// The operands of every operation so far, as the operations that made them.
     static OPERATIONS: RefCell<Vec<[Option<usize>; 3]>> = const { RefCell::new(Vec::new()) };
 }
 
@@ -44,10 +44,12 @@ impl Recorded {
     }
 }
 
-/// Operations on vectors per evaluation of the compiled structure without friction: additions, products, fused
-/// multiply-adds and reciprocals that the new state depends on, with a fourth of what a step of Runge-Kutta adds
-/// to its four evaluations. The multiply-add units of a processor take one per lane each, so that the rate of
-/// evaluations times this over the rate of multiply-adds is the share of its peak.
+/// Vector operations per evaluation of the compiled structure without friction: additions,
+/// products, fused multiply-adds and reciprocals on which the new state depends. They include a
+/// fourth of the operations that a step of Runge-Kutta adds to its four evaluations. The
+/// multiply-add units of a processor do one operation per lane and cycle. So the rate of
+/// evaluations times this number over the rate of multiply-adds is the share of the processor's
+/// peak.
 pub fn operations_per_evaluation() -> f64 {
     OPERATIONS.with_borrow_mut(Vec::clear);
     let zero = [Recorded::splat(0.0); 7];
@@ -92,7 +94,7 @@ impl Mul for Recorded {
     }
 }
 
-/// No operation of its own: most are part of a multiply-add.
+/// Negation does not count as an operation, since most are part of a multiply-add.
 impl Neg for Recorded {
     type Output = Self;
     fn neg(self) -> Self {
@@ -164,8 +166,8 @@ mod tests {
         assert_eq!(sum.mul_add(b, a).made_by, Some(2));
         assert_eq!(OPERATIONS.with_borrow(Vec::len), 3);
         let count = operations_per_evaluation();
-        // By hand: 699 of the mass matrix and bias forces, 133 of the solution, 14 for each of six turns, 7 for each
-        // joint's share of the integrator.
+        // Counted by hand: 699 for the mass matrix and bias forces, 133 for the solution, 14 for
+        // each of six turns, 7 for each joint in the integrator.
         assert!((900.0..1100.0).contains(&count), "{count}");
     }
 }

@@ -1,4 +1,5 @@
-//! Against numbers made with Pinocchio by `tests/peers/pinocchio_reference.py`.
+//! Compares the dynamics with numbers that `tests/peers/pinocchio_reference.py` made with
+//! Pinocchio.
 
 use std::ops::ControlFlow;
 
@@ -44,7 +45,7 @@ struct PandaState {
     pose: [f64; 7],
 }
 
-/// One arm and one of its states, with what Pinocchio makes of them.
+/// One arm in one state, with Pinocchio's results.
 struct RandomRobot {
     robot: Robot,
     q: Joints<f64>,
@@ -55,7 +56,7 @@ struct RandomRobot {
     qdd: Vec<f64>,
 }
 
-/// `links` are mass, centre of mass (3) and inertia (6).
+/// `links` has mass, centre of mass (3) and inertia (6) of each link.
 #[derive(Deserialize)]
 struct Trajectory {
     family: Family,
@@ -72,7 +73,7 @@ struct Trajectory {
     q: Vec<Seven<f64>>,
 }
 
-/// Between the samples of [`Trajectory::q`].
+/// Samples between two rows of [`Trajectory::q`].
 const STRIDE: usize = 21;
 
 fn reference() -> Reference {
@@ -294,7 +295,7 @@ fn single_robots_have_the_dynamics_of_the_reference() {
     }
 }
 
-/// Different robots side by side, as in a simulation.
+/// Tests different robots side by side, as in a simulation.
 fn check_lanes<L: Kernels>(tolerance: f64) {
     check_structure::<L, Compiled, JOINTS>(Compiled, tolerance);
     check_structure::<L, General, MAX_JOINTS>(General::new(JOINTS), tolerance);
@@ -373,7 +374,7 @@ fn whole_trajectories_follow_the_reference_on_every_instruction_set() {
     for (case, trajectory) in reference().trajectories.iter().enumerate() {
         let fine = match trajectory.friction {
             None => Integrator::Extrapolated { order: 4, substeps: 4 },
-            // Extrapolation needs a smooth solution, which the bend of the friction law is not.
+            // Extrapolation needs a smooth solution. The friction law has a bend.
             Some(_) => Integrator::Rk4 { substeps: 24 },
         };
         for instructions in InstructionSet::available() {
@@ -389,7 +390,8 @@ fn whole_trajectories_follow_the_reference_on_every_instruction_set() {
 #[test]
 fn the_default_integrator_is_accurate_without_friction_and_runge_kutta_also_with() {
     for (case, trajectory) in reference().trajectories.iter().enumerate() {
-        // With friction this torque, of a dozen N·m at 1 Hz, is more than the default resolves.
+        // With friction, this torque of a dozen N·m at 1 Hz exceeds the resolution of the default
+        // scheme.
         let limit_rad = if trajectory.friction.is_none() { 1e-5 } else { 3e-4 };
         for precision in [Precision::F32, Precision::F64] {
             let error = trajectory.error(InstructionSet::best(), precision, Integrator::default());

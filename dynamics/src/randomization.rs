@@ -1,4 +1,4 @@
-//! Robots around the nominal one.
+//! Draws robots around the nominal one.
 
 use spec::{InertiaScheme, RobotSpec};
 
@@ -7,11 +7,11 @@ use crate::nominal::{Hand, Nominal};
 use crate::robot::Parts;
 use crate::{Friction, Joints, Kinematics, Payload, RigidBody, Robot};
 
-/// Draws one robot from the sequences of random numbers that `draws` has for each purpose.
+/// Draws one robot. `draws` has the sequence of random numbers of each purpose.
 ///
-/// Bodies are drawn before the hand is welded to the last link, as in the paper's simulator,
-/// which randomizes each body of the articulation. What the paper does not draw has a sequence of
-/// its own, so that asking for it leaves everything else of every robot as it was.
+/// Bodies are drawn before the hand is welded to the last link, as in the paper's simulator, which
+/// randomizes each body of the articulation. Quantities that the paper does not draw have a
+/// sequence of their own, so that they leave everything else of every robot as it was.
 pub(crate) fn draw_robot(
     spec: &RobotSpec,
     nominal: &Nominal,
@@ -40,7 +40,7 @@ pub(crate) fn draw_robot(
     Parts { links, hand, damping, armature, kinematics, friction, payload }.assembled(spec.gravity)
 }
 
-/// Each value times a factor of its own.
+/// Multiplies each value by a factor of its own.
 fn scaled(
     nominal: &[f64],
     fraction: f64,
@@ -55,7 +55,7 @@ fn scaled(
     nominal.map(|value| value * draws.factor(fraction))
 }
 
-/// Every length that is not zero times a factor of its own.
+/// Multiplies every length that is not zero by a factor of its own.
 fn draw_kinematics(nominal: &Kinematics, fraction: f64, draws: &mut Draws) -> Kinematics {
     let mut kinematics = *nominal;
     let lengths = kinematics.a_m.iter_mut().chain(kinematics.d_m.iter_mut());
@@ -89,8 +89,8 @@ fn draw_body(spec: &RobotSpec, nominal: &RigidBody, draws: &mut Draws) -> RigidB
     }
 }
 
-/// Every one of the nine entries on its own, symmetrized and projected: the paper's scheme, made
-/// physical (as published, some draws have no body).
+/// The paper's scheme, made physical: every one of the nine entries is drawn on its own, then the
+/// tensor is symmetrized and projected. As published, some draws belong to no physical body.
 fn per_entry(body: &RigidBody, fraction: f64, draws: &mut Draws) -> RigidBody {
     let drawn = body.inertia.map(|row| row.map(|entry| entry * draws.factor(fraction)));
     let inertia = std::array::from_fn(|row| {
@@ -264,7 +264,8 @@ mod tests {
             let added = moment(&loaded) - moment(&bare);
             assert!((added - 1.5 * center[axis]).abs() < 1e-15, "axis {axis}");
         }
-        // A solid sphere has 2/5 m r² about any axis, and m d² more about one at distance d.
+        // A solid sphere has 2/5 m r² about any axis through its centre, and m d² more about an
+        // axis at distance d.
         let about_z = |robot: &Robot| robot.links[6].inertia_about_origin()[5];
         let distance_squared = center[0] * center[0] + center[1] * center[1];
         let expected = 1.5 * (0.4 * 0.05 * 0.05 + distance_squared);

@@ -1,4 +1,4 @@
-//! Inertial parameters that act alike, put together.
+//! Groups inertial parameters with the same effect.
 //!
 //! A body that is symmetric about a joint's axis, and has no inertia about it, moves the same arm in
 //! the same way whether the link beyond the joint carries it or the link before. Every link can give
@@ -12,8 +12,8 @@ use nalgebra::{Matrix3, Vector3};
 
 use crate::{Joints, Robot};
 
-/// Inertial parameters of a link with respect to the origin of its frame, in which spatial inertias add
-/// and the parallel-axis theorem is used up, and regrouped, so that the others are zero.
+/// Regrouped inertial parameters of a link with respect to the origin of its frame. In this frame
+/// spatial inertias add, so the parallel-axis theorem is not needed. All other parameters are zero.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct Link<L> {
     /// Mass times x and y of the centre of mass.
@@ -30,7 +30,7 @@ struct Inertia {
     about_origin: Matrix3<f64>,
 }
 
-/// The links of a robot, each relieved of what the links before it carry as well.
+/// The links of a robot. Each has given up the body that the link before it carries instead.
 #[inline(never)]
 pub(crate) fn regrouped(robot: &Robot) -> Joints<Link<f64>> {
     let mut links = robot.links.map(|body| {

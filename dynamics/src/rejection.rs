@@ -1,7 +1,7 @@
 use simd::Lanes;
 use spec::SimulateSpec;
 
-/// Positions that every sample of a trajectory must keep to.
+/// The bounds that every sample of a trajectory must keep.
 pub(crate) struct Clearance<L, const N: usize> {
     lower: [L; N],
     upper: [L; N],
@@ -22,7 +22,7 @@ impl<L: Lanes, const N: usize> Clearance<L, N> {
         clearance
     }
 
-    /// How far the worst joint lies outside, in rad; negative when all are inside.
+    /// The largest distance of a joint beyond its bounds, in rad. It is negative if all are inside.
     #[inline(always)]
     pub(crate) fn excess(&self, joints: usize, q: &[L; N]) -> L {
         let mut excess = (q[0] - self.upper[0]).max(self.lower[0] - q[0]);

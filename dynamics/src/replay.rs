@@ -1,6 +1,6 @@
-//! Robots that are given, moved from states that are given by torques that are given.
+//! Moves given robots from given states by given torques.
 //!
-//! What identification and control need: every robot of a batch has a lane, and nothing is drawn,
+//! Identification and control use it. Every robot of a batch has a lane, and nothing is drawn,
 //! rejected or compensated.
 
 use rayon::prelude::*;
@@ -14,7 +14,7 @@ use crate::model::Model;
 use crate::structure::{Kind, Structure};
 use crate::{Joints, Robot};
 
-/// One robot and what moves it.
+/// One robot with its initial state and its torques.
 #[derive(Clone, Copy, Debug)]
 pub struct Motion<'a> {
     pub robot: &'a Robot,
@@ -22,15 +22,16 @@ pub struct Motion<'a> {
     pub q0: Joints<f64>,
     /// Velocities at the first sample, rad/s.
     pub qd0: Joints<f64>,
-    /// All that acts, `[sample, joint]` in N·m: where an arm's controller compensates gravity, its torques too. Each is
-    /// held until the next sample.
+    /// All torques that act, `[sample, joint]` in N·m. They include those of a controller that
+    /// compensates gravity. Each is held until the next sample.
     pub u: &'a [f32],
-    /// Where the arm is put on its way, in the order of samples.
+    /// Anchors along the motion, in the order of samples.
     pub anchors: &'a [Anchor],
 }
 
-/// A position the arm is put to at a sample, with the velocity it has there: what keeps a simulation
-/// beside a measured motion, where gravity would lead two arms that differ in little ever further apart.
+/// A position and velocity to which the arm is set at a sample. Anchors keep a simulation close to
+/// a measured motion. Under gravity, the motions of two slightly different arms would otherwise
+/// diverge.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Anchor {
     pub sample: usize,
@@ -38,7 +39,7 @@ pub struct Anchor {
     pub q: Joints<f64>,
 }
 
-/// Where an arm is and how it moves.
+/// Positions and velocities of an arm.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ArmState {
     /// Positions, rad.
@@ -47,14 +48,14 @@ pub struct ArmState {
     pub qd: Joints<f64>,
 }
 
-/// How motions are simulated. With the fields of a [`SimulateSpec`] a robot that was drawn moves as
-/// it did there, to the last bit.
+/// The settings of a replay. With the fields of a [`SimulateSpec`], a drawn robot moves as it did
+/// in the simulation, bit for bit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Replay {
     pub rate_hz: f64,
     pub integrator: Integrator,
     pub precision: Precision,
-    /// Shows only in the time it takes.
+    /// The instruction set. It changes the time, but not the result.
     pub instructions: InstructionSet,
 }
 
@@ -78,22 +79,23 @@ impl Replay {
         }
     }
 
-    /// Positions `[motion, sample, joint]` at every torque's sample, before it acts and before an anchor holds,
-    /// in rad; on all threads of the current rayon pool.
+    /// Positions `[motion, sample, joint]` in rad, at the sample of every torque, before the torque
+    /// acts and before an anchor applies. All threads of the current rayon pool compute them.
     ///
-    /// A motion that diverges has values that are not finite from some sample on and leaves the
-    /// others alone.
+    /// A motion that diverges has values that are not finite from some sample on. It does not
+    /// affect the others.
     ///
     /// # Panics
-    /// When motions differ in their number of torques or joints.
+    /// If motions differ in their number of torques or joints.
     pub fn run(&self, motions: &[Motion<'_>]) -> Vec<f32> {
         self.run_through(motions).0
     }
 
-    /// As [`Replay::run`], with the state that each motion is in when its last torque has acted, too.
+    /// The positions of [`Replay::run`], and the state of each motion at the end of its last
+    /// torque.
     ///
     /// # Panics
-    /// As [`Replay::run`].
+    /// If motions differ in their number of torques or joints.
     pub fn run_through(&self, motions: &[Motion<'_>]) -> (Vec<f32>, Vec<ArmState>) {
         let length = motions.first().map_or(0, |motion| motion.u.len());
         let joints = motions.first().map_or(1, |motion| motion.robot.joints());
@@ -117,7 +119,7 @@ impl Replay {
     }
 }
 
-/// Fills the positions of at most as many motions as there are lanes.
+/// Computes the positions of at most as many motions as there are lanes.
 #[inline(always)]
 pub(crate) fn replay<L: Kernels, S: Structure<N>, const N: usize>(
     structure: S,

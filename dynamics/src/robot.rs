@@ -6,7 +6,8 @@ use crate::{Friction, Joints, Kinematics, RigidBody};
 /// The physical parameters of one arm.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Robot {
-    /// Each in its link's frame (modified DH frame `i`); hand and payload are welded to the last.
+    /// The links, each in its own frame (modified DH frame `i`). Hand and payload are welded to the
+    /// last one.
     pub links: Joints<RigidBody>,
     /// Viscous friction of each joint, N·m·s/rad.
     pub damping: Joints<f64>,
@@ -15,7 +16,7 @@ pub struct Robot {
     pub kinematics: Kinematics,
     /// Friction besides the damping.
     pub friction: Option<Friction>,
-    /// What the hand carries; `links` contains it already.
+    /// The payload in the hand. `links` already includes it.
     pub payload: Option<Payload>,
     /// Downward acceleration along the base's z, m/s²; 0 when gravity is off.
     pub gravity: f64,
@@ -30,7 +31,7 @@ pub struct Payload {
     pub radius_m: f64,
 }
 
-/// m/s². Standard gravity as simulators round it.
+/// Standard gravity, m/s², with the rounding that simulators use.
 const GRAVITY: f64 = 9.81;
 
 impl Robot {
@@ -43,7 +44,7 @@ impl Robot {
         Self::nominal(&RobotSpec::default())
     }
 
-    /// The arm that `spec` randomizes around; the hand holds the middle of the payload's ranges.
+    /// The nominal arm of `spec`. The hand holds a payload in the middle of its ranges.
     pub fn nominal(spec: &RobotSpec) -> Self {
         let Nominal { links, attached, kinematics } = Nominal::of(spec.description());
         let hand = attached.iter().fold(Hand::default(), |hand, (body, at)| hand.with(body, *at));

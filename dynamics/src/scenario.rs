@@ -8,12 +8,12 @@ use crate::randomization::draw_robot;
 use crate::structure::Kind;
 use crate::{Joints, Robot};
 
-/// Everything that makes one trajectory.
+/// The random choices of one trajectory.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scenario {
-    /// Of the trajectory in its dataset.
+    /// Index of the trajectory in its dataset.
     pub index: u64,
-    /// How many draws it took: 1 when the first was kept.
+    /// Number of draws: 1 when the first was accepted.
     pub draws: u32,
     pub robot: Robot,
     pub family: Family,
@@ -40,12 +40,12 @@ impl<'a> Scenarios<'a> {
         Self { spec, cells: spec.cells(), parts, nominal: Robot::nominal(&spec.robot) }
     }
 
-    /// The arm that all robots are drawn around.
+    /// The nominal arm around which all robots are drawn.
     pub(crate) fn nominal(&self) -> &Robot {
         &self.nominal
     }
 
-    /// The kernels for all robots: lengths that are zero stay so.
+    /// The kernels for all robots. Lengths that are zero in the nominal arm are zero in all.
     pub(crate) fn kind(&self) -> Kind {
         Kind::of([&self.nominal])
     }
@@ -56,11 +56,12 @@ impl<'a> Scenarios<'a> {
 
     /// The scenario of trajectory `index` at its `draw`th draw, 1 for the first.
     ///
-    /// Excitation family and master frequency are the trajectory's own and the same at every draw,
-    /// so that rejection cannot shift their shares; robot, initial state and torques are drawn anew.
+    /// Excitation family and master frequency belong to the trajectory and are the same at every
+    /// draw, so that rejection cannot shift their shares. Robot, initial state and torques are
+    /// drawn again.
     ///
-    /// Indices past the spec's `trajectories` are allowed and continue the dataset; with a frequency
-    /// grid they belong to the last cell.
+    /// Indices beyond the spec's `trajectories` are allowed and continue the dataset. With a
+    /// frequency grid they belong to the last cell.
     pub fn draw(&self, index: u64, draw: u32) -> Scenario {
         let draws = |purpose, draw| Draws::new(self.spec.seed, index, purpose, draw);
         let (excitation, frequency_hz) = self.design(index, &mut draws(Purpose::Design, 0));
@@ -88,7 +89,7 @@ impl<'a> Scenarios<'a> {
         Scenario { index, draws: draw, robot, family, frequency_hz, q0, qd0, torques }
     }
 
-    /// The law and the master frequency of a trajectory.
+    /// The excitation law and the master frequency of a trajectory.
     fn design(&self, index: u64, draws: &mut Draws) -> (Law<'a>, f64) {
         let excitation = &self.spec.excitation;
         let drawn = draws.unit() < excitation.chirp_fraction;

@@ -17,10 +17,10 @@ use crate::{DynamicsError, Scenario, Scenarios};
 pub struct Trajectories {
     /// Index of the first.
     pub first: u64,
-    /// Torques in N·m and positions in rad. Torque k is held from sample k to k + 1, and is to the last bit
-    /// what acted: the excitation, plus g(q\[k\]) where gravity is compensated. Position k is the state at
-    /// k / rate, before torque k acts. Where the spec asks for noise, these are the true values and those
-    /// that are measured lie beside them.
+    /// Torques in N·m and positions in rad. Torque k is held from sample k to k + 1. It is bit for
+    /// bit the torque that acted: the excitation, plus g(q\[k\]) where gravity is compensated.
+    /// Position k is the state at k / rate, before torque k acts. Where the spec asks for noise,
+    /// the series has the measured values beside these true ones.
     pub series: Series,
     /// Velocities in rad/s, [trajectory, sample, joint], when the spec asks for them.
     pub qd: Option<Vec<f32>>,
@@ -29,18 +29,18 @@ pub struct Trajectories {
     /// and never jumps to its negative.
     pub end_effector: Option<Vec<f32>>,
     pub scenarios: Vec<Scenario>,
-    /// Draws that came too close to a joint limit, all trajectories together.
+    /// Number of draws that came too close to a joint limit, over all trajectories.
     pub rejected: u64,
 }
 
 /// Simulates trajectories `range` of `spec` on all threads of the current rayon pool.
 ///
-/// `progress` is called from those threads with the number of trajectories finished so far, up to
-/// once per trajectory, and stops the simulation by breaking.
+/// Those threads call `progress` with the number of finished trajectories, up to once per
+/// trajectory. If it breaks, the simulation stops.
 ///
 /// # Errors
 ///
-/// When cancelled, when no draw of a trajectory is accepted, or when the integration diverges.
+/// The simulation was cancelled, no draw of a trajectory was accepted, or the integration diverged.
 pub fn simulate(
     spec: &SimulateSpec,
     range: Range<u64>,
@@ -49,11 +49,11 @@ pub fn simulate(
     simulate_on(InstructionSet::best(), spec, range, progress)
 }
 
-/// As [`simulate`], with instructions of one's choice and the same result.
+/// Like [`simulate`], with a given instruction set. The result is the same.
 ///
 /// # Errors
 ///
-/// As [`simulate`].
+/// Those of [`simulate`].
 pub fn simulate_on(
     instructions: InstructionSet,
     spec: &SimulateSpec,
@@ -65,12 +65,12 @@ pub fn simulate_on(
     Ok(trajectories)
 }
 
-/// As [`simulate_on`], in the memory of trajectories that are no longer needed: a generator that is
-/// asked again and again spends no time on fresh pages.
+/// Like [`simulate_on`], in the memory of trajectories that are no longer needed. Repeated calls
+/// then spend no time on fresh pages.
 ///
 /// # Errors
 ///
-/// As [`simulate`]; `trajectories` are then none.
+/// Those of [`simulate`]. `trajectories` are then empty.
 pub fn simulate_into(
     instructions: InstructionSet,
     spec: &SimulateSpec,
@@ -156,7 +156,7 @@ fn fill(
 }
 
 impl Trajectories {
-    /// Makes room for so many trajectories of `spec`, whose values are to be overwritten.
+    /// Makes room for `trajectories` trajectories of `spec`, whose values will be overwritten.
     fn resize(&mut self, spec: &SimulateSpec, trajectories: u64) -> Result<(), DynamicsError> {
         let too_large = || DynamicsError::TooLarge { trajectories, samples: spec.samples };
         let robots = usize::try_from(trajectories).map_err(|_| too_large())?;
@@ -176,15 +176,15 @@ impl Trajectories {
 
 fn resize(values: &mut Vec<f32>, len: usize) {
     if values.capacity() < len {
-        // Zeros from the allocator, which costs nothing where pages come zeroed from the system.
+        // The allocator gives zeros, which cost nothing if the system provides zeroed pages.
         *values = vec![0.0; len];
     } else {
         values.resize(len, 0.0);
     }
 }
 
-/// Trajectories per block: a few blocks per thread, so that threads end together, and a multiple of
-/// the lanes, so that lanes do.
+/// Trajectories per block: a few blocks per thread, so that threads end at the same time, and a
+/// multiple of the lanes, so that lanes do as well.
 fn block_rows(count: usize, lanes: usize) -> usize {
     const BLOCKS_PER_THREAD: usize = 4;
     const LARGEST: usize = 512;

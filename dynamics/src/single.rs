@@ -1,6 +1,6 @@
 //! The dynamics of one robot in f64, for baselines, figures and tests.
 //!
-//! The same code as on vectors, with one lane.
+//! It is the same code as on vectors, with one lane.
 
 use simd::{F64Array, Lanes};
 
@@ -25,7 +25,7 @@ pub fn mass_matrix(robot: &Robot, q: impl Into<Joints<f64>>) -> Joints<Joints<f6
     })
 }
 
-/// C(q, q̇) q̇ + g(q), N·m; `q` in rad, `qd` in rad/s. Damping and friction are not part of it.
+/// C(q, q̇) q̇ + g(q), N·m, with `q` in rad and `qd` in rad/s. It excludes damping and friction.
 pub fn bias_forces(
     robot: &Robot,
     q: impl Into<Joints<f64>>,
@@ -43,7 +43,7 @@ pub fn gravity(robot: &Robot, q: impl Into<Joints<f64>>) -> Joints<f64> {
     bias_forces(robot, q, Joints::splat(robot.joints(), 0.0))
 }
 
-/// q̈ in rad/s² under `torque` (N·m), damping and friction included.
+/// q̈ in rad/s² under `torque` (N·m), with damping and friction.
 pub fn forward_dynamics(
     robot: &Robot,
     q: impl Into<Joints<f64>>,

@@ -1,9 +1,9 @@
 //! Vectors and inertias of the recursion, moved between the frames of neighbouring links.
 //!
 //! A child's frame is the parent's, shifted by the joint's origin, turned by its twist about x and
-//! by its angle about z. What has a `J` below is for the structure of [`crate::compiled`]:
-//! origins differ from robot to robot, but which of their coordinates are zero does not, nor do twists, so
-//! that zeros and quarter turns cost nothing.
+//! by its angle about z. Functions with a `J` are for the structure of [`crate::compiled`]. Its
+//! origins differ from robot to robot, but their zero coordinates and the twists do not. So zeros
+//! and quarter turns cost nothing.
 
 use simd::Lanes;
 
@@ -42,7 +42,7 @@ impl<L: Lanes> Turn<L> {
         }
     }
 
-    /// A vector of the given length along the parent's z, in the axes of joint `J`'s link.
+    /// A vector of the given length along the parent's z, in the axes of the link of joint `J`.
     #[inline(always)]
     pub(crate) fn axis_to_child<const J: usize>(self, length: L) -> Vector<L> {
         let zero = L::splat(0.0);
@@ -53,7 +53,7 @@ impl<L: Lanes> Turn<L> {
         }
     }
 
-    /// A vector of joint `J`'s link, in the parent's axes.
+    /// Turns a vector from the axes of the link of joint `J` to the parent's axes.
     #[inline(always)]
     pub(crate) fn to_parent<const J: usize>(self, [x, y, z]: Vector<L>) -> Vector<L> {
         let turned_x = self.sin.neg_mul_add(y, self.cos * x);
@@ -65,7 +65,7 @@ impl<L: Lanes> Turn<L> {
         }
     }
 
-    /// A vector of the parent, in the axes of joint `J`'s link.
+    /// Turns a vector from the parent's axes to the axes of the link of joint `J`.
     #[inline(always)]
     pub(crate) fn to_child<const J: usize>(self, [x, y, z]: Vector<L>) -> Vector<L> {
         let (y, z) = match const { TWISTS[J] } {
@@ -76,7 +76,8 @@ impl<L: Lanes> Turn<L> {
         [self.sin.mul_add(y, self.cos * x), self.sin.neg_mul_add(x, self.cos * y), z]
     }
 
-    /// A symmetric matrix of joint `J`'s link, in the parent's axes: R A Rᵀ.
+    /// Turns a symmetric matrix from the axes of the link of joint `J` to the parent's axes: R A
+    /// Rᵀ.
     #[inline(always)]
     pub(crate) fn symmetric_to_parent<const J: usize>(self, a: Symmetric<L>) -> Symmetric<L> {
         let Self { sin, cos } = self;
@@ -139,8 +140,8 @@ pub(crate) fn add_matrix_origin<L: Lanes, const J: usize>(
     sum
 }
 
-/// Inertia about the parent's origin of a massless body whose inertia about joint `J`'s is given, all
-/// in the parent's axes: I − [t][h] − [h][t] with t the joint's origin and h the first moment, where
+/// Inertia of a massless body about the parent's origin, from that about the origin of joint `J`,
+/// all in the parent's axes: I − [t][h] − [h][t] with t the joint's origin and h the first moment.
 /// [t] is the matrix of t × ·.
 #[inline(always)]
 pub(crate) fn shifted_inertia<L: Lanes, const J: usize>(
@@ -148,7 +149,7 @@ pub(crate) fn shifted_inertia<L: Lanes, const J: usize>(
     first_moment: Vector<L>,
     inertia: Symmetric<L>,
 ) -> Symmetric<L> {
-    /// Where entry (row, column) sits in a [`Symmetric`].
+    /// The index of entry (row, column) in a [`Symmetric`].
     const ENTRY: [[usize; 3]; 3] = [[0, 1, 2], [1, 3, 4], [2, 4, 5]];
 
     let mut moved = inertia;

@@ -1,4 +1,4 @@
-//! How the links of an arm hang together, as far as kernels are compiled for it.
+//! The structure of an arm, for which kernels are compiled.
 
 use simd::Lanes;
 
@@ -8,16 +8,16 @@ use crate::forward_dynamics::{Dynamics, accelerations};
 use crate::model::Model;
 use crate::spatial::Turn;
 
-/// The difference between kernels for arms of one structure and those for all: `N` is the length of their
-/// arrays. Every method is `#[inline(always)]`, as those of [`Lanes`].
+/// The kernels for arms of one structure, or for all arms. `N` is the length of their arrays. Every
+/// method is `#[inline(always)]`, like those of [`Lanes`].
 pub(crate) trait Structure<const N: usize>: Copy + Send + Sync {
-    /// Joints that there are; at most `N`.
+    /// Number of joints, at most `N`.
     fn joints(self) -> usize;
 
-    /// Sine and cosine of every joint's angle `q` (rad) that matters.
+    /// Sine and cosine of the angle `q` (rad) of every joint whose turn matters.
     fn turns<L: Lanes>(self, q: &[L; N], turns: &mut [Turn<L>; N]);
 
-    /// As [`Structure::turns`], of angles that lie little beyond others whose turns are known.
+    /// [`Structure::turns`] of angles that differ by a small `change` from others with known turns.
     fn later_turns<L: Lanes>(self, start: &[Turn<L>; N], change: &[L; N], turns: &mut [Turn<L>; N]);
 
     /// M + A and C q̇ + g at the positions of `turns` and velocities `qd` (rad/s).
@@ -29,7 +29,7 @@ pub(crate) trait Structure<const N: usize>: Copy + Send + Sync {
         dynamics: &mut Dynamics<L, N>,
     );
 
-    /// As [`Structure::mass_matrix_and_bias`] and then [`accelerations`], to the last bit.
+    /// [`Structure::mass_matrix_and_bias`] followed by [`accelerations`], bit for bit.
     #[inline(always)]
     fn accelerations_at<L: Lanes>(
         self,
@@ -49,7 +49,7 @@ pub(crate) trait Structure<const N: usize>: Copy + Send + Sync {
     fn solve<L: Lanes>(self, m: &mut [[L; N]; N], b: &mut [L; N], qdd: &mut [L; N]);
 }
 
-/// The kernels for some robots.
+/// The kernels that fit a set of robots.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kind {
     Compiled,
@@ -57,7 +57,7 @@ pub(crate) enum Kind {
 }
 
 impl Kind {
-    /// The fastest kernels that all of the robots can have, which have as many joints as the first.
+    /// The fastest kernels that fit all robots. All have as many joints as the first.
     pub(crate) fn of<'a>(robots: impl IntoIterator<Item = &'a Robot>) -> Self {
         let mut joints = 0;
         let mut fits = true;

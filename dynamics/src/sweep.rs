@@ -1,8 +1,9 @@
 //! The compiled structure's equation of motion, from the tip inwards.
 //!
-//! Motions go outwards and the mass matrix inwards, and neither needs the other. [`sweep`] lets them take turns,
-//! so that one computes while the other waits for its last result. The order of the lines says which may run at
-//! once: a processor looks no more than a few hundred instructions ahead.
+//! Motions are computed outwards and the mass matrix inwards, and neither needs the other.
+//! [`sweep`] alternates between them, so that one computes while the other waits for its last
+//! result. The order of the lines decides what may run at the same time, because a processor looks
+//! only a few hundred instructions ahead.
 
 use simd::Lanes;
 
@@ -12,8 +13,8 @@ use crate::model::Model;
 use crate::spatial::Turn;
 use crate::structure::Structure;
 
-/// A receiver of the equation of motion. The sweep hands it columns and bias forces joint by joint, from the last
-/// to the first.
+/// A receiver of the equation of motion. The sweep gives it columns and bias forces joint by joint,
+/// from the last to the first.
 trait Equation<L> {
     /// `entries[J..]` are entries (J.., J) of M + A.
     fn column<const J: usize>(&mut self, entries: &[L; JOINTS]);
@@ -36,21 +37,21 @@ impl<L: Lanes> Equation<L> for Dynamics<L, JOINTS> {
     }
 }
 
-/// Eliminates joint after joint while the columns come. [`Structure::solve`] has the same operations on the
-/// same numbers, one pivot after another.
+/// Eliminates joint after joint as the columns arrive. [`Structure::solve`] has the same operations
+/// on the same numbers, one pivot after another.
 struct Elimination<'a, L> {
     model: &'a Model<L, JOINTS>,
-    /// Seconds, as for [`crate::forward_dynamics::accelerations`].
+    /// The length of the step in seconds, as for [`crate::forward_dynamics::accelerations`].
     step: L,
     qd: &'a [L; JOINTS],
     torque: &'a [L; JOINTS],
     friction: [L; JOINTS],
-    /// M + A + h D, each entry without the share of the joints eliminated before it.
+    /// M + A + h D, with the share of eliminated joints subtracted.
     matrix: [[L; JOINTS]; JOINTS],
-    /// `matrix[pivot][column]` over the pivot.
+    /// `matrix[pivot][column]` divided by the pivot.
     factors: [[L; JOINTS]; JOINTS],
     inverse_pivots: [L; JOINTS],
-    /// The right side, reduced as `matrix` is.
+    /// The right side, reduced like `matrix`.
     right: [L; JOINTS],
 }
 
@@ -77,7 +78,8 @@ impl<'a, L: Lanes> Elimination<'a, L> {
     ) -> Self {
         let zero = [L::splat(0.0); JOINTS];
         let mut friction = zero;
-        // All robots of a simulation have friction or none has: the branch is always the same.
+        // All robots of a simulation have friction, or none has it. So the branch is always the
+        // same.
         if let Some(sigmoids) = &model.friction {
             for joint in 0..JOINTS {
                 friction[joint] = sigmoids.torque(joint, qd[joint]);
@@ -88,7 +90,7 @@ impl<'a, L: Lanes> Elimination<'a, L> {
         Self { model, step, qd, torque, friction, matrix, factors, inverse_pivots, right }
     }
 
-    /// Accelerations, once every column and every bias force came.
+    /// The accelerations, after every column and every bias force.
     #[inline(always)]
     fn substitute(&self, qdd: &mut [L; JOINTS]) {
         for joint in 0..JOINTS {
@@ -140,10 +142,10 @@ fn sweep<L: Lanes>(
 ) {
     let (links, origins) = (&model.links, &model.origins);
     let zero = [L::splat(0.0); JOINTS];
-    // Column `j` is the wrench that a unit acceleration of joint `j` alone takes.
+    // Column `j` is the wrench for a unit acceleration of joint `j` alone.
     let mut columns = [Wrench::zero(); JOINTS];
 
-    // Goes on to the motion of the link that joint `$joint` carries, and to the wrench that makes it move so.
+    // Computes the motion of the link behind joint `$joint`, and the wrench for it.
     macro_rules! outwards {
         ($motion:ident over $joint:literal) => {{
             let origin = &origins[$joint];
@@ -151,7 +153,7 @@ fn sweep<L: Lanes>(
             $motion.wrench(&links[$joint])
         }};
     }
-    // Takes in a composite at its joint: a diagonal entry and one more column.
+    // Adds the diagonal entry and the column of a composite at its joint.
     macro_rules! joint {
         ($joint:literal, $composite:ident, $entries:ident) => {
             columns[$joint] = $composite.wrench_of_unit_acceleration();
@@ -159,7 +161,7 @@ fn sweep<L: Lanes>(
             equation.column::<$joint>(&$entries);
         };
     }
-    // Carries a composite and the columns so far over joint `$joint` to the link before it.
+    // Moves a composite and the columns so far across joint `$joint` to the link before it.
     macro_rules! inwards {
         ($composite:ident over $joint:literal to $parent:literal) => {
             let (origin, turn) = (&origins[$joint], turns[$joint]);
@@ -172,7 +174,7 @@ fn sweep<L: Lanes>(
             joint!($parent, $composite, entries);
         };
     }
-    // Carries the wrench at joint `$joint` to the link before it, whose own is added.
+    // Moves the wrench at joint `$joint` to the link before it, and adds that link's own wrench.
     macro_rules! carry {
         ($wrench:ident over $joint:literal to $parent:literal, $own:expr) => {
             $wrench = $wrench.to_parent::<$joint>(&origins[$joint], turns[$joint]).plus($own);
@@ -213,7 +215,7 @@ impl Structure<JOINTS> for Compiled {
         JOINTS
     }
 
-    /// All but the first joint's, which changes nothing: gravity is along its axis.
+    /// The turns of all joints but the first, whose turn has no effect: gravity is along its axis.
     #[inline(always)]
     fn turns<L: Lanes>(self, q: &[L; JOINTS], turns: &mut [Turn<L>; JOINTS]) {
         for joint in 1..JOINTS {
@@ -267,7 +269,7 @@ impl Structure<JOINTS> for Compiled {
         qdd: &mut [L; JOINTS],
     ) {
         let mut inverse_pivots = [L::splat(0.0); JOINTS];
-        // From the tip inwards, so that joint 7, whose column is ready first, is eliminated first.
+        // Joint 7 is eliminated first, because its column is ready first.
         macro_rules! eliminate {
             ($($pivot:literal)*) => {$(
                 inverse_pivots[$pivot] = m[$pivot][$pivot].recip();

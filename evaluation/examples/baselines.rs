@@ -1,5 +1,5 @@
-//! What each baseline makes of the test grids: mean RMSE in degrees per frequency, and time per
-//! scenario on all threads.
+//! Prints the results of each baseline on the test grids: mean RMSE in degrees per frequency, and
+//! time per scenario on all threads.
 //!
 //! ```sh
 //! cargo run --release --example baselines -- [multisine|chirp] [scenarios per frequency] [ROBOT as JSON]
@@ -24,7 +24,7 @@ fn main() {
     let robot = arguments.next().unwrap_or_else(|| "{}".to_owned());
     let grid: &[f64] = match family.as_str() {
         "chirp" => &[0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1.0],
-        // Of the quickstart.
+        // The frequencies of the quickstart.
         _ => &[0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.45],
     };
     let text = json!({

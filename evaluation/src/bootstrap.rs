@@ -1,4 +1,4 @@
-//! Percentile bootstrap: how far a mean over scenarios could be off.
+//! Percentile bootstrap: confidence intervals of a mean over scenarios.
 
 use random::{ChaCha8Rng, SeedableRng};
 use spec::Bootstrap;
@@ -7,11 +7,11 @@ use wire::Interval;
 
 /// The mean over all values of all strata, resampled within each stratum.
 ///
-/// Strata are the cells of a grid: their frequencies are chosen, not drawn, so only the robots
-/// within each are resampled. The result depends on the values and `bootstrap` alone.
+/// Strata are the cells of a grid. Their frequencies are chosen and not drawn, so only the robots
+/// within each are resampled. The result depends only on the values and on `bootstrap`.
 ///
 /// # Panics
-/// When there is no value at all.
+/// If there is no value.
 pub fn stratified_mean(strata: &[Vec<f64>], bootstrap: Bootstrap) -> Interval {
     let count: usize = strata.iter().map(Vec::len).sum();
     assert!(count > 0, "a mean needs a value");
@@ -26,10 +26,11 @@ pub fn stratified_mean(strata: &[Vec<f64>], bootstrap: Bootstrap) -> Interval {
     Interval { mean, low, high }
 }
 
-/// The sum of all `values` over that of all `reference`, of the same strata, resampled together.
+/// The sum of all `values` over the sum of all `reference`. Both have the same strata and are
+/// resampled together.
 ///
 /// # Panics
-/// When there is no value at all.
+/// If there is no value.
 pub fn stratified_ratio(
     values: &[Vec<f64>],
     reference: &[Vec<f64>],

@@ -2,16 +2,17 @@ use thiserror::Error;
 
 #[derive(Debug, Error)]
 pub enum EvaluationError {
-    #[error("predictor {predictor} gave {got} values, {expected} were asked for")]
+    #[error("predictor {predictor} gave {got} values, expected {expected}")]
     WrongLength { predictor: String, got: usize, expected: usize },
     #[error("predictor {predictor} failed")]
     Model { predictor: String, source: models::ModelError },
     #[error(
-        "predictor {predictor} begins with its own prediction of {shift} samples ago, but only \
-         {pre_roll} samples are recorded before the window; allowed: a shift from 1 to that"
+        "predictor {predictor} begins with its own prediction of {shift} samples ago, but the \
+         recording has {pre_roll} samples before the window; allowed: shifts of 1 sample or more \
+         that the recording covers"
     )]
     PreRoll { predictor: String, shift: usize, pre_roll: usize },
-    #[error("{failed} of {plans} plans were foreseen to lead to positions that are not finite")]
+    #[error("the forecast of {failed} of {plans} plans has positions that are not finite")]
     NotFinite { failed: usize, plans: usize },
     #[error(transparent)]
     Shape(#[from] series::ShapeError),

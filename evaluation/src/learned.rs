@@ -10,51 +10,52 @@ use crate::{EvaluationError, Predictor, Samples};
 pub struct Learned<'a> {
     pub name: String,
     pub model: &'a TrainedModel,
-    /// How a denoiser answers, and the key of all samples, whose seed is one of a spec. `samples` and
-    /// `warm_start` are set for each question.
+    /// The sampling of a denoiser, with the key of all samples. The seed is one of a spec. Each
+    /// question sets `samples` and `warm_start`.
     pub sampling: Sampling,
     pub start: Start,
-    /// Where predictors of the same model and sampling that start shifted keep the first prediction of
-    /// all, the cold one, so that one of them makes it. For one [`Observed`] only.
+    /// A shared place for the first, cold prediction. Predictors of the same model and sampling
+    /// with shifted starts use it, so that only one of them computes it. It is for one [`Observed`]
+    /// only.
     pub first: Option<&'a FirstPrediction>,
 }
 
 /// A prediction that is made once, see [`Learned::first`].
 pub type FirstPrediction = OnceLock<Vec<f32>>;
 
-/// What a denoiser begins with.
+/// The start of a denoiser.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Start {
     /// Noise.
     Cold,
-    /// Its own prediction of `shift` samples ago, moved on, and cleaned by `steps` levels: receding
-    /// horizon. That prediction began with the one before, and so on back to the beginning of the
-    /// recording, where the first began with noise.
+    /// Its own prediction of `shift` samples ago, shifted in time, and denoised by `steps` levels:
+    /// receding horizon. That prediction began with the one before, and so on back to the beginning
+    /// of the recording, where the first one began with noise.
     Shifted { shift: usize, steps: u32 },
 }
 
 /// A checkpoint whose normalization takes its statistics from the horizon too, as in the paper's
-/// code. It holds what it is to predict, which is why it is a predictor apart, and named so in
+/// code. It has access to the true horizon. So it is a separate predictor with its own name in
 /// every table.
 pub struct LeakyLearned<'a> {
     pub name: String,
     pub model: &'a TrainedModel,
-    /// Recorded, with the pre-roll of what is observed.
+    /// The recording, with the pre-roll of the observed window.
     pub scenarios: &'a SeriesView<'a>,
 }
 
-/// A denoiser that begins with the true horizon, noised to level `steps` - 1: how good a warm start
-/// could be at best. It holds what it is to predict, as [`LeakyLearned`] does.
+/// A denoiser that begins with the true horizon, noised to level `steps` - 1: the best possible
+/// warm start. It has access to the true horizon, like [`LeakyLearned`].
 pub struct OracleStarted<'a> {
     pub name: String,
     pub model: &'a TrainedModel,
     pub sampling: Sampling,
     pub steps: u32,
-    /// Recorded, with the pre-roll of what is observed.
+    /// The recording, with the pre-roll of the observed window.
     pub scenarios: &'a SeriesView<'a>,
 }
 
-/// Samples of a patch, where the architecture predicts several samples at a time.
+/// Samples of a patch, if the architecture predicts several samples at a time.
 fn patch(model: &TrainedModel) -> Option<usize> {
     let patch = model.architecture().patch() as usize;
     (patch > 1).then_some(patch)
@@ -69,7 +70,7 @@ impl Predictor for Learned<'_> {
         patch(self.model)
     }
 
-    /// Of a gaussian head the mean, of a denoiser its first sample.
+    /// A gaussian head gives its mean, a denoiser its first sample.
     fn predict(&self, observed: &Observed<'_>) -> Result<Vec<f32>, EvaluationError> {
         self.warm_start(observed)
             .and_then(|warm_start| self.ask(observed, warm_start, 1, 0))
@@ -94,7 +95,7 @@ impl Learned<'_> {
         self.model.architecture().sampler().is_some()
     }
 
-    /// From 2 on, of a gaussian head.
+    /// Draws `count` samples, at least 2, from a gaussian head.
     fn samples_around_mean(
         &self,
         observed: &Observed<'_>,
@@ -109,8 +110,8 @@ impl Learned<'_> {
         Ok(Some(Samples { count, positions }))
     }
 
-    /// What is asked `back` windows before the last has noise of its own: predictions that go on from
-    /// one another would else repeat one and the same noise.
+    /// Predicts the window `back` steps before the last one. It has noise of its own, because
+    /// predictions that continue each other would otherwise repeat the same noise.
     fn ask(
         &self,
         observed: &Observed<'_>,
@@ -127,7 +128,7 @@ impl Learned<'_> {
         Ok(self.model.sample(observed, &sampling)?)
     }
 
-    /// The prediction before this one, by way of all before it.
+    /// The prediction before this one, computed through all earlier ones.
     fn warm_start(&self, observed: &Observed<'_>) -> Result<Option<WarmStart>, Failure> {
         let Start::Shifted { shift, steps } = self.start else { return Ok(None) };
         let too_short = Failure::PreRoll { shift, pre_roll: observed.pre_roll() };
@@ -198,7 +199,7 @@ impl OracleStarted<'_> {
     }
 }
 
-/// Why a checkpoint has no answer.
+/// The reason why a checkpoint has no answer.
 enum Failure {
     Model(ModelError),
     PreRoll { shift: usize, pre_roll: usize },

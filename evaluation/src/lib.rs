@@ -1,8 +1,8 @@
-//! How well a predictor answers: baselines, metrics, intervals, reports.
+//! Evaluation of predictors: baselines, metrics, intervals, reports.
 //!
-//! Everything here compares predictors on the same scenarios. A predictor is handed
-//! [`series::Observed`], which holds the torques of all samples but the positions of the context only, so
-//! that it cannot see what it is asked for.
+//! All predictors are compared on the same scenarios. A predictor gets [`series::Observed`], which
+//! has the torques of all samples, but only the positions of the context. So it cannot see the
+//! positions that it predicts.
 
 mod baselines;
 mod bootstrap;

@@ -2,7 +2,7 @@ use series::Observed;
 
 use crate::EvaluationError;
 
-/// Several answers to one question, each as likely as the others.
+/// Several equally likely answers to one question.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Samples {
     pub count: usize,
@@ -10,7 +10,7 @@ pub struct Samples {
     pub positions: Vec<f32>,
 }
 
-/// One prediction, and samples where they were asked for and there are any.
+/// One prediction, with samples if the caller asked for them and the predictor has any.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Answer {
     /// Positions `[robot, horizon, joint]`, rad.
@@ -19,8 +19,8 @@ pub struct Answer {
 }
 
 impl Answer {
-    /// Of a predictor whose prediction is its first sample. Below two samples there is a prediction
-    /// alone.
+    /// The answer of a predictor whose prediction is its first sample. Below two samples it has
+    /// only the prediction.
     pub(crate) fn of_samples(count: usize, positions: Vec<f32>) -> Self {
         if count < 2 {
             return Self { positions, samples: None };
@@ -30,24 +30,24 @@ impl Answer {
     }
 }
 
-/// Anything that answers how the arm will move.
+/// A predictor of the motion of arms.
 pub trait Predictor {
-    /// How tables and figures call it.
+    /// The name in tables and figures.
     fn name(&self) -> &str;
 
     /// Positions of the horizon, `[robot, horizon, joint]`, in rad.
     ///
-    /// A scenario without an answer has values that are not finite; it is reported as such.
+    /// A scenario without an answer has values that are not finite, and the report says so.
     fn predict(&self, observed: &Observed<'_>) -> Result<Vec<f32>, EvaluationError>;
 
-    /// Samples that it says at a time, of one whose answers have seams between them; counted from the
-    /// first sample of the horizon.
+    /// Number of samples that the predictor computes at a time, if its answers have seams between
+    /// them. They are counted from the first sample of the horizon.
     fn patch(&self) -> Option<usize> {
         None
     }
 
-    /// The prediction, and `count` samples of what it holds possible, from 2 on. A predictor that has
-    /// one answer only has no samples.
+    /// The prediction, and `count` samples of its distribution if `count` is at least 2. A
+    /// predictor with a single answer has no samples.
     fn answer(&self, observed: &Observed<'_>, count: usize) -> Result<Answer, EvaluationError> {
         let _ = count;
         Ok(Answer { positions: self.predict(observed)?, samples: None })

@@ -5,13 +5,13 @@ use crate::scores::{
 };
 use crate::{CellResult, INTERVALS, PredictorErrors};
 
-/// One scenario, joint and predictor. Errors are `None` where there is no answer, and what was not
-/// measured or needs more samples is too.
+/// One scenario, joint and predictor. Errors are `None` where there is no answer. So are values
+/// that were not measured or that need more samples.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Row<'a> {
-    /// Index in the dataset.
+    /// Index of the trajectory in the dataset.
     pub trajectory: u64,
-    /// From 1.
+    /// Number of the joint, from 1.
     pub joint: usize,
     pub predictor: &'a str,
     pub rmse_deg: Option<f32>,
@@ -32,7 +32,7 @@ pub struct Row<'a> {
     pub width_90_deg: Option<f32>,
 }
 
-/// A column of the table that holds something measured.
+/// A column of the table with a measured value.
 #[derive(Clone, Copy, Debug)]
 pub struct Measure {
     pub name: &'static str,
@@ -43,7 +43,7 @@ pub struct Measure {
 
 macro_rules! measures {
     ($($name:ident: $about:literal,)+) => {
-        /// The columns after those that say what a row is about, in order.
+        /// The columns with measured values, in order. They follow the columns that identify a row.
         pub const MEASURES: &[Measure] = &[$(Measure {
             name: stringify!($name),
             about: $about,
@@ -73,8 +73,8 @@ measures! {
 }
 
 impl CellResult {
-    /// Of all scenarios, joints and predictors, in the order predictor, scenario, joint. Predictors
-    /// of results that hold no more than means have none.
+    /// The rows of all scenarios, joints and predictors, in the order predictor, scenario, joint. A
+    /// predictor whose result has only means has no rows.
     pub fn rows(&self) -> impl Iterator<Item = Row<'_>> {
         self.predictors.iter().flat_map(move |errors| {
             errors.scenarios.iter().enumerate().flat_map(move |(scenario, scores)| {
@@ -85,7 +85,7 @@ impl CellResult {
     }
 
     /// Completes a result without [`PredictorErrors::scenarios`] from its rows, in the order of
-    /// [`CellResult::rows`]; false when they are not those of this result.
+    /// [`CellResult::rows`]. Gives false if they are not the rows of this result.
     pub fn take_rows(&mut self, rows: &[Row<'_>]) -> bool {
         let mut rows = rows.chunks(self.joints.max(1));
         for errors in &mut self.predictors {
@@ -142,7 +142,7 @@ impl CellResult {
 }
 
 impl ScenarioErrors {
-    /// Without the calibration, which rows do not hold.
+    /// The errors of a scenario from its rows. They lack the calibration, which rows do not have.
     fn of_rows(rows: &[Row<'_>]) -> Option<Self> {
         let jitter = || {
             Some(Jitter {

@@ -1,4 +1,4 @@
-//! What one predictor's answer to one scenario is worth.
+//! The scores of one predictor's answer to one scenario.
 
 use spec::Range;
 
@@ -7,29 +7,29 @@ use crate::metrics::{
     joint_rmse_deg, least_samples,
 };
 
-/// A number per joint; f32, as in the table that holds it.
+/// A number per joint, in f32 as in the stored table.
 pub type PerJoint = Vec<f32>;
 
-/// Probabilities of the central intervals whose coverage and width are kept for each joint.
+/// Probabilities of the central intervals whose coverage and width are stored for each joint.
 pub const INTERVALS: [f64; 2] = [0.5, 0.9];
 
-/// Probabilities at which coverage is kept for all joints together.
+/// Probabilities at which coverage is stored for all joints together.
 pub const CALIBRATION: [f64; 9] = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9];
 
 /// One predictor's errors on one scenario. All errors are in degrees.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ScenarioErrors {
     pub rmse_deg: PerJoint,
-    /// `None` of tables that were written before there was one.
+    /// `None` in tables from before this measure existed.
     pub continuity: Option<ContinuityErrors>,
-    /// How far the prediction leaves the limits of each joint at most; 0 within. `None` where they are not
-    /// known.
+    /// The largest distance of the prediction beyond the limits of each joint; 0 within. `None`
+    /// where limits are not known.
     pub beyond_limits_deg: Option<PerJoint>,
     pub jitter: Option<Jitter>,
     pub samples: Option<SampleErrors>,
 }
 
-/// How a prediction goes on from what was measured, see [`continuity`].
+/// How smoothly a prediction continues the measured positions, see [`continuity`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct ContinuityErrors {
     pub first_sample_deg: PerJoint,
@@ -39,18 +39,18 @@ pub struct ContinuityErrors {
     pub seam_jump_deg: Option<PerJoint>,
 }
 
-/// The robot and the measures that scores are made with.
+/// The robot and the settings of the scores.
 #[derive(Clone, Copy)]
 pub struct ScoredAs<'a> {
     pub joints: usize,
-    /// Samples that the predictor says at a time, of one that has seams.
+    /// Number of samples that the predictor computes at a time, if its answers have seams.
     pub patch: Option<usize>,
     /// Position limits of each joint; empty where they are not known.
     pub limits_rad: &'a [Range],
     pub meter: Option<&'a JitterMeter>,
 }
 
-/// What a prediction has above the signal's band.
+/// The part of a prediction above the signal's band.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Jitter {
     /// Root mean square above the band.
@@ -61,7 +61,7 @@ pub struct Jitter {
     pub smoothed_rmse_deg: PerJoint,
 }
 
-/// How good several samples are as a distribution.
+/// The quality of several samples as a distribution.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SampleErrors {
     /// RMSE of the mean of the samples.
@@ -70,10 +70,10 @@ pub struct SampleErrors {
     pub crps_deg: PerJoint,
     /// Fair energy score of the whole horizon, all joints together.
     pub energy_score_deg: f32,
-    /// As many of [`INTERVALS`] as there are samples enough for.
+    /// The intervals of [`INTERVALS`] for which there are enough samples.
     pub intervals: Vec<IntervalErrors>,
-    /// Share of the horizon, all joints together, inside the central intervals of [`CALIBRATION`];
-    /// as many of them as there are samples enough for.
+    /// Share of the horizon, over all joints, inside the central intervals of [`CALIBRATION`] for
+    /// which there are enough samples.
     pub calibration: Vec<f32>,
 }
 
@@ -81,9 +81,9 @@ pub struct SampleErrors {
 #[derive(Clone, Debug, PartialEq)]
 pub struct IntervalErrors {
     pub nominal: f64,
-    /// Share of the horizon inside.
+    /// Share of the horizon inside the interval.
     pub coverage: PerJoint,
-    /// Mean over the horizon.
+    /// Mean width over the horizon.
     pub width_deg: PerJoint,
 }
 
@@ -146,7 +146,7 @@ pub(crate) fn degrees(positions: &[f32], joint: usize, joints: usize) -> Vec<f64
 }
 
 impl SampleErrors {
-    /// `None` below two samples.
+    /// Scores of samples. `None` below two samples.
     fn new(truth: &[f32], samples: &[&[f32]], joints: usize) -> Option<Self> {
         let energy_score_deg = to_f32(energy_score(samples, truth)?.to_degrees());
         let enough = |probability: &&f64| least_samples(**probability) <= samples.len();
@@ -167,7 +167,7 @@ impl SampleErrors {
             drawn.extend(samples.iter().map(|sample| f64::from(sample[entry]).to_degrees()));
             let mean = drawn.iter().sum::<f64>() / drawn.len() as f64;
             mean_squares[joint] += (mean - truth).powi(2);
-            // Sorts them, which the intervals rely on.
+            // This also sorts the samples, as the intervals need them.
             crps_sum[joint] += crps(&mut drawn, truth)?;
             for (k, &probability) in intervals.iter().enumerate() {
                 let (low, high) = central_interval(&drawn, probability)?;
@@ -217,7 +217,8 @@ mod tests {
     const STEPS: usize = 40;
     const JOINTS: usize = 7;
 
-    /// A truth and `count` samples, all of the same normal law with deviation 1°.
+    /// A truth and `count` samples, all from the same normal distribution with standard deviation
+    /// 1°.
     fn calibrated(count: usize) -> (Vec<f32>, Vec<Vec<f32>>) {
         let series = |key: usize| -> Vec<f32> {
             normal(key as u64, STEPS * JOINTS).iter().map(|x| to_f32(x.to_radians())).collect()
@@ -245,7 +246,7 @@ mod tests {
             assert!((mean(&interval.width_deg) - width).abs() < 0.1 * width, "{interval:?}");
             assert!((mean(&interval.coverage) - interval.nominal).abs() < 0.09, "{interval:?}");
         }
-        // E |X - X'| / 2 of two standard normal numbers is 1 / √π.
+        // E |X - X'| / 2 for two standard normal numbers is 1 / √π.
         assert!((mean(&found.crps_deg) - 0.5642).abs() < 0.06, "{}", mean(&found.crps_deg));
         assert!((mean(&found.mean_rmse_deg) - 1.0).abs() < 0.1);
     }

@@ -7,14 +7,14 @@ use super::vectorized;
 /// Elements of a task: 64 KiB of each of four arrays.
 const TASK: usize = 16_384;
 
-/// What a step of AdamW (Loshchilov and Hutter 2019) does to every number alike.
+/// The constants of a step of AdamW (Loshchilov and Hutter 2019), the same for every parameter.
 #[derive(Clone, Copy, Debug)]
 pub struct AdamWStep {
-    /// Of the gradient, before anything else.
+    /// Factor of the gradient. It is applied first.
     pub scale: f32,
     pub betas: [f32; 2],
     pub epsilon: f32,
-    /// 1 / (1 - β₂ᵗ), what makes up for a second moment that began at 0.
+    /// 1 / (1 - β₂ᵗ), the bias correction of the second moment.
     pub second_correction: f32,
     /// Learning rate / (1 - β₁ᵗ).
     pub rate: f32,
@@ -22,8 +22,8 @@ pub struct AdamWStep {
     pub keep: f32,
 }
 
-/// Weight and moments after `step`, in their memory where nothing else uses it; for tensors of
-/// which [`is_fused`] says so.
+/// Weight and moments after `step`. They keep their memory if nothing else uses it. [`is_fused`]
+/// must hold for the tensors.
 pub fn adam_w(
     weight: Tensor<1>,
     gradient: Tensor<1>,
@@ -50,13 +50,13 @@ fn in_memory(tensor: Tensor<1>) -> Vec<f32> {
     tensor.try_into_vec_as().expect("a tensor in memory, of float32, can be read")
 }
 
-/// Whether the tensor is one that this module's functions are for.
+/// Whether the functions of this module support the tensor.
 pub fn is_fused(tensor: &Tensor<1>) -> bool {
     values(tensor).is_some()
 }
 
-/// Σ x² in double precision, in an order that no thread changes; `None` for another backend's
-/// tensor.
+/// Σ x² in double precision, in an order that does not depend on threads. `None` for a tensor of
+/// another backend.
 pub fn sum_of_squares(x: &Tensor<1>) -> Option<f64> {
     const LANES: usize = 8;
     let x = values(x)?;

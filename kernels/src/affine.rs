@@ -7,25 +7,25 @@ use super::parts::in_parts;
 use super::product::{Left, Onto, Right, multiply};
 use super::vectorized;
 
-/// Elements of the rows that a task multiplies: 128 KiB, which stay in a core's second-level cache
-/// beside what they are multiplied with.
+/// Elements of the left rows in a task: 128 KiB, which stay in a core's second-level cache beside
+/// the right factor.
 const TASK: usize = 32_768;
 
-/// Products below which another thread is not worth waking.
+/// Multiplications below which a second thread does not pay.
 const ALONE: usize = 1 << 21;
 
-/// Rows of a task are a multiple of these, as of a tile's.
+/// The rows of a task are a multiple of this, the rows of a register tile.
 const TILE_ROWS: usize = 6;
 
-/// Rows that are multiplied at once when rows are what is summed over.
+/// Rows that are packed together when the product sums over rows.
 const DEPTH: usize = 128;
 
-/// Floats between rows that are copied.
+/// Padding between packed rows, in floats.
 const APART: usize = 16;
 
 /// y = x Wᵀ + b of a single row.
 pub(super) fn row(x: &[f32], weight: &[f32], bias: &[f32]) -> Vec<f32> {
-    // To rearrange the weights would take longer than to multiply them.
+    // Packing the weights would take longer than the product.
     let rows: Vec<usize> = (0..bias.len()).map(|row| row * x.len()).collect();
     let terms: Vec<usize> = (0..x.len()).collect();
     let left = Left { values: weight, rows: &rows, step: 1 };
@@ -34,7 +34,7 @@ pub(super) fn row(x: &[f32], weight: &[f32], bias: &[f32]) -> Vec<f32> {
     y
 }
 
-/// y = x Wᵀ + b, with the panels of Wᵀ; y has `bias.len()` columns.
+/// y = x Wᵀ + b. `weight` has the panels of Wᵀ, and y has `bias.len()` columns.
 pub(super) fn forward(x: &[f32], input: usize, weight: &Panels, bias: &[f32]) -> Vec<f32> {
     let output = bias.len();
     let task = Task::of(x.len(), input, output);
@@ -47,7 +47,7 @@ pub(super) fn forward(x: &[f32], input: usize, weight: &Panels, bias: &[f32]) ->
     )
 }
 
-/// y = f(x) Wᵀ + b, where `f` makes some rows of some rows; it is told the first one's number.
+/// y = f(x) Wᵀ + b. `f` maps some rows of x to as many rows, and gets the index of the first one.
 pub(super) fn forward_of(
     f: impl Fn(&[f32], &mut [f32], usize) + Sync + Send,
     x: &[f32],
@@ -90,7 +90,7 @@ pub(super) fn forward_of_onto(
     })
 }
 
-/// dx = dy W; dy has `output` columns. `then` is called with some rows of dx and the number of
+/// dx = dy W, where dy has `output` columns. `then` is called with some rows of dx and the index of
 /// their first element.
 pub(super) fn input_gradient(
     dy: &[f32],
@@ -111,18 +111,19 @@ pub(super) fn input_gradient(
     )
 }
 
-/// Rows that are multiplied together.
+/// The division of rows into tasks.
 struct Task {
     rows: usize,
     depth: usize,
-    /// In all.
+    /// Number of all rows.
     length: usize,
-    /// Where they begin.
+    /// Offsets of the rows of a task.
     offsets: Vec<usize>,
 }
 
 impl Task {
-    /// Of rows of `depth` elements, `length` in all, which become rows of `output`.
+    /// Divides rows of `depth` elements, `length` elements in all. Each becomes a row of `output`
+    /// elements.
     fn of(length: usize, depth: usize, output: usize) -> Self {
         let all_rows = length / depth;
         let tasks = if length * output < ALONE { 1 } else { 2 * rayon::current_num_threads() };
@@ -132,7 +133,7 @@ impl Task {
         Self { rows, depth, length: all_rows, offsets }
     }
 
-    /// What `write` makes of each task's rows: rows of `output`.
+    /// Rows of `output` elements. `write` computes those of each task.
     fn results<S>(
         &self,
         output: usize,
@@ -143,7 +144,7 @@ impl Task {
         results
     }
 
-    /// A task's rows.
+    /// The left rows of a task.
     fn part<'a>(&self, values: &'a [f32], index: usize) -> &'a [f32] {
         let rest = &values[index * self.rows * self.depth..];
         &rest[..rest.len().min(self.rows * self.depth)]
@@ -161,8 +162,8 @@ pub(super) fn parameter_gradients(x: &[f32], dy: &[f32], d_weight: &mut [f32], d
     let task = output.div_ceil(rayon::current_num_threads()).next_multiple_of(TILE_ROWS);
     let parts = d_weight.par_chunks_mut(task * input).zip(d_bias.par_chunks_mut(task));
     parts.enumerate().for_each(|(index, (d_weight, d_bias))| {
-        // Copied with another distance of rows: of a power of two, they would share few places in
-        // the first-level cache.
+        // The rows get another stride in the copy. With a stride of a power of two they would share
+        // few sets of the first-level cache.
         let (count, stride) = (d_bias.len(), d_bias.len() + APART);
         let columns: Vec<usize> = (0..count).collect();
         let mut values = vec![0.0; DEPTH * stride];

@@ -9,21 +9,21 @@ use super::product::{Left, Onto, Right, multiply};
 use super::softmax::{softmax, softmax_gradient};
 use super::vectorized;
 
-/// Which source tokens a token may look at.
+/// The source tokens that a token may attend to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mask {
-    /// All.
+    /// All source tokens.
     None,
-    /// Token t those of index up to t + `ahead`; 0 is itself and those before.
+    /// Token t attends to the sources up to t + `ahead`. With 0 these are itself and those before.
     Causal { ahead: usize },
-    /// The first `length` tokens each other, later ones those as well and all up to themselves
-    /// (a prefix language model, Raffel et al. 2020).
+    /// The first `length` tokens attend to each other. Later tokens attend to these and to all
+    /// tokens up to themselves (a prefix language model, Raffel et al. 2020).
     Prefix { length: usize },
 }
 
-/// softmax(Q Kᵀ / √width) V for each head, a head being `width = d_model / heads` neighbouring
-/// channels. query `[batch, token, d_model]`, key and value `[batch, source, d_model]`; gives the
-/// shape of query. `dropout` leaves out numbers of the softmax.
+/// softmax(Q Kᵀ / √width) V for each head. A head is `width = d_model / heads` neighbouring
+/// channels. query `[batch, token, d_model]`, key and value `[batch, source, d_model]`. The result
+/// has the shape of query. `dropout` applies to the softmax.
 pub fn attention(
     query: Tensor<3>,
     key: Tensor<3>,
@@ -38,8 +38,8 @@ pub fn attention(
         .unwrap_or_else(|| plain(query, key, value, heads, mask, op.dropout.as_ref()))
 }
 
-/// [`attention`] of a series with itself: `projected` `[batch, token, 3 d_model]` has query, key and
-/// value side by side. Gives `[batch, token, d_model]`.
+/// [`attention`] of a series to itself: `projected` `[batch, token, 3 d_model]` has query, key and
+/// value side by side. The result is `[batch, token, d_model]`.
 pub fn self_attention(
     projected: Tensor<3>,
     heads: usize,
@@ -99,13 +99,13 @@ pub(super) fn plain(
 }
 
 /// With P = softmax(S), S = Q Kᵀ / √width and O = P V:
-/// dV = Pᵀ dO, dP = dO Vᵀ, dS = P (dP - Σ P dP), dQ = dS K / √width, dK = dSᵀ Q / √width. With M of a
-/// dropout, O = (M P) V, dV = (M P)ᵀ dO and dP = M (dO Vᵀ).
+/// dV = Pᵀ dO, dP = dO Vᵀ, dS = P (dP - Σ P dP), dQ = dS K / √width, dK = dSᵀ Q / √width.
+/// With a dropout mask M, O = (M P) V, dV = (M P)ᵀ dO and dP = M (dO Vᵀ).
 ///
-/// Rows of P are made a few at a time, which stay in a core's cache, and anew in the derivative, as
-/// in FlashAttention (Dao et al. 2022): P is the largest array by far and soon made. What no token
-/// of the few may look at is not computed. The derivative's tasks are the trajectories, since dK and
-/// dV are sums over tokens.
+/// A block of rows of P is computed at a time and stays in a core's cache. The backward pass
+/// computes it again, as in FlashAttention (Dao et al. 2022), because P is by far the largest array
+/// and quick to compute. Masked blocks are skipped. The backward pass has a task per trajectory,
+/// since dK and dV are sums over tokens.
 #[derive(Clone, Debug)]
 struct Attention {
     heads: usize,
@@ -113,36 +113,36 @@ struct Attention {
     dropout: Option<DropoutMask>,
 }
 
-/// Tokens whose rows of P are made at once: a multiple of a tile's rows.
+/// Tokens in a block of rows of P: a multiple of a register tile's rows.
 const TOKENS: usize = 48;
 
-/// Extents of one trajectory's part.
+/// Extents of one trajectory's arrays.
 #[derive(Clone, Copy)]
 struct Extents<'a> {
     tokens: usize,
     sources: usize,
     d_model: usize,
-    /// Of a head.
+    /// Width of a head.
     width: usize,
-    /// Between rows of queries, keys and values, and of their derivatives.
+    /// Row strides of queries, keys and values, and of their gradients.
     strides: [usize; 3],
     mask: Mask,
     dropout: Option<&'a DropoutMask>,
 }
 
-/// What one task writes to before it writes its results.
+/// Buffers of a task.
 #[derive(Default)]
 struct Scratch {
     /// Rows of P.
     probabilities: Vec<f32>,
-    /// Rows of M and of M P, with a dropout.
+    /// Rows of M and of M P, if there is a dropout.
     factors: Vec<f32>,
     masked: Vec<f32>,
     /// Rows of dP, then dS.
     scores: Vec<f32>,
-    /// Rows of K.
+    /// Panels of the rows of K.
     keys: Panels,
-    /// Columns of K and V.
+    /// Panels of the columns of K and V.
     key_columns: Panels,
     value_columns: Panels,
     d_key: Vec<f32>,
@@ -161,14 +161,14 @@ impl Attention {
         Extents { tokens, sources, d_model, width, strides, mask: self.mask, dropout }
     }
 
-    /// Of three arrays.
+    /// The extents for three separate arrays.
     fn apart(&self, query: &Array, key: &Array) -> Extents<'_> {
         let [_, tokens, d_model] = *query.shape() else { unreachable!("of rank 3") };
         let [_, sources, _] = *key.shape() else { unreachable!("of rank 3") };
         self.extents(tokens, sources, [d_model; 3], d_model)
     }
 
-    /// Of one array that has the three side by side.
+    /// The extents for one array with the three side by side.
     fn side_by_side(&self, projected: &Array) -> Extents<'_> {
         let [_, tokens, width] = *projected.shape() else { unreachable!("of rank 3") };
         self.extents(tokens, tokens, [width; 3], width / 3)
@@ -180,7 +180,7 @@ impl Extents<'_> {
         1.0 / (self.width as f32).sqrt()
     }
 
-    /// How many sources a token may look at, those beyond the last included.
+    /// Number of sources that a token may attend to, including those beyond the last.
     fn visible(&self, token: usize) -> usize {
         match self.mask {
             Mask::None => self.sources,
@@ -189,23 +189,23 @@ impl Extents<'_> {
         }
     }
 
-    /// How many of `count` tokens from `first` on look at as many sources as the first of them, none more.
-    /// The others look at one more each.
+    /// Of `count` tokens from `first` on, the number that attend to as many sources as the first
+    /// one. Each later token attends to one source more than the token before it.
     fn alike(&self, first: usize, count: usize) -> usize {
         match self.mask {
-            // All of them, which is one call.
+            // 0, so that all rows go into one call of softmax.
             Mask::None | Mask::Causal { .. } => 0,
             Mask::Prefix { length } => length.saturating_sub(first).min(count),
         }
     }
 
-    /// How many sources the tokens up to `end` may look at.
+    /// Number of sources that the tokens before `end` attend to.
     fn seen(&self, end: usize) -> usize {
         self.visible(end - 1).min(self.sources)
     }
 
-    /// Leaves out numbers of rows of P, each `seen` long, from that of token `first` on, of the head that
-    /// begins with `channel`.
+    /// Applies dropout to rows of P, each `seen` long. `first` is the token of the first row, and
+    /// `channel` is the first channel of the head.
     fn drop_out(
         &self,
         mask: &DropoutMask,
@@ -218,7 +218,7 @@ impl Extents<'_> {
         mask.apply(rows, seen, head * self.tokens + first, heads * self.tokens);
     }
 
-    /// Rows of P of the tokens from `first` on; each as long as the last one sees. `query` begins
+    /// Rows of P of the tokens from `first` on. All have the length of the last one. `query` begins
     /// with the first token, at the head's first channel.
     fn probabilities(&self, query: Left<'_>, keys: &Panels, first: usize, into: &mut Vec<f32>) {
         let count = query.rows.len();
@@ -233,7 +233,7 @@ impl Extents<'_> {
         softmax(rising, seen, self.scale(), self.visible(first + alike));
     }
 
-    /// O of all trajectories, given where each one's queries, keys and values begin.
+    /// O of all trajectories. `of` gives the queries, keys and values of a trajectory.
     fn forward<'b>(
         &self,
         batch: usize,
@@ -286,8 +286,8 @@ impl Extents<'_> {
         }
     }
 
-    /// dQ, dK and dV of a trajectory's head, at whose first channel everything begins; `places` are theirs in
-    /// `gradients`.
+    /// dQ, dK and dV of a trajectory's head. All inputs begin at the head's first channel. `places`
+    /// are the places of the results in `gradients`.
     fn backward(
         &self,
         [trajectory, head]: [usize; 2],
@@ -373,16 +373,16 @@ impl Extents<'_> {
     }
 }
 
-/// Where a derivative lies in arrays.
+/// The place of a gradient in the arrays.
 #[derive(Clone, Copy)]
 struct Place {
     array: usize,
-    /// Its first one's.
+    /// Its first channel.
     channel: usize,
 }
 
 impl Place {
-    /// What begins at a head's first channel.
+    /// The rest of the array from a head's first channel on.
     fn begin<'a>(self, arrays: &'a mut [&mut [f32]], head: usize) -> &'a mut [f32] {
         &mut arrays[self.array][self.channel + head..]
     }

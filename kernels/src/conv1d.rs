@@ -20,8 +20,8 @@ pub fn conv1d(
         .unwrap_or_else(|| plain(x, weight, bias, stride, padding))
 }
 
-/// Numbers that [`conv1d`] with a weight of this shape and its derivative work with beside, at most,
-/// whatever the batch.
+/// The size of the largest temporary buffer of [`conv1d`] with a weight of this shape and of its
+/// backward pass, whatever the batch.
 pub fn scratch_of_conv1d(weight: [usize; 3]) -> usize {
     winograd::scratch(weight)
 }

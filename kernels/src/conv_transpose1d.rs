@@ -30,7 +30,7 @@ pub(super) fn plain(
     module::conv_transpose1d(x, weight, Some(bias), options)
 }
 
-/// Its derivative is the correlation whose adjoint it is.
+/// The backward pass is the correlation whose adjoint this is.
 #[derive(Clone, Debug)]
 struct ConvTranspose1d {
     stride: usize,

@@ -1,9 +1,8 @@
-//! Cross-correlation along the last dimension, its adjoint and the gradient of its kernel: one's
-//! derivative is made of the others, and so is that of the transposed convolution.
+//! Cross-correlation along the last dimension, its adjoint and the gradient of its kernel. The
+//! backward pass of each consists of the others, and also that of the transposed convolution.
 //!
-//! Each is a product of matrices, one of which is made of the windows that a kernel sees. They
-//! overlap and are never written out. Many channels of many windows of five taps go through
-//! [`winograd`] instead.
+//! Each is a matrix product, in which one factor has the windows that the kernel sees. The windows
+//! overlap and are never written out. Large correlations with five taps use [`winograd`] instead.
 
 use rayon::prelude::*;
 
@@ -14,19 +13,19 @@ use super::vectorized;
 use super::windows::Windows;
 use super::winograd;
 
-/// Samples that are computed at once, if trajectories are shorter: fewer do not fill vectors, and
-/// the kernels of deep stages, which are larger than the caches, would be read too often.
+/// Samples that are computed together if trajectories are shorter. Fewer do not fill vectors, and
+/// they would read the kernels of deep stages, which are larger than the caches, too often.
 const TOGETHER: usize = 432;
 
-/// Rows of a task are a multiple of these, as of the tiles'.
+/// The rows of a task are a multiple of this, the rows of a register tile.
 const TILE_ROWS: usize = 6;
 
-/// Columns of a task are a multiple of these, as of the widest vectors'.
+/// The columns of a task are a multiple of this, the width of the widest vectors.
 const LANES: usize = 16;
 
-/// A correlation of fine series `[batch, fine channel, fine sample]` with a kernel
-/// `[coarse channel, fine channel, kernel]`, zeros beyond the ends, to coarse series
-/// `[batch, coarse channel, coarse sample]`.
+/// A correlation of fine series `[batch, fine channel, fine sample]` with a kernel `[coarse
+/// channel, fine channel, kernel]`. It gives coarse series `[batch, coarse channel, coarse sample]`
+/// and takes zeros beyond the ends.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Correlation {
     pub fine_channels: usize,
@@ -47,8 +46,8 @@ impl Correlation {
     /// fine`[i, n]` = bias`[i]` + Σ kernel`[o, i, k]` coarse`[o, j]` over all j and k with
     /// `stride j + k - padding = n`.
     ///
-    /// The samples n of equal remainder r by the stride see the same taps, and are a correlation
-    /// with these, in reverse order.
+    /// All samples n with the same remainder r by the stride see the same taps. They are a
+    /// correlation with these taps in reverse order.
     pub fn adjoint(&self, coarse: &[f32], kernel: &[f32], bias: Option<&[f32]>) -> Vec<f32> {
         let of_coarse = self.coarse_channels * self.coarse_samples;
         let batch = coarse.len() / of_coarse;
@@ -73,9 +72,9 @@ impl Correlation {
     }
 
     /// Gradient of the kernel: `[o, i, k]` = Σ coarse`[o, j]` fine`[i, stride j + k - padding]`,
-    /// over trajectories too.
+    /// also summed over trajectories.
     ///
-    /// Tasks share out the coarse channels, so that every sum is one task's.
+    /// Tasks divide the coarse channels, so that each sum belongs to one task.
     pub fn kernel_gradient(&self, fine: &[f32], coarse: &[f32]) -> Vec<f32> {
         let (outputs, samples) = (self.coarse_channels, self.coarse_samples);
         let windows = self.windows();
@@ -97,7 +96,8 @@ impl Correlation {
             let coarse = coarse.chunks(together * outputs * samples);
             for (fine, coarse) in fine.zip(coarse) {
                 let seen = windows.see(fine, &mut scratch);
-                // The same samples of both; zeros where a kernel would see two trajectories.
+                // The coarse samples in the layout of the windows, with zeros where a window spans
+                // two trajectories.
                 values.clear();
                 values.resize(outputs_here * seen.row, 0.0);
                 for (trajectory, coarse) in coarse.chunks_exact(outputs * samples).enumerate() {
@@ -107,7 +107,7 @@ impl Correlation {
                         row[trajectory * length..][..samples].copy_from_slice(coarse);
                     }
                 }
-                // Beyond the last window a tap would leave the row.
+                // The product ends at the last window, because later taps would leave the row.
                 let depth = seen.row - (length - samples);
                 panels.write_columns(&values, depth, outputs_here, seen.row);
                 let offsets = windows.offsets(seen.row);
@@ -125,7 +125,7 @@ impl Correlation {
         gradient
     }
 
-    /// What the kernel sees of the fine series.
+    /// The windows that the kernel sees in the fine series.
     fn windows(&self) -> Windows {
         Windows {
             channels: self.fine_channels,
@@ -137,7 +137,7 @@ impl Correlation {
         }
     }
 
-    /// What the fine samples of this remainder see of the coarse series, and with what kernel
+    /// For the fine samples with this remainder, their windows in the coarse series and the kernel
     /// `[fine channel, coarse channel, tap]`.
     fn phase(&self, remainder: usize, kernel: &[f32]) -> (Windows, Vec<f32>) {
         let shifted = remainder + self.padding;
@@ -180,13 +180,13 @@ pub(super) fn channel_sums(series: &[f32], channels: usize, samples: usize) -> V
     sums
 }
 
-/// How many trajectories of this length are computed at once.
+/// Number of trajectories of this length that are computed together.
 fn group(length: usize) -> usize {
     (TOGETHER / length.max(1)).max(1)
 }
 
-/// `kernel · windows + bias` of all trajectories, in tasks of a few trajectories each and, where
-/// these are fewer than threads, of some output channels.
+/// `kernel · windows + bias` of all trajectories. A task has a few trajectories. If there are fewer
+/// tasks than threads, the output channels are divided, too.
 fn correlate(
     windows: &Windows,
     series: &[f32],
@@ -218,7 +218,7 @@ fn correlate(
             let seen = windows.see(series, scratch);
             let offsets = windows.offsets(seen.row);
             let right = Right { values: seen.values, terms: &offsets };
-            // Windows between trajectories are computed, too, but for those after the last.
+            // Windows that span two trajectories are computed, too, except those after the last.
             let columns = seen.row - (length - count);
             let stride = if alone { count } else { columns };
             let to: &mut [f32] = if alone {

@@ -6,25 +6,26 @@ use rayon::prelude::*;
 use super::fused::{Array, FusedOp, apply, operand};
 use super::threefry::{Key, drop_out};
 
-/// What random numbers of each trajectory begin with.
+/// The random key of each trajectory.
 pub type DropoutKeys = Arc<[Key]>;
 
-/// Which numbers of the series at one place of a network are left out, of each as likely; the others
-/// are scaled up for it, so that sums stay what they are on average (Srivastava et al. 2014).
+/// A dropout mask: it drops values of the series at one place of a network, each with the same
+/// probability. The other values are scaled up, so that sums keep their mean (Srivastava et al.
+/// 2014).
 ///
-/// It is never kept: a derivative makes it again. Number (trajectory, row, column) is the same
-/// whatever it is computed together with.
+/// The mask is never stored. The backward pass computes it again. The number of (trajectory, row,
+/// column) does not depend on the rest of the batch.
 #[derive(Clone, Debug)]
 pub struct DropoutMask {
     keys: DropoutKeys,
     place: u32,
-    /// Random numbers of 32 bits below it leave out.
+    /// 32-bit random numbers below this drop their value.
     threshold: u32,
     scale: f32,
 }
 
 impl DropoutMask {
-    /// `rate` from 0 to below 1.
+    /// `rate` is the probability of a drop, from 0 to below 1.
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,
@@ -35,8 +36,8 @@ impl DropoutMask {
         Self { keys, place, threshold, scale: (1.0 / (1.0 - rate)) as f32 }
     }
 
-    /// Of `values` in rows of `width`, which follow upon the first `first` ones of all; a trajectory
-    /// has `rows`.
+    /// Applies the mask to `values` in rows of `width`. The first one is row `first` of all rows,
+    /// and a trajectory has `rows` rows.
     pub(super) fn apply(&self, values: &mut [f32], width: usize, first: usize, rows: usize) {
         let (mut rest, mut first) = (values, first);
         while !rest.is_empty() {
@@ -50,7 +51,7 @@ impl DropoutMask {
         }
     }
 
-    /// The same of all trajectories, on all threads.
+    /// Applies the mask to all trajectories, on all threads.
     pub(super) fn apply_to_all(&self, values: &mut [f32], width: usize, rows: usize) {
         values.par_chunks_mut(width).with_min_len(TASK.div_ceil(width)).enumerate().for_each(
             |(first, row)| {
@@ -59,7 +60,7 @@ impl DropoutMask {
         );
     }
 
-    /// What it multiplies numbers with.
+    /// The mask as factors.
     pub(super) fn tensor<const D: usize>(&self, shape: [usize; D], device: &Device) -> Tensor<D> {
         let mut values = vec![1.0; shape.iter().product()];
         let width = shape.last().copied().unwrap_or(1);
@@ -68,10 +69,10 @@ impl DropoutMask {
     }
 }
 
-/// Elements below which another thread is not worth waking.
+/// Elements below which a second thread does not pay.
 const TASK: usize = 16_384;
 
-/// x `[batch, token, channel]` without what `mask` leaves out.
+/// Dropout of x `[batch, token, channel]` with `mask`.
 pub fn dropout(x: Tensor<3>, mask: Option<DropoutMask>) -> Tensor<3> {
     let Some(mask) = mask else { return x };
     apply(Dropout { mask: mask.clone() }, [operand(&x)]).unwrap_or_else(|| plain(x, Some(&mask)))
@@ -83,7 +84,7 @@ pub(super) fn plain<const D: usize>(x: Tensor<D>, mask: Option<&DropoutMask>) ->
     x * factors
 }
 
-/// dx = M dy of y = M x.
+/// y = M x with dx = M dy.
 #[derive(Clone, Debug)]
 struct Dropout {
     mask: DropoutMask,

@@ -1,18 +1,19 @@
-//! The derivatives of the operations, fused and plain, are those of their values.
+//! The backward pass of each operation, fused and plain, agrees with finite differences of its
+//! values.
 
 use burn::tensor::Tensor;
 
 use super::agreement::{flat, tensors, values};
 use super::{conv_transpose1d, conv1d, group_norm_mish, mish};
 
-/// Distance of the points between which differences are taken.
+/// Distance between the points of a difference.
 const STEP: f64 = 0.02;
 
-/// Of what single precision leaves of a difference.
+/// Largest error of a difference in single precision.
 const TOLERANCE: f64 = 5e-4;
 
-/// The derivative of a random sum of the value along a random direction of all inputs, from the
-/// gradients and from values around.
+/// Compares the directional derivative of a random sum of the value, along a random direction of
+/// all inputs, between the gradients and finite differences.
 #[track_caller]
 fn check_derivative<const N: usize>(
     name: &str,
@@ -21,7 +22,7 @@ fn check_derivative<const N: usize>(
 ) {
     let inputs = tensors(shapes);
     let value = function(inputs.clone());
-    // The same random numbers again, but for the first few.
+    // Draws the same random numbers without the first few.
     let directions = tensors(shapes.map(|[a, b, c]| [a + 1, b, c]));
     let directions = directions.map(|direction| {
         let [a, b, c] = direction.dims();
@@ -44,7 +45,7 @@ fn check_derivative<const N: usize>(
         }
         total(function(moved) * weights.clone())
     };
-    // Exact but for the fifth derivative.
+    // The formula is exact up to the fifth derivative.
     let near = at(STEP) - at(-STEP);
     let far = at(2.0 * STEP) - at(-2.0 * STEP);
     let from_values = (8.0 * near - far) / (12.0 * STEP);
@@ -56,7 +57,7 @@ fn check_derivative<const N: usize>(
     );
 }
 
-/// In double precision.
+/// The sum in double precision.
 fn total(tensor: Tensor<3>) -> f64 {
     values(tensor).into_iter().map(f64::from).sum()
 }

@@ -1,4 +1,4 @@
-//! Operations of our own in burn's autodiff graph, on burn's CPU backend.
+//! The crate's own operations in burn's autodiff graph, on burn's CPU backend.
 
 use std::fmt::Debug;
 
@@ -13,16 +13,16 @@ use burn_flex::{Flex, FlexTensor};
 
 use crate::interruption::leave_if_interrupted;
 
-/// An operation on `N` tensors and its derivative.
+/// An operation on `N` tensors and its backward pass.
 pub(super) trait FusedOp<const N: usize>: Clone + Debug + Send + 'static {
     fn forward(&self, inputs: &[Array; N]) -> Array;
 
-    /// What of the inputs is kept for the derivative; others may be left empty.
+    /// The inputs that are kept for the backward pass. Others may be replaced by empty arrays.
     fn keep(&self, inputs: [Array; N]) -> [Array; N] {
         inputs
     }
 
-    /// Gradient of each input, given that of the output.
+    /// The gradient of each input, from that of the output.
     fn backward(&self, inputs: &[Array; N], gradient: &Array) -> [Array; N];
 }
 
@@ -31,12 +31,12 @@ pub(super) trait FusedOp<const N: usize>: Clone + Debug + Send + 'static {
 pub(super) struct Array(FlexTensor);
 
 impl Array {
-    /// `values` in row-major order.
+    /// A tensor of `values` in row-major order.
     pub fn new(values: Vec<f32>, shape: &[usize]) -> Self {
         Self(FlexTensor::from_data(TensorData::new(values, shape.to_vec())))
     }
 
-    /// Copied if it is not contiguous.
+    /// The array of a tensor, which is copied if it is not contiguous.
     pub fn of(tensor: &FlexTensor) -> Self {
         Self(tensor.to_contiguous())
     }
@@ -74,8 +74,8 @@ pub(super) fn operand<const D: usize>(tensor: &Tensor<D>) -> Option<Operand> {
     }
 }
 
-/// Computes `op` and records it where gradients are. `None` if an operand is not the CPU
-/// backend's, or only some record gradients: then burn's own operations have to do it.
+/// Computes `op` and records it for gradients. `None` if an operand is not on the CPU backend, or
+/// if only some operands record gradients. The caller then uses burn's own operations.
 pub(super) fn apply<const N: usize, O: FusedOp<N>>(
     op: O,
     operands: [Option<Operand>; N],

@@ -9,15 +9,15 @@ use super::packed::{PackedWeight, Packing};
 use super::parts::each_part;
 use super::{affine, linear, vectorized};
 
-/// Elements of a task: 64 KiB, which stay in the cache between read and write.
+/// Elements of a task: 64 KiB, which stay in the cache between reading and writing.
 const TASK: usize = 16_384;
 
-/// `residual` plus [`super::linear`] of GELU of x `[batch, token, input]`, without keeping what is
-/// between them. `residual` has the shape of the result.
+/// `residual` plus [`super::linear`] of GELU of x `[batch, token, input]`, without storing the
+/// values between them. `residual` has the shape of the result.
 ///
 /// GELU is x Φ(x) with the normal distribution's Φ, exact rather than its tanh approximation
-/// (Hendrycks and Gimpel 2016); its derivative is Φ(x) + x φ(x). `masks` leave out numbers of GELU's
-/// and of the map's.
+/// (Hendrycks and Gimpel 2016). Its derivative is Φ(x) + x φ(x). `masks` apply dropout to the
+/// output of GELU and to that of the linear map.
 pub fn gelu_linear_onto(
     residual: Tensor<3>,
     x: Tensor<3>,
@@ -43,15 +43,15 @@ pub(super) fn plain(
     residual + dropout::plain(linear::plain(between, weight, bias), after.as_ref())
 }
 
-/// burn's GELU is the exact one, but where a backend brings none of its own, its derivative is the
-/// approximation's, off by 4e-4. This one is derived from the error function.
+/// burn's GELU is exact. On a backend without a GELU of its own, its derivative is that of the
+/// approximation, with an error of 4e-4. This one follows from the error function.
 fn gelu(x: Tensor<3>) -> Tensor<3> {
     let twice_below = (x.clone() * FRAC_1_SQRT_2).erf() + 1.0;
     x * twice_below * 0.5
 }
 
-/// dW = dyᵀ gelu(x), db = Σ dy, dx = gelu'(x) (dy W); the residual's gradient is dy. What a mask leaves
-/// out on the way there it leaves out on the way back.
+/// dW = dyᵀ gelu(x), db = Σ dy, dx = gelu'(x) (dy W). The residual's gradient is dy. The backward
+/// pass uses the same masks as the forward pass.
 #[derive(Clone, Debug)]
 struct GeluLinear {
     packing: Packing,

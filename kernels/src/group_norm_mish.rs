@@ -7,9 +7,9 @@ use super::{mish, vectorized};
 /// PyTorch's default, added to the variance.
 const EPSILON: f32 = 1e-5;
 
-/// Mish of the group-normalized x (Wu and He 2018) `[batch, channel, sample]`: each of `groups`
-/// sets of neighbouring channels to mean 0 and biased variance 1 over channels and samples, then
-/// times weight plus bias, both `[channel]`.
+/// Mish of the group-normalized x (Wu and He 2018) `[batch, channel, sample]`. Each of `groups`
+/// sets of neighbouring channels is normalized to mean 0 and biased variance 1 over channels and
+/// samples. The result is multiplied by weight and bias is added, both `[channel]`.
 pub fn group_norm_mish(
     x: Tensor<3>,
     weight: Tensor<1>,
@@ -30,8 +30,8 @@ pub(super) fn plain(x: Tensor<3>, weight: Tensor<1>, bias: Tensor<1>, groups: us
     mish::plain(scaled)
 }
 
-/// A task is one group of one trajectory, which stays in the cache. The derivative takes its mean
-/// and deviation anew from x, and Mish's slope from them: only x is kept.
+/// A task is one group of one trajectory, which stays in the cache. The backward pass computes
+/// mean, deviation and Mish's slope again from x, so that only x is kept.
 #[derive(Clone, Debug)]
 struct GroupNormMish {
     groups: usize,
@@ -71,7 +71,7 @@ impl FusedOp<3> for GroupNormMish {
                 (d_weight, d_bias)
             },
         );
-        // Of each trajectory, added up after.
+        // The gradients of each trajectory, which are summed at the end.
         let (weight_parts, bias_parts): (Vec<_>, Vec<_>) = sums.into_iter().unzip();
         let (weight_parts, bias_parts) = (weight_parts.concat(), bias_parts.concat());
         let (mut d_weight, mut d_bias) = (vec![0.0; all_channels], vec![0.0; all_channels]);

@@ -1,8 +1,8 @@
-//! Which of the kernels' compilations runs.
+//! The choice of the compiled variant of a kernel.
 
 use simd::InstructionSet;
 
-/// The best instructions that the processor has.
+/// The best instruction set of the processor.
 #[inline]
 pub(super) fn detected() -> InstructionSet {
     #[cfg(test)]
@@ -19,7 +19,7 @@ pub(super) mod tests {
 
     use simd::InstructionSet;
 
-    /// The number, from 1, of an available set; 0 for the best.
+    /// The index, from 1, of an available set; 0 for the best.
     static CHOSEN: AtomicUsize = AtomicUsize::new(0);
     static CHOOSING: RwLock<()> = RwLock::new(());
 
@@ -28,12 +28,12 @@ pub(super) mod tests {
         InstructionSet::available().get(number).copied()
     }
 
-    /// While it is held, every thread of the process uses the best instructions.
+    /// While a thread holds this lock, every thread of the process uses the best instruction set.
     pub(in super::super) fn unchanged() -> RwLockReadGuard<'static, ()> {
         CHOOSING.read().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// `action` on every instruction set that this processor has, the others' kernels left aside.
+    /// Runs `action` with every instruction set of this processor.
     pub(in super::super) fn with_each(mut action: impl FnMut(InstructionSet)) {
         let _guard = CHOOSING.write().unwrap_or_else(PoisonError::into_inner);
         for (number, set) in (1..).zip(InstructionSet::available()) {

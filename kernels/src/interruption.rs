@@ -3,26 +3,28 @@ use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-/// Asks a computation to end before it is done. Clones are one and the same.
+/// Asks a computation to end early. Clones share one state.
 ///
-/// A step of a large model takes longer than anybody waits for it to end, and most of that time is
-/// spent inside burn, which knows no way out. So each of our operations looks here first, and
-/// unwinds the thread to where the computation began. Nothing was changed by then: a step changes
+/// A step of a large model takes long, and most of this time is inside burn, which cannot be
+/// interrupted. So each operation of this crate checks the interrupt first, and unwinds the thread
+/// to the beginning of the computation. Nothing has changed by then, because a step changes its
+/// trainer only after all gradients are computed.
 /// its trainer only when all gradients are there.
 #[derive(Clone, Debug, Default)]
 pub struct Interrupt(Arc<AtomicBool>);
 
-/// A computation ended before it was done. Also what its thread is unwound with.
+/// The error of an interrupted computation. Its thread also unwinds with this value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Interrupted;
 
 thread_local! {
-    /// Who may interrupt what this thread computes.
+    /// The interrupt of this thread's computation.
     static CURRENT: RefCell<Option<Interrupt>> = const { RefCell::new(None) };
 }
 
 impl Interrupt {
-    /// For good: what began or begins with this interrupt ends with [`Interrupted`].
+    /// Interrupts for good: running and later computations with this interrupt end with
+    /// [`Interrupted`].
     pub fn raise(&self) {
         self.0.store(true, Ordering::Relaxed);
     }
@@ -31,25 +33,25 @@ impl Interrupt {
         self.0.load(Ordering::Relaxed)
     }
 
-    /// Whoever may interrupt the computation of this thread; nobody, unless it is guarded. Other threads
-    /// that do a part of it look here, as they have no guard of their own.
+    /// The interrupt of this thread's computation, or a new one if the thread has no guard. Threads
+    /// that compute a part of it are handed this one, as they have no guard of their own.
     pub fn current() -> Self {
         CURRENT.with_borrow(Clone::clone).unwrap_or_default()
     }
 
-    /// Leaves the computation, up to its [`Interrupt::guard`], if it is interrupted. Out of a task of rayon
-    /// the way leads through the thread that waits for it.
+    /// If the interrupt is raised, unwinds to the [`Interrupt::guard`] of the computation. From a
+    /// task of rayon, the unwinding continues in the thread that waits for the task.
     pub fn leave_if_raised(&self) {
         if self.is_raised() {
-            // Without the message of a panic, which this is not.
+            // This unwinds without the message of a panic.
             resume_unwind(Box::new(Interrupted));
         }
     }
 
-    /// Does `work` on this thread, all of it or none.
+    /// Runs `work` on this thread. An interrupt ends it.
     ///
     /// # Errors
-    /// [`Interrupted`], and those of `work`.
+    /// [`Interrupted`], and the errors of `work`.
     pub fn guard<T, E: From<Interrupted>>(
         &self,
         work: impl FnOnce() -> Result<T, E>,
@@ -65,7 +67,7 @@ impl Interrupt {
     }
 }
 
-/// Leaves the computation of this thread if it is interrupted.
+/// Unwinds this thread's computation if it is interrupted.
 pub(crate) fn leave_if_interrupted() {
     CURRENT.with_borrow(|current| {
         if let Some(current) = current {

@@ -7,10 +7,10 @@ use super::vectorized;
 /// PyTorch's default, added to the variance.
 pub(super) const EPSILON: f32 = 1e-5;
 
-/// Rows of a task. Fixed, since the sums over each task's rows are added in turn.
+/// Rows of a task. The number is fixed, because the sums of the tasks are added in order.
 const TASK_ROWS: usize = 128;
 
-/// (x - mean) / √(variance + ε) · weight + bias over the last dimension, biased variance.
+/// (x - mean) / √(variance + ε) · weight + bias over the last dimension, with the biased variance.
 pub fn layer_norm(x: Tensor<3>, weight: Tensor<1>, bias: Tensor<1>) -> Tensor<3> {
     apply(LayerNorm, [operand(&x), operand(&weight), operand(&bias)])
         .unwrap_or_else(|| plain(x, weight, bias))
@@ -20,7 +20,8 @@ pub(super) fn plain(x: Tensor<3>, weight: Tensor<1>, bias: Tensor<1>) -> Tensor<
     module::layer_norm(x, weight, Some(bias), f64::from(EPSILON))
 }
 
-/// The derivative takes the row's mean and deviation anew from x: cheaper than to keep them.
+/// The backward pass computes the row's mean and deviation again from x, which is cheaper than to
+/// store them.
 #[derive(Clone, Debug)]
 pub(super) struct LayerNorm;
 

@@ -1,17 +1,17 @@
-//! The operations that Transformers and U-Nets spend their time in.
+//! The operations in which Transformers and U-Nets spend their time.
 //!
-//! Each has two forms with the same result: burn's own operations, which run on every device, and a
-//! fused one for burn's CPU backend with a derivative of its own. burn-flex 0.22 computes GELU and
-//! Mish in serial scalar loops, fuses softmax, norms and attention only where no gradient is
-//! recorded, and writes every intermediate to memory; see `fused`.
+//! Each has two forms with the same result. The plain form consists of burn's own operations and
+//! runs on every device. The fused form runs on burn's CPU backend and has its own backward pass.
+//! burn-flex 0.22 computes GELU and Mish in serial scalar loops, fuses softmax, norms and attention
+//! only where no gradient is recorded, and writes every intermediate result to memory; see `fused`.
 //!
-//! Products of matrices take most of the time. All are made of the tiles of `product`, whose
-//! instructions are chosen at run time and which need no copy of what they multiply; the crate `gemm`
-//! copies both factors first and was half as fast at these sizes.
+//! Matrix products take most of the time. All use the register tiles of `product`, whose
+//! instruction set is chosen at run time. They need no copy of their factors. The crate `gemm`
+//! copies both factors and was half as fast at these sizes.
 //!
-//! Most of a step is spent in here, so this is also where an [`Interrupt`] ends it.
+//! Most of a step's time is spent in this crate, so this is also where an [`Interrupt`] ends it.
 //!
-//! The fused forms give the same bits whatever thread runs which part: no sum crosses a task.
+//! The fused forms give the same bits for every number of threads, because no sum crosses a task.
 
 mod adam_w;
 mod affine;

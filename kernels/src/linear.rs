@@ -25,7 +25,7 @@ pub(super) fn plain(x: Tensor<3>, weight: Tensor<2>, bias: Tensor<1>) -> Tensor<
 
 /// dx = dy W, dW = dyᵀ x, db = Σ dy over the rows.
 ///
-/// Tasks share out the rows of x, dx and dW, so that every sum is one task's.
+/// Tasks divide the rows of x, dx and dW, so that each sum belongs to one task.
 #[derive(Clone, Debug)]
 struct Linear {
     packing: Packing,

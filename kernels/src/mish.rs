@@ -4,7 +4,7 @@ use super::fused::{Array, FusedOp, apply, operand};
 use super::parts::each_part;
 use super::vectorized;
 
-/// Elements of a task: 64 KiB, which stay in the cache between read and write.
+/// Elements of a task: 64 KiB, which stay in the cache between reading and writing.
 const TASK: usize = 16_384;
 
 /// x tanh(ln(1 + eˣ)) (Misra 2019).

@@ -4,8 +4,8 @@ use super::fused::{Array, FusedOp, apply, operand};
 use super::packed::{PackedWeight, Packing, side_by_side};
 use super::{affine, layer_norm, linear, vectorized};
 
-/// [`super::linear`] of [`super::layer_norm`] of x `[batch, token, input]`, without keeping what is
-/// between them: a row's norm is made again where it is needed.
+/// [`super::linear`] of [`super::layer_norm`] of x `[batch, token, input]`, without storing the
+/// normed x. The backward pass computes it again.
 pub fn norm_linear(
     x: Tensor<3>,
     norm: [Tensor<1>; 2],
@@ -19,7 +19,7 @@ pub fn norm_linear(
     apply(NormLinear { packing }, operands).unwrap_or_else(|| plain(x, norm, weight, bias))
 }
 
-/// Three maps of the same normed x, as one: their outputs side by side.
+/// Three linear maps of the same normed x in one product. Their outputs lie side by side.
 pub fn norm_linear_of_three(
     x: Tensor<3>,
     norm: [Tensor<1>; 2],
@@ -54,7 +54,8 @@ pub(super) fn plain(
     linear::plain(layer_norm::plain(x, scale, shift), weight, bias)
 }
 
-/// With n = norm(x): dn = dy W, dW = dyᵀ n, db = Σ dy, and of dn what a norm's derivative makes.
+/// With n = norm(x): dn = dy W, dW = dyᵀ n and db = Σ dy. dx and the norm's gradients follow from
+/// dn.
 #[derive(Clone, Debug)]
 struct NormLinear {
     packing: Packing,
@@ -81,7 +82,7 @@ impl NormLinear {
         Array::new(y, &shape)
     }
 
-    /// Of x and the norm, of the weights, of the biases.
+    /// Gradients of x and the norm, of the weights, and of the biases.
     fn backward_of<const MAPS: usize>(
         norm: [&Array; 3],
         weights: [&Array; MAPS],
@@ -106,7 +107,7 @@ impl NormLinear {
     }
 }
 
-/// What lies side by side in `values`, in the shapes of `like`.
+/// Splits `values` into consecutive arrays with the shapes of `like`.
 fn parts<const N: usize>(mut values: Vec<f32>, like: [&Array; N]) -> [Array; N] {
     like.map(|like| {
         let after = values.split_off(like.values().len());

@@ -4,17 +4,17 @@ use std::sync::{Arc, Mutex, PoisonError};
 use super::fused::Array;
 use super::panels::Panels;
 
-/// A weight, or several side by side, as products want it, kept from one prediction to the next: to
-/// rearrange the weights takes as long as to multiply them with some dozen rows.
+/// A weight, or several side by side, packed for products and kept from one prediction to the next.
+/// Packing a weight takes as long as its product with some dozen rows.
 ///
-/// Only networks that record no gradients keep theirs. A clone begins with nothing, so that it is
-/// free to have other weights.
+/// Only networks without gradients keep a packed weight. A clone begins empty, because its weights
+/// may change.
 #[derive(Debug, Default)]
 pub struct PackedWeight(Arc<Mutex<Option<Kept>>>);
 
 #[derive(Debug)]
 struct Kept {
-    /// While they are held here, nothing writes to their memory, and no other weight can be there.
+    /// The packed weights. Holding them here protects their memory from writes and from reuse.
     weights: Vec<Array>,
     panels: Arc<Panels>,
 }
@@ -25,19 +25,20 @@ impl Clone for PackedWeight {
     }
 }
 
-/// How an operation comes by the columns of its weight.
+/// The source of an operation's packed weight: kept, or packed for each call.
 #[derive(Clone, Debug)]
 pub(super) struct Packing(Option<Arc<Mutex<Option<Kept>>>>);
 
 impl PackedWeight {
-    /// For an operation on a weight that does or does not record gradients.
+    /// The source for an operation on a weight. Weights that record gradients are packed for each
+    /// call.
     pub(super) fn packing(&self, is_tracked: bool) -> Packing {
         Packing((!is_tracked).then(|| Arc::clone(&self.0)))
     }
 }
 
 impl Packing {
-    /// W `[output, input]` as the right factor Wᵀ; of several, all their outputs after one another.
+    /// W `[output, input]` as the right factor Wᵀ. Several weights are joined along their outputs.
     pub fn transposed(&self, weights: &[&Array]) -> Arc<Panels> {
         let pack = || Arc::new(pack(weights));
         let Some(kept) = &self.0 else { return pack() };
@@ -68,7 +69,7 @@ fn pack(weights: &[&Array]) -> Panels {
     Panels::of_columns(&all, input, all.len() / input, input)
 }
 
-/// The rows of all arrays of the same width, after one another.
+/// The rows of all arrays, which have the same width, one array after the other.
 pub(super) fn side_by_side<'a>(arrays: &[&'a Array]) -> Cow<'a, [f32]> {
     match arrays {
         [only] => Cow::Borrowed(only.values()),

@@ -3,46 +3,46 @@ use rayon::prelude::*;
 use super::product::{Left, Onto, Right, multiply, tile_columns};
 use super::transposition::transpose;
 
-/// Widths of panels are a multiple of these, of the widest vectors'.
+/// The widths of panels are a multiple of this, the width of the widest vectors.
 const LANES: usize = 16;
 
-/// Elements below which another thread is not worth waking.
+/// Elements below which a second thread does not pay.
 const TASK: usize = 65_536;
 
-/// The right factor of a product, copied so that what a tile reads lies together: panels of
-/// neighbouring columns, each row by row.
+/// The right factor of a product, packed so that a register tile reads consecutive memory: panels
+/// of neighbouring columns, each row by row.
 #[derive(Debug, Default)]
 pub(super) struct Panels {
     values: Vec<f32>,
     columns: usize,
-    /// Of a panel.
+    /// Columns of a panel.
     width: usize,
-    /// Where the rows of a panel begin.
+    /// Offsets of the rows of a panel.
     terms: Vec<usize>,
 }
 
 impl Panels {
-    /// Element (k, n) is `values[k row_stride + n]`.
+    /// Packs a matrix whose element (k, n) is `values[k row_stride + n]`.
     pub fn of_rows(values: &[f32], depth: usize, columns: usize, row_stride: usize) -> Self {
         let mut panels = Self::default();
         panels.write_rows(values, depth, columns, row_stride);
         panels
     }
 
-    /// Element (k, n) is `values[n row_stride + k]`.
+    /// Packs a matrix whose element (k, n) is `values[n row_stride + k]`.
     pub fn of_columns(values: &[f32], depth: usize, columns: usize, row_stride: usize) -> Self {
         let mut panels = Self::default();
         panels.write_columns(values, depth, columns, row_stride);
         panels
     }
 
-    /// Becomes what [`Panels::of_rows`] makes, in the same memory.
+    /// Overwrites this with the result of [`Panels::of_rows`], in the same memory.
     pub fn write_rows(&mut self, values: &[f32], depth: usize, columns: usize, row_stride: usize) {
         let width = self.resize(depth, columns);
         for (index, panel) in self.values.chunks_exact_mut(depth * width).enumerate() {
             let first = index * width;
             let rows = values[first..].chunks(row_stride);
-            // Copies of a known length need no call.
+            // A copy of a known length is compiled without a call.
             match width.min(columns - first) {
                 LANES if width == LANES => copy_rows::<LANES>(panel, rows),
                 seen => {
@@ -54,7 +54,7 @@ impl Panels {
         }
     }
 
-    /// Becomes what [`Panels::of_columns`] makes, in the same memory.
+    /// Overwrites this with the result of [`Panels::of_columns`], in the same memory.
     pub fn write_columns(
         &mut self,
         values: &[f32],
@@ -73,8 +73,8 @@ impl Panels {
             });
     }
 
-    /// Gives the width of a panel: that of a tile, if the matrix has as many columns. In wider ones, the
-    /// rows of a tile would lie apart and share few places in the first-level cache.
+    /// Sets the size and gives the width of a panel: that of a register tile, if the matrix is wide
+    /// enough. In a wider panel the rows of a tile would share few sets of the first-level cache.
     fn resize(&mut self, depth: usize, columns: usize) -> usize {
         let width = tile_columns().next_multiple_of(LANES).min(columns.next_multiple_of(LANES));
         if (self.terms.len(), self.width) != (depth, width) {
@@ -86,8 +86,8 @@ impl Panels {
         width
     }
 
-    /// `left` times the first `depth` rows and `columns` columns of this, into rows of `output`
-    /// that begin `stride` apart.
+    /// The product of `left` with the first `depth` rows and `columns` columns of this. The rows of
+    /// `output` have the stride `stride`.
     pub fn multiply_part(
         &self,
         left: Left<'_>,
@@ -109,13 +109,13 @@ impl Panels {
         }
     }
 
-    /// `left` times this, into rows of `output` that begin `stride` apart.
+    /// The product of `left` with this. The rows of `output` have the stride `stride`.
     pub fn multiply(&self, left: Left<'_>, onto: Onto<'_>, output: &mut [f32], stride: usize) {
         self.multiply_part(left, [self.terms.len(), self.columns], onto, output, stride);
     }
 }
 
-/// The first `N` elements of each row.
+/// Copies the first `N` elements of each row.
 fn copy_rows<'a, const N: usize>(panel: &mut [f32], rows: impl Iterator<Item = &'a [f32]>) {
     let (places, _) = panel.as_chunks_mut::<N>();
     for (place, row) in places.iter_mut().zip(rows) {

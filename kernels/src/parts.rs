@@ -2,8 +2,8 @@ use std::mem::MaybeUninit;
 
 use rayon::prelude::*;
 
-/// `length` numbers, of which `write` makes parts of `part` numbers each, on all threads. It is given
-/// a part's index and its place, which holds zeros.
+/// `length` values, written in parts of `part` values on all threads. `write` gets a part's index
+/// and the part, which holds zeros.
 pub(super) fn each_part(
     length: usize,
     part: usize,
@@ -13,12 +13,11 @@ pub(super) fn each_part(
     values
 }
 
-/// `length` numbers, of which `write` makes parts of `part` numbers each, on all threads, and what it
-/// gives for each of them. It is given what `scratch` makes, shared by parts that follow each other, a
-/// part's index and its place.
+/// `length` values, written in parts of `part` values on all threads, and the results of `write`.
+/// `write` gets the value of `scratch`, which consecutive parts share, a part's index and the part.
 ///
-/// The place holds zeros, written by the same task a moment before, in its core's cache. One thread
-/// that clears all of it first lets the others wait.
+/// A part holds zeros. Its own task writes them just before, so that they lie in the core's cache.
+/// If one thread cleared all parts first, the others would have to wait.
 pub(super) fn in_parts<S, R: Send>(
     length: usize,
     part: usize,
@@ -31,12 +30,12 @@ pub(super) fn in_parts<S, R: Send>(
         .enumerate()
         .map_init(scratch, |scratch, (index, part)| {
             part.fill(MaybeUninit::new(0.0));
-            // SAFETY: all of it was just written.
+            // SAFETY: the whole part was just written.
             let part = unsafe { part.assume_init_mut() };
             write(scratch, index, part)
         })
         .collect();
-    // SAFETY: the parts are all of it, and each was written.
+    // SAFETY: the parts cover all values, and each was written.
     unsafe { values.set_len(length) };
     (values, results)
 }

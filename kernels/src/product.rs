@@ -1,20 +1,20 @@
-//! Products of matrices in the calling thread: what linear maps, attention and convolutions are
-//! made of.
+//! Matrix products in the calling thread. Linear maps, attention and convolutions use them.
 //!
-//! A tile of the product is summed up in registers: of each term one row of the right factor is
-//! loaded as vectors and a column of the left factor number by number. Rows of either may begin
-//! anywhere, so that a matrix of overlapping windows need not be written out.
+//! The accumulators of a register tile stay in registers. For each term, the tile loads one row of
+//! the right factor as vectors, and broadcasts a column of the left factor number by number. Rows
+//! of either factor may begin anywhere, so that a matrix of overlapping windows need not be written
+//! out.
 
 use simd::{InstructionSet, Unfused, Vector};
 
 use super::instruction_set::detected;
 use super::vectorized;
 
-/// Terms that are summed in registers before they are added to the rest: a sum of sums is rounded
-/// less than a long sum, and norms of few samples magnify the rounding of what they are given.
+/// Terms that are summed in registers before they are added to the output. A sum of sums has
+/// smaller rounding errors than a long sum, and norms of few samples magnify rounding errors.
 const TERMS: usize = 128;
 
-/// Element (row m, term k) is `values[rows[m] + k step]`.
+/// The left factor. Element (row m, term k) is `values[rows[m] + k step]`.
 #[derive(Clone, Copy)]
 pub(super) struct Left<'a> {
     pub values: &'a [f32],
@@ -22,26 +22,26 @@ pub(super) struct Left<'a> {
     pub step: usize,
 }
 
-/// Element (term k, column n) is `values[terms[k] + n]`.
+/// The right factor. Element (term k, column n) is `values[terms[k] + n]`.
 #[derive(Clone, Copy)]
 pub(super) struct Right<'a> {
     pub values: &'a [f32],
     pub terms: &'a [usize],
 }
 
-/// What the product is added to.
+/// The initial value to which the product is added.
 #[derive(Clone, Copy)]
 pub(super) enum Onto<'a> {
     Nothing,
-    /// What is in its place.
+    /// The output itself.
     Output,
-    /// A number for each column, the same in all rows.
+    /// A value for each column, the same in all rows.
     Columns(&'a [f32]),
-    /// A number for each row, the same in all columns.
+    /// A value for each row, the same in all columns.
     Rows(&'a [f32]),
 }
 
-/// `left · right` into `columns` columns of rows of `output` that begin `stride` apart.
+/// `left · right` with `columns` columns. The rows of `output` have the stride `stride`.
 pub(super) fn multiply(
     left: Left<'_>,
     right: Right<'_>,
@@ -81,7 +81,7 @@ pub(super) fn multiply(
     }
 }
 
-/// Columns that a tile reads of a row of the right factor, where there are as many.
+/// Columns of the right factor that a tile reads, if there are as many.
 pub(super) fn tile_columns() -> usize {
     match detected() {
         #[cfg(target_arch = "x86_64")]
@@ -92,10 +92,11 @@ pub(super) fn tile_columns() -> usize {
     }
 }
 
-/// Vectors that products are made of.
+/// Vectors with the sizes of their register tiles.
 trait Tiled: Vector {
-    /// Most rows of a tile that is 1, 2, 3 or 4 vectors wide; 0 where there is none. The sums of a
-    /// tile, one row of vectors and one broadcast number fit in the registers.
+    /// Largest number of rows of a tile that is 1, 2, 3 or 4 vectors wide; 0 where there is none.
+    /// The accumulators of a tile, one row of vectors and one broadcast number fit in the
+    /// registers.
     const TILE_ROWS: [usize; 4];
 
     /// Columns of the widest tile.
@@ -152,7 +153,7 @@ unsafe fn plain(product: &Product<'_>) {
 }
 
 // Everything below is unsafe for the same two reasons, which `multiply` has checked: it uses the
-// vectors' instructions, and it reads and writes what the offsets point at.
+// vectors' instructions, and it reads and writes where the offsets point.
 #[expect(
     clippy::needless_range_loop,
     reason = "loops over M and N are unrolled, so that sums stay in registers; iterators are not"
@@ -179,7 +180,7 @@ impl Product<'_> {
         }
     }
 
-    /// `N` vectors of columns from `column` on; gives `N`.
+    /// Computes `N` vectors of columns from `column` on, and gives `N`.
     #[inline(always)]
     unsafe fn all_rows<V: Tiled, const N: usize>(&self, column: usize) -> usize {
         let most = V::TILE_ROWS[N - 1];
@@ -207,7 +208,8 @@ impl Product<'_> {
         N
     }
 
-    /// `M` rows of `N` vectors, the last of which may reach beyond the columns; gives `M`.
+    /// Computes `M` rows of `N` vectors, and gives `M`. The last vector may reach beyond the
+    /// columns.
     #[inline(always)]
     unsafe fn tile<V: Vector, const M: usize, const N: usize>(
         &self,
@@ -225,7 +227,8 @@ impl Product<'_> {
         M
     }
 
-    /// A tile, which is whole or not: sixteen registers do not hold the mask of a tile that is not.
+    /// Computes a tile, whole or cut. Whole tiles have no mask, because sixteen registers have no
+    /// room for it.
     #[inline(always)]
     unsafe fn sum<V: Vector, const M: usize, const N: usize, const WHOLE: bool>(
         &self,
@@ -338,13 +341,13 @@ mod tests {
 
     const UNTOUCHED: f32 = 77.0;
 
-    /// Σ of every element in double precision, beside what each instruction set makes of it.
+    /// Compares each instruction set with sums in double precision.
     #[track_caller]
     fn check(rows: usize, columns: usize, depth: usize, step: usize, onto: usize) {
         let wave = |length: usize, rate: f32| -> Vec<f32> {
             (0..length).map(|index| (index as f32 * rate).sin()).collect()
         };
-        // Rows that overlap, in an order of their own.
+        // The rows overlap and are not in order.
         let left_rows: Vec<usize> = (0..rows).map(|row| row * 3 % rows.max(1) * 2).collect();
         let terms: Vec<usize> = (0..depth).map(|term| term * 7 % depth * 5).collect();
         let left = wave(2 * rows + depth * step, 0.7);

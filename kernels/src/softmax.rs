@@ -1,4 +1,4 @@
-//! Softmax of rows and its derivative, in the calling thread.
+//! Softmax of rows and its backward pass, in the calling thread.
 
 use std::f32::consts::LOG2_E;
 
@@ -6,8 +6,8 @@ use simd::{InstructionSet, Unfused, Vector};
 
 use super::instruction_set::detected;
 
-/// Softmax of `scale` times each row of `width` scores. Row r looks at its first `visible + r`
-/// scores, at least one, or all if there are fewer; the rest become 0.
+/// Softmax of `scale` times each row of `width` scores. Row r has `visible + r` visible scores, at
+/// least one and at most all. The rest become 0.
 pub(super) fn softmax(scores: &mut [f32], width: usize, scale: f32, visible: usize) {
     assert!(visible > 0);
     // SAFETY: the processor has the instructions.
@@ -22,8 +22,8 @@ pub(super) fn softmax(scores: &mut [f32], width: usize, scale: f32, visible: usi
     }
 }
 
-/// Gradient of the scores, into the place of the probabilities' gradient:
-/// ds = scale · p (dp - Σ p dp) for each row of `width`.
+/// Gradient of the scores, in place of the gradient of the probabilities: ds = scale · p (dp - Σ p
+/// dp) for each row of `width`.
 pub(super) fn softmax_gradient(p: &[f32], width: usize, scale: f32, gradient: &mut [f32]) {
     assert_eq!(p.len(), gradient.len());
     // SAFETY: the processor has the instructions.
@@ -69,8 +69,8 @@ mod x86 {
     }
 }
 
-// What follows is unsafe because it uses the vectors' instructions; what it reads and writes are
-// whole vectors inside a slice, and of the last one the lanes inside.
+// The following functions are unsafe because they use the vectors' instructions. They read and
+// write whole vectors inside a slice, and the lanes of the last vector that lie inside.
 
 #[inline(always)]
 unsafe fn all_rows<V: Vector>(scores: &mut [f32], width: usize, scale: f32, visible: usize) {
@@ -149,13 +149,13 @@ unsafe fn all_gradients<V: Vector>(p: &[f32], width: usize, scale: f32, gradient
 
 /// e^x to about a unit in the last place for x from -87 to 88, and e^-87 below.
 ///
-/// What a power of two leaves over by its Taylor series: to degree 6 its error is below that of
-/// rounding for |rest| ≤ ½ ln 2.
+/// The nearest power of two is split off, and a Taylor series computes the rest. To degree 6 its
+/// error is below that of rounding for |rest| ≤ ½ ln 2.
 #[inline(always)]
 unsafe fn exp<V: Vector>(x: V) -> V {
-    /// Adding it leaves the nearest integer in the lowest bits.
+    /// Adding this rounds to the nearest integer, which is then in the lowest bits.
     const ROUNDER: f32 = 12_582_912.0;
-    /// ln 2 in two parts, the first of which times any such power is exact.
+    /// ln 2 in two parts. The product of the first part with such an integer is exact.
     const LN_2: [f32; 2] = [0.693_359_4, -2.121_944_4e-4];
     /// 1 / n! from n = 6 to 0.
     const SERIES: [f32; 7] = [1.0 / 720.0, 1.0 / 120.0, 1.0 / 24.0, 1.0 / 6.0, 0.5, 1.0, 1.0];
@@ -201,7 +201,7 @@ mod tests {
         }
     }
 
-    /// Scores of which all but the first are too small to be told from nothing.
+    /// All scores but the first are so small that their probabilities are 0.
     #[test]
     fn softmax_stands_extreme_scores() {
         instruction_set::tests::with_each(|set| {

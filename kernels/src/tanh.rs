@@ -4,10 +4,10 @@ use super::fused::{Array, FusedOp, apply, operand};
 use super::parts::in_parts;
 use super::vectorized;
 
-/// Elements of a task: 64 KiB, which stay in the cache between read and write.
+/// Elements of a task: 64 KiB, which stay in the cache between reading and writing.
 const TASK: usize = 16_384;
 
-/// tanh x, to about 10⁻⁷.
+/// tanh x with an error of about 10⁻⁷.
 pub fn tanh(x: Tensor<3>) -> Tensor<3> {
     apply(Tanh, [operand(&x)]).unwrap_or_else(|| plain(x))
 }

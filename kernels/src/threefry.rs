@@ -1,18 +1,18 @@
-//! Random numbers by their place: Threefry-4x32 (Salmon et al. 2011, *Parallel random numbers: as
-//! easy as 1, 2, 3*), whose additions, rotations and exclusive ors any vectors have.
+//! Random numbers by counter: Threefry-4x32 (Salmon et al. 2011, *Parallel random numbers: as easy
+//! as 1, 2, 3*). It needs only additions, rotations and exclusive ors, which all vectors have.
 
 use super::vectorized::vectorized;
 
-/// Blocks that are made at once.
+/// Blocks that are computed together.
 const LANES: usize = 16;
 
-/// Numbers that are made at once: four of each block, the first ones first.
+/// Numbers that are computed together: four of each block.
 const NUMBERS: usize = 4 * LANES;
 
-/// The fewest that passed BigCrush.
+/// The smallest number of rounds that passes BigCrush.
 const ROUNDS: u32 = 12;
 
-/// Of both pairs, in turns of eight rounds.
+/// The rotations of both pairs, which repeat every eight rounds.
 const ROTATIONS: [[u32; 2]; 8] =
     [[10, 26], [11, 21], [13, 27], [23, 5], [6, 20], [17, 11], [25, 10], [18, 20]];
 
@@ -24,8 +24,8 @@ pub(super) type Key = [u32; 4];
 type Words = [u32; LANES];
 
 vectorized! {
-    /// Each number of rows of `width` becomes `scale` times itself, or 0 where the random number of
-    /// its place is below `threshold`. Rows are numbered from `first` on.
+    /// Multiplies each value of rows of `width` by `scale`, or by 0 where its random number is
+    /// below `threshold`. The first row has the number `first`.
     fn drop_out(
         values: &mut [f32],
         width: usize,
@@ -102,7 +102,7 @@ mod tests {
     use super::super::instruction_set;
     use super::{LANES, drop_out, threefry};
 
-    /// Those of Random123's `kat_vectors`.
+    /// Checks the values of Random123's `kat_vectors`.
     #[test]
     fn blocks_are_the_published_ones() {
         let pi = [
@@ -130,7 +130,7 @@ mod tests {
         instruction_set::tests::with_each(|set| {
             let all = dropped(150, 0, 5, [1, 2, 3, 4], 7);
             assert_eq!(dropped(150, 2, 2, [1, 2, 3, 4], 7), all[300..600], "{set:?}");
-            // Shorter rows are the beginnings of longer ones.
+            // A shorter row is the beginning of a longer one.
             for (short, long) in dropped(70, 0, 5, [1, 2, 3, 4], 7).chunks(70).zip(all.chunks(150))
             {
                 assert_eq!(short, &long[..70], "{set:?}");
@@ -145,10 +145,10 @@ mod tests {
     fn a_quarter_is_left_out_and_the_rest_makes_up_for_it() {
         let values = dropped(1000, 0, 1000, [9, 8, 7, 6], 0);
         let zeros = values.iter().filter(|&&value| value == 0.0).count() as f64;
-        // Five standard deviations of a million.
+        // Five standard deviations for a million numbers.
         assert!((zeros / 1e6 - 0.25).abs() < 5.0 * (0.25 * 0.75 / 1e6_f64).sqrt(), "{zeros}");
         assert!(values.iter().all(|&value| value == 0.0 || value == 4.0 / 3.0));
-        // Neighbours in a row, in a column and of the words of a block know nothing of one another.
+        // Neighbours in a row, in a column and among the words of a block are independent.
         for distance in [1, 16, 64, 1000] {
             let pairs = values.iter().zip(&values[distance..]);
             let both = pairs.filter(|(a, b)| **a == 0.0 && **b == 0.0).count() as f64;

@@ -2,10 +2,10 @@ use simd::InstructionSet;
 
 use super::instruction_set::detected;
 
-/// Writes a block of `from` into one of `to`, whose rows begin so far apart.
+/// Transposes a block from `from` to `to`. The strides are those of the rows.
 type Block = unsafe fn(from: *const f32, from_stride: usize, to: *mut f32, to_stride: usize);
 
-/// How a block of some rows and as many columns, which registers hold, is written.
+/// The number of rows and columns of a square block that fits in registers, and its function.
 fn block() -> Option<(usize, Block)> {
     match detected() {
         #[cfg(target_arch = "x86_64")]
@@ -16,8 +16,7 @@ fn block() -> Option<(usize, Block)> {
     }
 }
 
-/// Element (c, r) of `to`, whose rows begin `to_stride` apart, becomes element (r, c) of `from`,
-/// of so many rows and columns, whose rows begin `from_stride` apart.
+/// Writes element (r, c) of `from` to element (c, r) of `to`. The strides are those of the rows.
 pub(super) fn transpose(
     from: &[f32],
     [rows, columns]: [usize; 2],
@@ -60,15 +59,15 @@ pub(super) fn transpose(
 mod avx512 {
     use std::arch::x86_64::*;
 
-    /// Pairs of rows, then of pairs, then of fours, are interleaved.
+    /// Interleaves pairs of rows, then pairs of pairs, then pairs of fours.
     #[target_feature(enable = "avx512f")]
     pub unsafe fn block(from: *const f32, from_stride: usize, to: *mut f32, to_stride: usize) {
         let mut rows = [_mm512_setzero_ps(); 16];
         for (index, row) in rows.iter_mut().enumerate() {
-            // SAFETY: the caller says that the block can be read.
+            // SAFETY: the caller guarantees that the block can be read.
             *row = unsafe { _mm512_loadu_ps(from.add(index * from_stride)) };
         }
-        // Quarter q of number 4 g + c has column 4 q + c of the rows 4 g to 4 g + 3.
+        // Quarter q of register 4 g + c has column 4 q + c of the rows 4 g to 4 g + 3.
         let mut fours = [_mm512_setzero_ps(); 16];
         for group in (0..16).step_by(4) {
             let [a, b, c, d] = [rows[group], rows[group + 1], rows[group + 2], rows[group + 3]];
@@ -96,7 +95,7 @@ mod avx512 {
                 _mm512_shuffle_f32x4::<0xdd>(odd[0], odd[1]),
             ];
             for (quarter, result) in results.into_iter().enumerate() {
-                // SAFETY: the caller says that the block can be written.
+                // SAFETY: the caller guarantees that the block can be written.
                 unsafe { _mm512_storeu_ps(to.add((4 * quarter + column) * to_stride), result) };
             }
         }
@@ -107,15 +106,15 @@ mod avx512 {
 mod avx2 {
     use std::arch::x86_64::*;
 
-    /// Pairs of rows, then of pairs, then of fours, are interleaved.
+    /// Interleaves pairs of rows, then pairs of pairs, then pairs of fours.
     #[target_feature(enable = "avx2")]
     pub unsafe fn block(from: *const f32, from_stride: usize, to: *mut f32, to_stride: usize) {
         let mut rows = [_mm256_setzero_ps(); 8];
         for (index, row) in rows.iter_mut().enumerate() {
-            // SAFETY: the caller says that the block can be read.
+            // SAFETY: the caller guarantees that the block can be read.
             *row = unsafe { _mm256_loadu_ps(from.add(index * from_stride)) };
         }
-        // Half h of number 4 g + c has column 4 h + c of the rows 4 g to 4 g + 3.
+        // Half h of register 4 g + c has column 4 h + c of the rows 4 g to 4 g + 3.
         let mut fours = [_mm256_setzero_ps(); 8];
         for group in [0, 4] {
             let [a, b, c, d] = [rows[group], rows[group + 1], rows[group + 2], rows[group + 3]];
@@ -131,7 +130,7 @@ mod avx2 {
             let halves =
                 [_mm256_permute2f128_ps::<0x20>(a, b), _mm256_permute2f128_ps::<0x31>(a, b)];
             for (half, result) in halves.into_iter().enumerate() {
-                // SAFETY: the caller says that the block can be written.
+                // SAFETY: the caller guarantees that the block can be written.
                 unsafe { _mm256_storeu_ps(to.add((4 * half + column) * to_stride), result) };
             }
         }

@@ -1,14 +1,14 @@
 //! Loops over rows of floats, compiled for the widest vectors that the processor has.
 //!
-//! Sums run over [`LANES`] partial sums whatever the vectors' width. With either set of vector
-//! instructions, products are added without rounding in between.
+//! Sums use [`LANES`] partial sums for every vector width. With either set of vector instructions,
+//! products are added without rounding in between.
 
 use super::adam_w::AdamWStep;
 
 const LANES: usize = 16;
 
-/// Defines a function whose body is compiled for several instruction sets, the best one chosen
-/// when it is called. The baseline of x86-64, for which everything else is compiled, is a quarter
+/// Defines a function that is compiled for several instruction sets. Each call chooses the best
+/// one. The rest of the program is compiled for the baseline of x86-64, whose vectors are a quarter
 /// as wide.
 macro_rules! vectorized {
     ($(#[$attribute:meta])* fn $name:ident($($argument:ident: $type:ty),* $(,)?) $body:block) => {
@@ -61,7 +61,7 @@ vectorized! {
 }
 
 vectorized! {
-    /// The greatest offset, or what it is already.
+    /// Raises `greatest` to the largest of `offsets`.
     fn furthest(offsets: &[usize], greatest: &mut usize) {
         let mut lanes = [*greatest; LANES];
         let (blocks, rest) = offsets.as_chunks::<LANES>();
@@ -111,10 +111,12 @@ vectorized! {
 }
 
 vectorized! {
-    /// dx = (1 - tanh² x) dy, without the difference, which would lose the tails.
+    /// dx = (1 - tanh² x) dy. A different formula avoids the difference, which would lose the
+    /// tails.
     fn tanh_gradient(x: &[f32], dy: &[f32], dx: &mut [f32]) {
         for ((dx, &x), &dy) in dx.iter_mut().zip(x).zip(dy) {
-            // It is even; the power of a great |x| would have a square that is infinite.
+            // The slope is even in x. With the negative exponent, the square of the power stays
+            // finite.
             let power = exponential::<FUSED>(-2.0 * x.abs());
             *dx = 4.0 * power / ((power + 1.0) * (power + 1.0)) * dy;
         }
@@ -122,8 +124,8 @@ vectorized! {
 }
 
 vectorized! {
-    /// y = mish(x̂ weight + bias) with x̂ = (x - mean) / deviation over all of x, which has as many
-    /// equally long channels as `weight`.
+    /// y = mish(x̂ weight + bias) with x̂ = (x - mean) / deviation over all of x. x has as many
+    /// channels of equal length as `weight` has values.
     fn group_norm_mish(x: &[f32], weight: &[f32], bias: &[f32], epsilon: f32, y: &mut [f32]) {
         let samples = x.len() / weight.len();
         let (mean, inverse_deviation) = moments::<FUSED>(x, epsilon);
@@ -317,7 +319,7 @@ fn sum_of_products<const FUSED: bool>(a: &[f32], b: &[f32], offset: f32) -> f32 
     total
 }
 
-/// The halves are added first: one lane after the other would wait for each sum.
+/// Adds halves first, because a sum of one lane after the other would wait for each addition.
 #[inline(always)]
 fn add_lanes(mut lanes: [f32; LANES]) -> f32 {
     let mut count = LANES;
@@ -330,8 +332,8 @@ fn add_lanes(mut lanes: [f32; LANES]) -> f32 {
     lanes[0]
 }
 
-/// (Φ(x), φ(x)) of the standard normal distribution; Φ by Abramowitz and Stegun 7.1.26, whose
-/// absolute error is below 7.5e-8. In the left tail it has no cancellation.
+/// (Φ(x), φ(x)) of the standard normal distribution. Φ is formula 7.1.26 of Abramowitz and Stegun,
+/// with an absolute error below 7.5e-8. Nothing cancels in the left tail.
 #[inline(always)]
 fn normal_distribution<const FUSED: bool>(x: f32) -> (f32, f32) {
     const INVERSE_ROOT_TAU: f32 = 0.398_942_3;
@@ -346,10 +348,10 @@ fn normal_distribution<const FUSED: bool>(x: f32) -> (f32, f32) {
     (cumulative, INVERSE_ROOT_TAU * bell)
 }
 
-/// Where e^x is larger, tanh(ln(1 + eˣ)) is 1; its square stays finite.
+/// Above this, tanh(ln(1 + eˣ)) is 1 and x is Mish. The square of eˣ is still finite.
 const MISH_IS_LINEAR: f32 = 20.0;
 
-/// Where x eˣ, and with it Mish, is 0 to a float.
+/// Below this, x eˣ and Mish are 0 in single precision.
 const MISH_IS_ZERO: f32 = -87.0;
 
 /// With n = eˣ (eˣ + 2), tanh(ln(1 + eˣ)) is n / (n + 2): nothing cancels in either tail.
@@ -370,7 +372,7 @@ fn mish_slope<const FUSED: bool>(x: f32) -> f32 {
     inverse * (n + 4.0 * x * power * (1.0 + power) * inverse)
 }
 
-/// a b + c, rounded once if `FUSED`: without the instruction that would be slow.
+/// a b + c, rounded once if `FUSED`. Without the instruction a fused sum would be slow.
 #[inline(always)]
 fn multiply_add<const FUSED: bool>(a: f32, b: f32, c: f32) -> f32 {
     if FUSED { a.mul_add(b, c) } else { a * b + c }
@@ -379,12 +381,12 @@ fn multiply_add<const FUSED: bool>(a: f32, b: f32, c: f32) -> f32 {
 /// eˣ within 2 units in the last place for -87 ≤ x ≤ 88, and e⁻⁸⁷ below (Cephes' `expf`).
 #[inline(always)]
 fn exponential<const FUSED: bool>(x: f32) -> f32 {
-    /// Adding it leaves the nearest integer in the lowest bits.
+    /// Adding this rounds to the nearest integer, which is then in the lowest bits.
     const ROUNDER: f32 = 12_582_912.0;
     let x = x.clamp(-87.0, 88.0);
     let rounded = multiply_add::<FUSED>(x, std::f32::consts::LOG2_E, ROUNDER);
     let power = rounded - ROUNDER;
-    // ln 2 in two parts, the first of which times any such power is exact.
+    // ln 2 in two parts. The product of the first part with such an integer is exact.
     let rest = multiply_add::<FUSED>(power, -0.693_359_4, x);
     let rest = multiply_add::<FUSED>(power, 2.121_944_4e-4, rest);
     let mut polynomial = 1.987_569_1e-4;
@@ -412,7 +414,7 @@ mod tests {
         assert_eq!(exponential::<true>(0.0), 1.0);
     }
 
-    /// Φ at points of a published table (Abramowitz and Stegun, table 26.1).
+    /// Compares Φ with a published table (Abramowitz and Stegun, table 26.1).
     #[test]
     fn the_normal_distribution_is_the_tabled_one() {
         for (x, cumulative) in [

@@ -1,21 +1,22 @@
-/// What a kernel sees of series `[channel, sample]`: window j at tap t is sample
-/// `first + step j + t`, or 0 beyond the ends.
+/// The windows of a kernel in series `[channel, sample]`. Window j at tap t is sample `first + step
+/// j + t`, or 0 beyond the ends.
 #[derive(Clone, Copy)]
 pub(super) struct Windows {
     pub channels: usize,
-    /// Of the series.
+    /// Samples of the series.
     pub samples: usize,
     pub taps: usize,
     pub first: isize,
     pub step: usize,
-    /// Windows.
+    /// Number of windows.
     pub count: usize,
 }
 
-/// The samples of a few trajectories, put so that the windows of a channel and tap lie side by
-/// side, those of the next trajectory [`Windows::length`] further on.
+/// The samples of a few trajectories, arranged so that the windows of a channel and tap lie side by
+/// side. The windows of the next trajectory begin [`Windows::length`] later.
 ///
-/// A row for each channel and remainder of the tap by the step; a tap begins a sample later than
+/// There is a row for each channel and each remainder of the tap by the step. A tap begins a sample
+/// later than the tap one step before it, so that no sample is stored twice.
 /// the tap a step before it. So no sample is there more than once.
 pub(super) struct Seen<'a> {
     pub values: &'a [f32],
@@ -24,22 +25,22 @@ pub(super) struct Seen<'a> {
 }
 
 impl Windows {
-    /// Channels and taps.
+    /// Number of channels times taps.
     pub fn rows(&self) -> usize {
         self.channels * self.taps
     }
 
-    /// From one trajectory's windows to the next one's.
+    /// Distance from one trajectory's windows to the next one's.
     pub fn length(&self) -> usize {
         self.count + self.taps.saturating_sub(1) / self.step
     }
 
-    /// Rows of [`Seen`] for each channel; one, which nothing looks at, where there are no taps.
+    /// Rows of [`Seen`] for each channel. Without taps there is one row, which is not used.
     fn phases(&self) -> usize {
         self.step.min(self.taps).max(1)
     }
 
-    /// Where in [`Seen`] the windows of each channel and tap begin.
+    /// Offsets in [`Seen`] of the windows of each channel and tap.
     pub fn offsets(&self, row: usize) -> Vec<usize> {
         (0..self.rows())
             .map(|index| {
@@ -49,8 +50,8 @@ impl Windows {
             .collect()
     }
 
-    /// Of trajectories that follow each other in `series`. What is no copy is not copied to
-    /// `scratch`.
+    /// Arranges the trajectories of `series`. Where the arrangement equals the series, nothing is
+    /// copied to `scratch`.
     pub fn see<'a>(&self, series: &'a [f32], scratch: &'a mut Vec<f32>) -> Seen<'a> {
         let of_one = self.channels * self.samples;
         let same = self.taps == 1 && self.first == 0 && self.step == 1;
@@ -71,12 +72,12 @@ impl Windows {
         Seen { values: scratch, row }
     }
 
-    /// Every step-th sample from `first + phase` on.
+    /// Writes every step-th sample from `first + phase` on.
     fn write_row(&self, series: &[f32], phase: usize, row: &mut [f32]) {
         let offset = self.first + phase.cast_signed();
         let before = if offset < 0 { offset.unsigned_abs().div_ceil(self.step) } else { 0 };
         let before = before.min(row.len());
-        // The first one inside the series.
+        // The first sample inside the series.
         let start = (offset + (before * self.step).cast_signed()).unsigned_abs();
         let inside = self.samples.saturating_sub(start).div_ceil(self.step);
         let (zeros, rest) = row.split_at_mut(before);

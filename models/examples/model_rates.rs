@@ -1,14 +1,14 @@
-//! Prints how long a training step of 64 trajectories takes, or predictions of a single one.
+//! Prints how long a training step of 64 trajectories takes, or a prediction of a single one.
 //!
 //! `cargo run --release -p models --example model_rates -- training|inference [--json]
 //! [--steps COUNT] [PRESET ..]`
 //!
-//! A step is the whole of it: noise, loss, gradients, optimizer. A prediction is a pass of the
-//! network, that of a denoiser also a chain of 5 steps of DDIM or 100 of DDPM, and each includes
-//! normalization and noise. Numbers are after a first one that does not count.
+//! A training step is complete: noise, loss, gradients, optimizer. A prediction is one pass of the
+//! network. A denoiser also predicts with 5 steps of DDIM and with 100 of DDPM. Every prediction
+//! includes normalization and noise. A first run warms up and does not count.
 //! `tests/peers/pytorch_rates.py` measures the same networks in PyTorch.
 
-/// As the product has it.
+/// The allocator that the product uses.
 #[path = "../../src/allocator.rs"]
 mod allocator;
 
@@ -28,7 +28,7 @@ const BATCH: usize = 64;
 const DATA: TrainingData =
     TrainingData { samples: 400, joints: JOINTS, rate_hz: 60.0, statistics: None };
 
-/// Predictions whose times are collected for each step asked for.
+/// Predictions that are timed for each step that the caller asks for.
 const PASSES: usize = 20;
 const CHAINS: usize = 4;
 
@@ -73,7 +73,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// A checkpoint's `config.json`, and what was measured.
+/// Measures a model, and gives its checkpoint's `config.json` with the times.
 fn measure(preset: &str, what: What, steps: usize) -> Result<(Value, Value), Box<dyn Error>> {
     let job = json!({
         "kind": "train", "data": {"dataset": 1}, "model": {"preset": preset}, "steps": 1000,
@@ -121,7 +121,7 @@ fn measure(preset: &str, what: What, steps: usize) -> Result<(Value, Value), Box
     Ok((serde_json::from_slice(&files.config)?, times))
 }
 
-/// Torques and positions that are no one's, but finite and not constant.
+/// Made-up torques and positions, finite and not constant.
 fn waves(robots: usize) -> Result<Series, ShapeError> {
     let shape = Shape { robots, samples: DATA.samples as usize, joints: JOINTS };
     let values = shape.values()?;
@@ -129,7 +129,8 @@ fn waves(robots: usize) -> Result<Series, ShapeError> {
     Series::new(shape, DATA.rate_hz, wave(5.0), wave(0.5))
 }
 
-/// In ascending order.
+/// The times of `count` runs of `action` in ms, in ascending order, after one run that does not
+/// count.
 fn times_ms<T>(
     count: usize,
     mut action: impl FnMut() -> Result<T, ModelError>,
@@ -145,7 +146,7 @@ fn times_ms<T>(
     Ok(times)
 }
 
-/// Where Linux tells it.
+/// The most memory that this process has had, in MiB, where Linux reports it.
 fn peak_memory_mib() -> Option<f64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;

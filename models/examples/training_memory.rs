@@ -1,9 +1,9 @@
-//! Compares the memory that a training is said to need with what it takes.
+//! Compares the estimated memory of a training with what the training takes.
 //!
 //! `cargo run --release -p models --example training_memory -- [PRESET:BATCH[:PARTS] ..]`
 //!
-//! Each training runs in a process of its own, for two steps and a checkpoint: the system tells
-//! only the highest that a process has had in memory so far.
+//! Each training runs in a process of its own, for two steps and a checkpoint, because the system
+//! reports only the highest memory that a process has had so far.
 
 use std::error::Error;
 use std::process::Command;
@@ -17,7 +17,7 @@ use spec::{JobSpec, TrainSpec};
 /// Joints of the Panda.
 const JOINTS: usize = 7;
 
-/// As the product has it.
+/// The allocator that the product uses.
 #[global_allocator]
 static ALLOCATOR: MiMalloc = MiMalloc;
 
@@ -60,7 +60,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Of `PRESET:BATCH` or `PRESET:BATCH:PARTS`.
+/// The spec that `PRESET:BATCH` or `PRESET:BATCH:PARTS` names.
 fn spec_of(training: &str) -> Result<TrainSpec, Box<dyn Error>> {
     let mut parts = training.split(':');
     let preset = parts.next().ok_or("PRESET:BATCH is missing")?;

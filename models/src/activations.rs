@@ -1,4 +1,4 @@
-//! The values that pass through a network: numbers, or the count of them.
+//! The values that pass through a network: numbers, or only the count of them.
 
 use std::cell::Cell;
 use std::ops::Range;
@@ -7,15 +7,16 @@ use std::rc::Rc;
 use burn::module::Param;
 use burn::tensor::{Device, Tensor};
 
-/// The series that layers are given and give, of three dimensions.
+/// The series of three dimensions that layers take and give.
 ///
-/// A `forward` is written once, over this. With tensors it computes. With [`Counted`] it counts what a step
-/// of training keeps of one trajectory for its gradients, so that the count is of the layers that run.
+/// A layer writes its `forward` once, over this trait. With tensors it computes. With [`Counted`]
+/// it counts the numbers that a training step keeps of one trajectory for the backward pass, so
+/// that the count always matches the layers that run.
 pub(crate) trait Activations: Clone {
     fn dims(&self) -> [usize; 3];
 
-    /// The result of `compute` on `inputs`, in the shape `shape`. The derivative needs those inputs that
-    /// are `kept`.
+    /// The result of `compute` on `inputs`, in the shape `shape`. The backward pass needs the
+    /// inputs that are `kept`.
     fn operation<const N: usize>(
         inputs: [Self; N],
         kept: [bool; N],
@@ -26,14 +27,15 @@ pub(crate) trait Activations: Clone {
     /// The same numbers seen in another shape.
     fn view(self, shape: [usize; 3], see: impl FnOnce(Tensor<3>) -> Tensor<3>) -> Self;
 
-    /// Numbers that nothing is learned from, where these are.
+    /// Values that have no gradient, on the device of `self`.
     fn constant(
         &self,
         shape: [usize; 3],
         make: impl FnOnce([usize; 3], &Device) -> Tensor<3>,
     ) -> Self;
 
-    /// Notes that an operation works with `numbers` more for a while, whatever the batch.
+    /// Notes that an operation needs a temporary buffer of `numbers` values, whatever the batch
+    /// size.
     fn works_with(&self, numbers: usize);
 
     /// The sum; `other` may have extents of 1.
@@ -48,7 +50,8 @@ pub(crate) trait Activations: Clone {
         Self::operation([self, other], [true; 2], shape, |[x, y]| x * y)
     }
 
-    /// These `[batch, token, channel]` with what is learned of each token added, `[token, channel]`.
+    /// Adds the learned embedding of each position, `[token, channel]`, to these `[batch, token,
+    /// channel]`.
     fn at_positions(self, positions: &Param<Tensor<2>>) -> Self {
         let shape = self.dims();
         let [_, tokens, width] = shape;
@@ -56,7 +59,7 @@ pub(crate) trait Activations: Clone {
         Self::operation([self], [false], shape, |[x]| x + positions.unsqueeze())
     }
 
-    /// These, and `others` after them along `dimension`.
+    /// Concatenates `others` after these along `dimension`.
     fn and(self, others: Self, dimension: usize) -> Self {
         let mut shape = self.dims();
         shape[dimension] += others.dims()[dimension];
@@ -65,8 +68,9 @@ pub(crate) trait Activations: Clone {
         })
     }
 
-    /// The sum of each sample of `[batch, sample, channel]` and all before it, times `scale`: 1 over the root of
-    /// their number keeps it as large as independent samples are.
+    /// The cumulative sum over the samples of `[batch, sample, channel]`, times `scale`. With a
+    /// `scale` of 1 over the root of their number, the sum stays as large as independent samples
+    /// are.
     fn running_sum(self, scale: f64) -> Self {
         let shape = self.dims();
         Self::operation([self], [false], shape, |[x]| x.cumsum(1) * scale)
@@ -130,24 +134,25 @@ impl Activations for Tensor<3> {
     fn works_with(&self, _numbers: usize) {}
 }
 
-/// Activations without their numbers.
+/// The shapes of activations without their values.
 #[derive(Clone, Debug)]
 pub(crate) struct Counted {
     shape: [usize; 3],
     array: Rc<Array>,
-    /// Whether they lie in memory in another order: whoever keeps them makes a copy.
+    /// Whether the memory has another order than the shape. An operation that keeps such
+    /// activations makes a copy.
     is_strided: bool,
     tally: Rc<Tally>,
 }
 
-/// Memory that activations lie in, views of it included.
+/// An array in memory, which several views can share.
 #[derive(Debug)]
 struct Array {
     numbers: u64,
     kept: Cell<bool>,
 }
 
-/// The sums that [`Counted`] activations have come to.
+/// Totals of the numbers that [`Counted`] activations need.
 #[derive(Debug, Default)]
 pub(crate) struct Tally {
     kept: Cell<u64>,
@@ -155,17 +160,17 @@ pub(crate) struct Tally {
 }
 
 impl Tally {
-    /// Numbers of the arrays that derivatives need, each once.
+    /// Numbers in the arrays that the backward pass needs. Each array counts once.
     pub fn kept(&self) -> u64 {
         self.kept.get()
     }
 
-    /// The most that an operation works with beside.
+    /// Size of the largest temporary buffer of an operation.
     pub fn worked_with(&self) -> u64 {
         self.worked_with.get()
     }
 
-    /// Activations that a network is given.
+    /// The input activations of a network.
     pub fn given(self: &Rc<Self>, shape: [usize; 3]) -> Counted {
         let numbers =
             shape.iter().fold(1, |product: u64, &extent| product.saturating_mul(extent as u64));

@@ -1,6 +1,6 @@
-//! The same weights and data give the same numbers here and in PyTorch: forward, every gradient,
-//! through AdamW, and through whole chains of a sampler. `tests/peers/*.py` made the expectations
-//! with PyTorch, in double precision where gradients are concerned.
+//! The same weights and data give the same numbers here and in PyTorch: the forward pass, every
+//! gradient, a step of AdamW, and whole chains of a sampler. `tests/peers/*.py` made the
+//! expectations with PyTorch, in double precision where gradients are compared.
 
 use std::path::PathBuf;
 
@@ -96,7 +96,7 @@ impl Peer {
         checkpoint::load_weights(model, &self.read(MODEL_FILE)).unwrap()
     }
 
-    /// The peer's batch as the model sees it, and y of its horizon.
+    /// The peer's batch as the input of the model, and y of its horizon.
     fn seen(&self, device: &burn::tensor::Device) -> (ModelInput, Tensor<3>) {
         let config = self.config();
         let context = config.context as usize;
@@ -174,8 +174,9 @@ fn check_gradients(peer: &Peer, model: &SequenceModel, gradients: &NamedGradient
         let expected = peer.expected(&format!("gradient.{name}"));
         let largest = |values: &[f32]| values.iter().fold(0.0, |a: f32, b| a.max(b.abs()));
         if largest(&expected) < 1e-12 {
-            // Softmax is blind to a bias that all keys share, a normalization of single channels to
-            // the bias before it: the gradient is zero but for rounding, here and there.
+            // Softmax ignores a bias that all keys share, and a normalization of single channels
+            // ignores the bias before it. Their gradient is zero up to rounding, here and in
+            // PyTorch.
             let blind = name.ends_with("key.bias") || name.ends_with("conv.bias");
             assert!(blind && largest(&gradient) < 1e-6, "{name}: {:e}", largest(&gradient));
         } else {
@@ -222,7 +223,7 @@ fn check_optimizer_steps(peer: &Peer) {
             final_learning_rate_ratio: 0.1,
             warmup_steps: 2,
             betas: [0.9, 0.95],
-            // Large, so that gradients near zero do not make steps of random sign.
+            // Epsilon is large, so that gradients near zero do not make steps of random sign.
             epsilon: 1e-3,
             weight_decay: 0.05,
             gradient_clip_norm: Some(0.5),
@@ -252,7 +253,7 @@ fn check_optimizer_steps(peer: &Peer) {
     };
     let mut trainer =
         Trainer::resume(&spec, data, "pytorch", &untrained(peer, &spec), &Device::cpu()).unwrap();
-    // The loss has the score of draws in it.
+    // The loss includes the score of draws.
     let tolerance_of_loss = if spec.model.is_physical() { tolerance("doubt") } else { 1e-5 };
     for step in 0..4 {
         let report = trainer.step(&peer.batch()).unwrap();
@@ -270,7 +271,8 @@ fn check_optimizer_steps(peer: &Peer) {
     }
 }
 
-/// The tolerance of a parameter's numbers. The draws that tell `doubt` are rolled out in single precision.
+/// The tolerance of a parameter's gradient. The draws that train `doubt` are rolled out in single
+/// precision.
 fn tolerance(parameter: &str) -> f64 {
     if parameter == "doubt" { 1e-4 } else { 1e-5 }
 }
@@ -291,8 +293,8 @@ fn series(peer: &Peer, name: &str, device: &burn::tensor::Device) -> Tensor<3> {
     Tensor::from_data(TensorData::new(values, [size, samples, channels]), device)
 }
 
-/// Of a noisy series at levels 3, 17 and 0; then gradients of the squared error of that answer,
-/// and a step of Adam along them.
+/// Compares the answers to a noisy series at levels 3, 17 and 0, then the gradients of their
+/// squared error, and a step of Adam along these.
 #[test]
 fn denoisers_answer_and_learn_alike() {
     for peer in peers(|model| model.generation().is_some()) {
@@ -308,7 +310,7 @@ fn denoisers_answer_and_learn_alike() {
         let gradients = NamedGradients::of(&model, vec![gradients]).unwrap();
         check_gradients(&peer, &model, &gradients);
 
-        // Epsilon large, so that gradients near zero do not make steps of random sign.
+        // Epsilon is large, so that gradients near zero do not make steps of random sign.
         let spec = OptimizerSpec { epsilon: 1e-3, ..OptimizerSpec::default() };
         let stepped = ModelOptimizer::new(&spec, &model).step(model, gradients, 1e-2);
         for (name, tensor) in parameters(&stepped).unwrap() {
@@ -351,7 +353,7 @@ fn whole_chains_of_flows_agree() {
     }
 }
 
-/// A chain that draws no noise but its first.
+/// Checks a chain whose only noise is the initial one.
 #[track_caller]
 fn check_chain(
     peer: &Peer,

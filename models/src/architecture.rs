@@ -1,4 +1,4 @@
-//! The traits of an architecture, for everything that trains, keeps and asks models.
+//! The traits of an architecture, for code that trains models, stores them or predicts with them.
 
 use std::fmt::Debug;
 use std::rc::Rc;
@@ -14,17 +14,20 @@ use crate::initialization::InitialWeights;
 use crate::loss::Loss;
 use crate::randomness::Noise;
 
-/// Samples of a trajectory, those that a model is given and those that it predicts, and joints of its arm.
+/// Samples of the context and of the horizon of a trajectory, and joints of the arm.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Extents {
     pub context: u32,
     pub horizon: u32,
-    /// Channels of u, and of y.
+    /// Channels of u, and also of y.
     pub joints: usize,
 }
 
 impl Extents {
-    /// The extents of trajectories of `samples` of an arm of `joints`.
+    /// The extents of trajectories of `samples` samples of an arm with `joints` joints.
+    ///
+    /// # Errors
+    /// [`ModelError::Size`] unless the context is 1 to `samples` - 1 samples.
     pub fn new(context: u32, samples: u32, joints: usize) -> Result<Self, ModelError> {
         match samples.checked_sub(context) {
             Some(horizon) if horizon > 0 && context > 0 => Ok(Self { context, horizon, joints }),
@@ -41,7 +44,7 @@ impl Extents {
     }
 }
 
-/// A spec of an architecture, as what makes models.
+/// A spec of an architecture, which makes models.
 pub(crate) trait Architecture {
     type Model: Model;
 
@@ -56,7 +59,7 @@ pub(crate) trait Architecture {
     ) -> Result<Self::Model, ModelError>;
 }
 
-/// A network with what it was made to answer.
+/// A network together with its task.
 pub(crate) trait Model: Clone + Debug {
     /// The loss on `target`, y of the horizon `[batch, horizon, joint]`.
     fn loss(&self, input: ModelInput, target: Tensor<3>, noise: &mut Noise) -> Loss;
@@ -64,18 +67,18 @@ pub(crate) trait Model: Clone + Debug {
     /// y of the horizon `[batch, horizon, joint]`, as the frame sees it.
     fn answer(&self, input: ModelInput, ask: Ask<'_>) -> Tensor<3>;
 
-    /// [`Model::loss`] of one trajectory, which keeps what `tally` counts.
+    /// Runs [`Model::loss`] on the shapes of one trajectory. `tally` counts the numbers it keeps.
     fn count(&self, extents: Extents, tally: &Rc<Tally>);
 
-    /// Whether it can answer the same question in several ways.
+    /// Whether the model can give several answers to the same question.
     fn is_generative(&self) -> bool;
 
-    /// How noise becomes an answer, for a model that makes its answers of noise.
+    /// The diffusion or flow process of a model that makes its answers from noise.
     fn process(&self) -> Option<&Process> {
         None
     }
 
-    /// The network's answer to a noisy series, for a model that makes its answers of noise.
+    /// The network's answer to a noisy series, for a model that makes its answers from noise.
     #[cfg(test)]
     fn answer_to_noise(&self, _: Tensor<3>, _: &[usize], _: &ModelInput) -> Option<Tensor<3>> {
         None
@@ -96,14 +99,14 @@ pub(crate) struct ModelInput {
     pub u: Tensor<3>,
     /// Normalized positions `[batch, context, joint]`.
     pub y_context: Tensor<3>,
-    /// The same positions as answers are given: [`crate::frame`].
+    /// The same positions in the frame of the answers: [`crate::frame`].
     pub seen_context: Tensor<3>,
     /// The path that answers are relative to, as normalized positions `[batch, sample, joint]`.
     pub path: Tensor<3>,
-    /// The unit that answers are given in, in the same normalization `[batch, sample, joint]`.
+    /// The unit of answers, in the same normalization `[batch, sample, joint]`.
     pub unit: Tensor<3>,
     pub rate_hz: f64,
-    /// Noise of positions, in rad, and of the torques of the context, in N·m.
+    /// Noise of the positions, in rad, and of the torques of the context, in N·m.
     pub measurement_noise: MeasurementNoise,
 }
 
@@ -115,20 +118,20 @@ impl ModelInput {
     }
 }
 
-/// How an answer is come by.
+/// How a model computes an answer.
 pub(crate) struct Ask<'a> {
-    /// Passes of a denoiser.
+    /// The sampler's steps, for a denoiser.
     pub steps: &'a [Step],
-    /// A guess of y of the horizon for a denoiser to begin with.
+    /// A guess of y of the horizon, at which a denoiser begins.
     pub warm: Option<Tensor<3>>,
     pub noise: &'a mut Noise,
-    /// Whether a model that knows its uncertainty is to draw from it.
+    /// Whether a model that knows its uncertainty draws from it.
     pub draw: Draw,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Draw {
-    /// The mean, of a model that has one in closed form.
+    /// The mean, for a model that has one in closed form.
     Mean,
     Sample,
 }

@@ -7,7 +7,7 @@ use crate::dropout::Dropout;
 use crate::initialization::InitialWeights;
 use crate::layers::{LayerNorm, Linear};
 
-/// Multi-head scaled dot-product attention (Vaswani et al. 2017), biases on.
+/// Multi-head scaled dot-product attention (Vaswani et al. 2017), with biases.
 #[derive(Module, Debug)]
 pub(crate) struct Attention {
     query: Linear,
@@ -15,7 +15,7 @@ pub(crate) struct Attention {
     value: Linear,
     output: Linear,
     heads: usize,
-    /// Of query, key and value.
+    /// The packed weights of query, key and value.
     #[module(skip)]
     packed: PackedWeight,
 }
@@ -28,19 +28,19 @@ pub(crate) struct Sources<A = Tensor<3>> {
 }
 
 impl Sources {
-    /// How many there are of each trajectory.
+    /// Tokens of each trajectory.
     pub fn count(&self) -> usize {
         let [_, count, _] = self.keys.dims();
         count
     }
 
-    /// These, and `others` after them.
+    /// Concatenates `others` after these tokens.
     pub fn before(&self, others: Self) -> Self {
         let both = |first: &Tensor<3>, then| Tensor::cat(vec![first.clone(), then], 1);
         Self { keys: both(&self.keys, others.keys), values: both(&self.values, others.values) }
     }
 
-    /// Each trajectory's as often as `copies` says.
+    /// Repeats each trajectory as many times as `copies` says.
     pub fn copied(&self, copies: &[usize]) -> Self {
         let all = |values: &Tensor<3>| {
             let apart = values.clone().split(1, 0).into_iter().zip(copies);
@@ -50,7 +50,7 @@ impl Sources {
         Self { keys: all(&self.keys), values: all(&self.values) }
     }
 
-    /// Of every `batch` trajectories apart.
+    /// Splits into groups of `batch` trajectories.
     pub fn split(self, batch: usize) -> impl Iterator<Item = Self> {
         let (keys, values) = (self.keys.split(batch, 0), self.values.split(batch, 0));
         keys.into_iter().zip(values).map(|(keys, values)| Self { keys, values })
@@ -69,9 +69,9 @@ impl Attention {
         }
     }
 
-    /// Every token of the normed `x` `[batch, token, d_model]` looks at those tokens of the same that `mask`
-    /// lets it see. Gives the shape of `x`. Dropout leaves out some of what it looks at, and some of
-    /// what comes of it.
+    /// Self-attention: every token of the normed `x` `[batch, token, d_model]` attends to the
+    /// tokens of `x` that `mask` lets it see. The result has the shape of `x`. Dropout applies to
+    /// the attention weights and to the output.
     pub fn forward<A: Activations>(
         &self,
         x: A,
@@ -89,7 +89,8 @@ impl Attention {
         self.outcome(mixed, dropout)
     }
 
-    /// The same of the tokens of `memory` `[batch, source, d_model]`, as they are.
+    /// Cross-attention: the tokens of `x` attend to those of `memory` `[batch, source, d_model]`,
+    /// which is not normed.
     pub fn forward_across<A: Activations>(
         &self,
         x: A,
@@ -101,7 +102,7 @@ impl Attention {
         self.forward_to(&self.sources(memory), x, norm, mask, dropout)
     }
 
-    /// The same of what is known of their tokens.
+    /// Cross-attention to `sources`, which are the keys and values of tokens.
     pub fn forward_to<A: Activations>(
         &self,
         sources: &Sources<A>,
@@ -114,20 +115,21 @@ impl Attention {
         self.look(query, sources, mask, dropout)
     }
 
-    /// What others see of the tokens of `memory`, as they are.
+    /// The keys and values of the tokens of `memory`, which is not normed.
     pub fn sources<A: Activations>(&self, memory: A) -> Sources<A> {
         let keys = self.key.forward(memory.clone());
         Sources { keys, values: self.value.forward(memory) }
     }
 
-    /// What the tokens of the normed `x` look for, and what is seen of them: apart, for others to see.
+    /// Queries of the normed `x`, and its keys and values, which later calls of [`Attention::look`]
+    /// can use.
     pub fn projected(&self, x: &Tensor<3>, norm: &LayerNorm) -> (Tensor<3>, Sources) {
         let [query, keys, values] =
             [&self.query, &self.key, &self.value].map(|map| map.forward_normed(x.clone(), norm));
         (query, Sources { keys, values })
     }
 
-    /// What comes of looking at `sources`.
+    /// The output of attention of `query` to `sources`.
     pub fn look<A: Activations>(
         &self,
         query: A,

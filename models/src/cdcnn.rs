@@ -1,4 +1,4 @@
-//! Conditional U-Net on y, which a flow has too.
+//! Conditional U-Net on y. A flow uses the same network.
 
 use burn::module::Module;
 use kernels::DropoutKeys;
@@ -83,16 +83,17 @@ impl CdcnnSizes<'_> {
 
 /// Conditional U-Net on y (Chi et al. 2023, *Diffusion Policy*; the network of its code).
 ///
-/// Each sample's known part is what it is [told](Told). With local
-/// conditioning it passes a block of its own and is added after the first block of the first stage, so
-/// that it enters additively and FiLM carries the noise level alone. That code has a second such block
-/// whose output a condition that is never true would add at the end; it has no effect there and is not
-/// here.
+/// The network [sees](Told) the known part of each sample. With local conditioning the known part
+/// passes a block of its own and is added after the first block of the first stage. It enters
+/// additively, and FiLM carries the noise level alone. The code of Chi et al. has a second such
+/// block, whose output would be added at the end under a condition that is never true. It has no
+/// effect there, so it is left out here.
 #[derive(Module, Debug)]
 pub(crate) struct Cdcnn {
     embedding: LevelEmbedding,
     unet: UNet,
-    /// The block of the known part, which without it belongs to every block's condition.
+    /// The block of the known part. Without it, the known part belongs to the condition of every
+    /// block.
     local: Option<ResidualBlock>,
 }
 

@@ -1,5 +1,5 @@
-//! Models that make their answers of noise: a network, and what it was trained to do about the noise. The same
-//! network can be trained without noise, to answer in one pass.
+//! Models that make their answers from noise: a network and its task. The same network can be
+//! trained without noise, to answer in one pass.
 
 use std::rc::Rc;
 
@@ -17,9 +17,9 @@ use crate::told::Told;
 
 /// A network that removes noise.
 pub(crate) trait Network: Module {
-    /// The answer at each row's noise level, in the shape of the noisy series `[batch, sample, channel]`.
-    /// Beside it the network is given what is `known` of each sample. A step of training has keys for
-    /// what it leaves out.
+    /// The answer at each row's noise level, in the shape of the noisy series `[batch, sample,
+    /// channel]`. The network also sees `known`, the known part of each sample. In training, `keys`
+    /// choose the values that dropout leaves out.
     fn forward<A: Activations>(
         &self,
         noisy: A,
@@ -28,8 +28,8 @@ pub(crate) trait Network: Module {
         keys: Option<DropoutKeys>,
     ) -> A;
 
-    /// Answers at one level after the other, `steps` in all, about the same trajectories, whose first
-    /// samples are `clean` `[batch, context, channel]`.
+    /// Gives answers at one level after the other, `steps` in all, about the same trajectories.
+    /// `clean` `[batch, context, channel]` are the first samples of these.
     fn chain<'a>(
         &'a self,
         _clean: &Tensor<3>,
@@ -45,17 +45,17 @@ pub(crate) trait Network: Module {
 pub(crate) enum Task {
     /// To remove noise.
     Denoise(Process),
-    /// To answer in one pass, with 0 where nothing is known.
+    /// To answer in one pass. The unknown part of the series is 0.
     Predict(PointLoss),
 }
 
-/// The noise level that a network is told which answers in one pass.
+/// The noise level that a network sees which answers in one pass.
 const ONLY_LEVEL: usize = 0;
 
-/// A network with what it was trained to do about the noise.
+/// A network together with its task.
 ///
-/// The series that is noised is y of the whole trajectory, for Diffuser u beside y. Its context
-/// enters clean, in training and at every step of sampling, and its errors never count.
+/// The noised series is y of the whole trajectory. For Diffuser it is u and y. The context enters
+/// clean, in training and at every step of sampling, and its errors never count.
 #[derive(Clone, Debug)]
 pub(crate) struct Denoiser<N> {
     pub network: N,
@@ -64,14 +64,15 @@ pub(crate) struct Denoiser<N> {
     pub told: Told,
 }
 
-/// What becomes of u.
+/// The place of u in the series.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Torques {
-    /// Not in the series.
+    /// u is not in the series.
     Apart,
-    /// In the series, clean, without errors; the weight of y's errors.
+    /// u is in the series, clean, and its errors do not count. `y_weight` is the weight of y's
+    /// errors.
     Clean { y_weight: f64 },
-    /// In the series, noised with y; the weights of the errors of u and y.
+    /// u is in the series and noised with y. `weights` are those of the errors of u and of y.
     Noised { weights: [f64; 2] },
 }
 
@@ -198,8 +199,8 @@ impl<N: Network> Model for Denoiser<N> {
     }
 }
 
-/// Arrays in the shape of the answer that the loss keeps: its differences from the target and their
-/// squares.
+/// Arrays in the shape of the answer that the loss keeps for the backward pass: the differences
+/// from the target and their squares.
 const KEPT_BY_LOSS: usize = 2;
 
 impl<N> Denoiser<N> {
@@ -212,7 +213,7 @@ impl<N> Denoiser<N> {
     }
 }
 
-/// Extents of the series that masks are made for.
+/// Extents of the series that a mask is made for.
 struct Shape<'a> {
     context: usize,
     horizon: usize,
@@ -221,8 +222,8 @@ struct Shape<'a> {
 }
 
 impl Shape<'_> {
-    /// `[1, sample, channel]` of, for each group of as many channels as joints, a value in the context and one in
-    /// the horizon.
+    /// A mask `[1, sample, channel]`. `groups` has, for each group of as many channels as joints, a
+    /// value in the context and one in the horizon.
     #[expect(clippy::cast_possible_truncation, reason = "series are computed in f32")]
     fn mask(&self, groups: &[(f64, f64)]) -> Tensor<3> {
         let row = |pick: fn(&(f64, f64)) -> f64| {

@@ -55,12 +55,13 @@ impl Architecture for DiffuserSpec {
 pub(crate) struct Diffuser {
     embedding: LevelEmbedding,
     unet: UNet,
-    /// Channels that it is told beside the torques.
+    /// Known channels beside the torques.
     beside: usize,
 }
 
 impl Network for Diffuser {
-    /// The noisy series is u, then y, `[batch, sample, 2 · joint]`, so that torques need not be told again.
+    /// The noisy series is u, then y, `[batch, sample, 2 · joint]`. So the known series leaves the
+    /// torques out.
     fn forward<A: Activations>(
         &self,
         noisy: A,

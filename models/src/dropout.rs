@@ -2,11 +2,11 @@ use kernels::{DropoutKeys, DropoutMask};
 
 use crate::activations::Activations;
 
-/// Hands each place of a network its mask, in the order of a pass.
+/// Gives each layer of a network its dropout mask, in the order of a pass.
 pub(crate) struct Dropout {
-    /// Of the trajectories; none where nothing is learned.
+    /// The keys of the trajectories; `None` outside training.
     keys: Option<DropoutKeys>,
-    /// Of what blocks leave out.
+    /// The share of values that blocks drop.
     rate: f64,
     places: u32,
 }
@@ -20,24 +20,24 @@ impl Dropout {
         Self::new(None, 0.0)
     }
 
-    /// Of the next place in a block.
+    /// The mask of the next layer in a block.
     pub fn mask(&mut self) -> Option<DropoutMask> {
         self.mask_at(self.rate)
     }
 
-    /// `x` without what the next place in a block leaves out.
+    /// Applies dropout to `x` in the next layer of a block.
     pub fn apply<A: Activations>(&mut self, x: A) -> A {
         self.apply_at(self.rate, x)
     }
 
-    /// `x` without what the next place leaves out.
+    /// Applies dropout to `x` in the next layer, at `rate`.
     pub fn apply_at<A: Activations>(&mut self, rate: f64, x: A) -> A {
         let Some(mask) = self.mask_at(rate) else { return x };
         let shape = x.dims();
         A::operation([x], [false], shape, |[x]| kernels::dropout(x, Some(mask)))
     }
 
-    /// Of the next place.
+    /// The mask of the next layer.
     fn mask_at(&mut self, rate: f64) -> Option<DropoutMask> {
         let place = self.places;
         self.places += 1;

@@ -11,12 +11,12 @@ use crate::sequence_model::SequenceModel;
 #[derive(Clone, Debug)]
 pub(crate) struct WeightAverage {
     spec: EmaSpec,
-    /// By parameter name, flattened.
+    /// Averages by parameter name, flattened.
     averages: BTreeMap<String, Tensor<1>>,
 }
 
 impl WeightAverage {
-    /// The weights of `model`, averaged over nothing yet.
+    /// Starts with the weights of `model`, before any update.
     pub fn new(spec: EmaSpec, model: &SequenceModel) -> Self {
         let mut averages = BTreeMap::new();
         for_each_parameter(model, |name, weight| {
@@ -25,7 +25,7 @@ impl WeightAverage {
         Self { spec, averages }
     }
 
-    /// Takes in the weights after `step` steps.
+    /// Adds the weights after `step` steps to the average.
     pub fn update(&mut self, model: &SequenceModel, step: u64) {
         let keep = self.decay(step);
         for_each_parameter(model, |name, weight| {
@@ -40,7 +40,7 @@ impl WeightAverage {
         (1.0 - (step.max(1) as f64).powf(-self.spec.power)).min(self.spec.decay)
     }
 
-    /// `model` with the averages as weights, without what training needs.
+    /// `model` with the averages as weights, for inference only.
     pub fn model(&self, model: &SequenceModel) -> SequenceModel {
         let mut replace = Replace { path: Path::default(), averages: &self.averages };
         model.for_inference().map(&mut replace)

@@ -1,6 +1,6 @@
 use thiserror::Error;
 
-/// Why a model cannot be built, trained, saved, loaded or asked.
+/// An error in building, training, saving or loading a model, or in a prediction.
 #[derive(Debug, Error)]
 pub enum ModelError {
     #[error("the model cannot be built: {field} is {value}, allowed: {allowed}")]
@@ -24,7 +24,7 @@ pub enum ModelError {
     )]
     GradientNotFinite { step: u64, gradient_norm: f64, loss: f64, learning_rate: f64 },
 
-    #[error("`{tensor}` of {file} holds {value}, which no checkpoint may")]
+    #[error("tensor `{tensor}` of {file} has {value}, expected finite values")]
     NotFiniteTensor { file: &'static str, tensor: String, value: f32 },
 
     #[error("interrupted")]
@@ -34,8 +34,8 @@ pub enum ModelError {
     MissingStatistics,
 
     #[error(
-        "a model trained with normalization `paper-leaky` needs the statistics of the horizon it \
-         predicts; ask it through `predict_with_leak`"
+        "a model trained with normalization `paper-leaky` needs the statistics of the horizon; use \
+         `predict_with_leak`"
     )]
     LeakRequired,
 
@@ -43,8 +43,8 @@ pub enum ModelError {
     Sampling { field: &'static str, value: String, allowed: String },
 
     #[error(
-        "this model has one answer to a question and no samples of it; ask it through `predict`, \
-         or train one with a gaussian head or a denoiser"
+        "this model gives a single answer and no samples; use `predict`, or train a denoiser or a \
+         model with a gaussian head"
     )]
     NotGenerative,
 

@@ -1,4 +1,4 @@
-//! From where a model sees positions, and how its answers become positions again.
+//! The frame in which a model sees positions, and the way from its answers back to positions.
 
 use rayon::prelude::*;
 use series::{Observed, Track};
@@ -7,18 +7,18 @@ use spec::Residual;
 use crate::lag::LaggedPath;
 use crate::normalization::{SMALLEST_STANDARD_DEVIATION, Statistics};
 
-/// y = center + scale · what the model sees, for one trajectory. From its torques and the
-/// positions of its context, never from those of the horizon.
+/// The frame of one trajectory: y = center + scale · the model's value. It follows from the torques
+/// and from the positions of the context, never from the positions of the horizon.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Frame {
     /// `[sample, joint]`, context and horizon, rad.
     center: Vec<f32>,
-    /// `[sample, joint]`, as the center.
+    /// `[sample, joint]`, context and horizon, rad.
     scale: Vec<f32>,
     joints: usize,
 }
 
-/// What frames depend on besides the trajectory.
+/// The settings that all frames share.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Framing {
     pub residual: Residual,
@@ -28,7 +28,7 @@ pub(crate) struct Framing {
 }
 
 impl Framing {
-    /// The frame of every trajectory that is observed.
+    /// The frame of every observed trajectory.
     pub fn frames(&self, observed: &Observed<'_>, statistics: &[Statistics]) -> Vec<Frame> {
         let frame = |(robot, statistics): (usize, &Statistics)| match self.residual {
             Residual::None => Frame {
@@ -46,9 +46,9 @@ impl Framing {
         statistics.par_iter().enumerate().map(frame).collect()
     }
 
-    /// The damped integrator through the last sample of the context, forwards and backwards, and
-    /// as scale how far it is off over as many samples of the context as the horizon has: the
-    /// best that the context says of how far it will be off.
+    /// The center is the damped integrator through the last sample of the context, forwards and
+    /// backwards. The scale is its error over as many samples of the context as the horizon has,
+    /// because that is the best estimate of its error over the horizon.
     #[expect(clippy::cast_possible_truncation, reason = "series are computed in f32")]
     fn integrated(&self, u: Track<'_>, y: Track<'_>, damping: f64) -> Frame {
         let last = self.context - 1;
@@ -60,7 +60,7 @@ impl Framing {
             let at = |sample: usize| sample * joints + joint;
             let start = f64::from(y[last][joint]);
             center[at(last)] = start as f32;
-            // y of a sample is the position before its u acts.
+            // y of a sample is the position before the sample's u acts.
             let mut position = start;
             for sample in last + 1..self.samples {
                 position += gain * f64::from(u[sample - 1][joint]);
@@ -81,8 +81,8 @@ impl Framing {
         Frame { center, scale, joints }
     }
 
-    /// The context as [`Framing::integrated`] sees it, and over the horizon the lagged path with the error
-    /// that it has in the context after as many samples.
+    /// The frame of [`Framing::integrated`] over the context. Over the horizon, the center is the
+    /// lagged path, and the scale of sample k is the path's error after k samples in the context.
     #[expect(clippy::cast_possible_truncation, reason = "series are computed in f32")]
     fn lagged(&self, u: Track<'_>, y: Track<'_>, damping: f64) -> Frame {
         let mut frame = self.integrated(u, y, damping);
@@ -101,7 +101,7 @@ impl Framing {
 }
 
 impl Frame {
-    /// Where answers are 0, `[sample, joint]`, context and horizon, rad.
+    /// The positions for which the answer is 0, `[sample, joint]`, context and horizon, rad.
     pub fn center(&self) -> &[f32] {
         &self.center
     }
@@ -111,7 +111,8 @@ impl Frame {
         &self.scale
     }
 
-    /// Appends `y` `[sample, joint]`, the first of which is sample `first`, as the model sees it.
+    /// Appends `y` `[sample, joint]` in this frame to `seen`. The first row of `y` is sample
+    /// `first`.
     pub fn extend_seen(&self, y: &[f32], first: usize, seen: &mut Vec<f32>) {
         let (center, scales) = self.from(first);
         seen.extend(
@@ -128,7 +129,7 @@ impl Frame {
         (&self.center[values.clone()], &self.scale[values])
     }
 
-    /// Turns what a model says of the samples from `first` on into rad.
+    /// Turns a model's answers for the samples from `first` on into rad.
     pub fn restore(&self, y: &mut [f32], first: usize) {
         let (center, scales) = self.from(first);
         for ((value, center), scale) in y.iter_mut().zip(center).zip(scales) {
@@ -179,7 +180,7 @@ mod tests {
         let frames = FRAMING.frames(&arm.observed(8), &[statistics()]);
         let mut seen = Vec::new();
         frames[0].extend_seen(arm.y(), 0, &mut seen);
-        // A thousandth of a radian is the smallest scale.
+        // The smallest scale is a thousandth of a radian.
         assert!(seen.iter().all(|value| value.abs() < 1e-3), "{seen:?}");
     }
 

@@ -2,15 +2,15 @@ use burn::module::{Param, ParamId};
 use burn::tensor::{Device, Tensor, TensorData};
 use random::{ChaCha12Rng, SeedableRng, unit_f32};
 
-/// Standard deviation of initial positions, GPT-2's.
+/// Standard deviation of initial position embeddings, as in GPT-2.
 pub(crate) const POSITION_STANDARD_DEVIATION: f32 = 0.02;
 
-/// Draws initial weights, one after the other, from a seed.
+/// Draws initial weights from a seed, one after the other.
 ///
-/// burn's own initializers draw from a generator that the whole process shares; weights must
-/// depend on nothing but the seed and the order in which the model asks for them.
+/// burn's own initializers draw from a generator that the whole process shares. Weights must depend
+/// only on the seed and on the order in which the model asks for them.
 pub(crate) struct InitialWeights<'a> {
-    /// None of weights that are not drawn.
+    /// `None` where weights are not drawn.
     generator: Option<ChaCha12Rng>,
     device: &'a Device,
 }
@@ -20,7 +20,8 @@ impl<'a> InitialWeights<'a> {
         Self { generator: Some(ChaCha12Rng::seed_from_u64(seed)), device }
     }
 
-    /// Shapes without memory, for a model whose weights come from elsewhere or are not needed.
+    /// Makes shapes without memory, for a model whose weights come from elsewhere or are not
+    /// needed.
     pub fn none(device: &'a Device) -> Self {
         Self { generator: None, device }
     }
@@ -42,7 +43,7 @@ impl<'a> InitialWeights<'a> {
         })
     }
 
-    /// So many numbers, uniform on `[-bound, bound)`, from which a parameter is made.
+    /// `count` numbers, uniform on `[-bound, bound)`, for a parameter that is made of them.
     pub fn draws(&mut self, count: usize, bound: f32) -> Vec<f32> {
         let draw = |generator: &mut ChaCha12Rng| (2.0 * unit_f32(generator) - 1.0) * bound;
         match &mut self.generator {
@@ -55,7 +56,7 @@ impl<'a> InitialWeights<'a> {
         self.parameter(shape, |_| value)
     }
 
-    /// These values, in row-major order.
+    /// A parameter with these values, in row-major order.
     pub fn given<const D: usize>(
         &mut self,
         shape: [usize; D],

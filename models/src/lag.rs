@@ -1,30 +1,32 @@
-//! The damped integrator whose velocity follows u / D with a lag, and how far it is off in a context.
+//! The damped integrator whose velocity follows u / D with a lag, and its error over a context.
 
 use series::Track;
 
-/// Between two starts of a path in the context, samples.
+/// Distance between two starts of a path in the context, samples.
 const STRIDE: usize = 8;
 
-/// The path is not trusted further than this, rad: what a good encoder resolves.
+/// The smallest error of a path, rad. It is the resolution of a good encoder.
 const LEAST_ERROR_RAD: f64 = 1e-5;
 
-/// And no further than this share of the way that it makes itself: a context at rest says nothing of errors.
+/// The smallest error as a share of the path's own displacement, because a context at rest shows no
+/// errors.
 const LEAST_ERROR: f64 = 0.02;
 
-/// v' = v + α (u / D - v), q' = q + v' h: a mass M behind a damping D, α = h D / M where that is small and 1
-/// where the mass is none. For one joint of one robot.
+/// The path of one joint of one robot: v' = v + α (u / D - v), q' = q + v' h. It is a mass M behind
+/// a damping D. α = h D / M where that is small, and 1 without mass.
 pub(crate) struct LaggedPath {
     /// The measured positions, rad.
     measured: Vec<f64>,
-    /// The way in each sample of context and horizon without a lag, rad.
+    /// The displacement in each sample of context and horizon without a lag, rad.
     driven: Vec<f64>,
     /// α.
     share: f64,
 }
 
 impl LaggedPath {
-    /// The share by which the velocity moves towards u / D in a sample is fitted to the context, in closed form:
-    /// the regression of its changes on its distance from u / D. 1, no lag, where nothing moves.
+    /// Fits α to the context in closed form. α is the share by which the velocity moves towards u /
+    /// D in a sample: the regression of the velocity's changes on its distance from u / D. It is 1,
+    /// no lag, where nothing moves.
     pub fn fit(u: Track<'_>, y: Track<'_>, joint: usize, damping: f64, rate_hz: f64) -> Self {
         let gain = 1.0 / (damping * rate_hz);
         let measured: Vec<f64> = y.joint(joint).map(f64::from).collect();
@@ -43,23 +45,25 @@ impl LaggedPath {
     /// The path that begins at `start`, a sample with a measured position.
     fn from(&self, start: usize) -> Walk {
         let position = self.measured[start];
-        // Without a sample before there is no velocity, and none is made up.
+        // The first sample has no velocity before it. Its velocity is the one without a lag.
         let before = start.checked_sub(1).map(|before| position - self.measured[before]);
         Walk { sample: start, position, step: before.unwrap_or(self.driven[start]) }
     }
 
-    /// Goes one sample on along a path.
+    /// Advances along a path by one sample.
     fn advance(&self, walk: &mut Walk) {
         walk.step += self.share * (self.driven[walk.sample] - walk.step);
         walk.position += walk.step;
         walk.sample += 1;
     }
 
-    /// The path over the `horizon` samples after the context, and the error that it has after as many
-    /// samples of the context, root mean square over starts; never smaller than after fewer.
+    /// For each of the `horizon` samples after the context, the path and its error. The error after
+    /// k samples is the root mean square, over all starts in the context, of the path's error after
+    /// k samples. It never falls with k.
     pub fn ahead(&self, horizon: usize) -> Vec<(f64, f64)> {
         let last = self.measured.len() - 1;
-        // All starts side by side: a path alone would wait for each of its own additions.
+        // All starts advance side by side, because a single path would wait for each of its own
+        // additions.
         let mut walks: Vec<Walk> =
             (1..last).step_by(STRIDE).map(|start| self.from(start)).collect();
         let begin = self.measured[last];
@@ -84,13 +88,13 @@ impl LaggedPath {
     }
 }
 
-/// A place along a path.
+/// A point on a path.
 struct Walk {
-    /// The sample that it has come to.
+    /// The sample of the point.
     sample: usize,
     /// rad
     position: f64,
-    /// The way since the sample before, rad.
+    /// The displacement since the sample before, rad.
     step: f64,
 }
 
@@ -130,7 +134,7 @@ mod tests {
 
     #[test]
     fn errors_begin_small_and_grow_with_the_way() {
-        // A damping of 8, which the path does not know of.
+        // A damping of 8, which differs from the path's.
         let mut arm = arm(0.3);
         let start = arm.y()[0];
         arm.y_mut().iter_mut().for_each(|y| *y = start + (*y - start) / 0.8);

@@ -7,8 +7,8 @@ use crate::initialization::InitialWeights;
 
 /// `y = x Wᵀ + b`, with parameter names, layout and initial weights of `torch.nn.Linear`.
 ///
-/// burn's own `Linear` keeps W transposed. With this one a checkpoint is the parameters as they
-/// are, and loads into PyTorch without a word of translation.
+/// burn's own `Linear` keeps W transposed. This one keeps PyTorch's layout, so that checkpoints
+/// load into PyTorch without conversion.
 #[derive(Module, Debug)]
 pub(crate) struct Linear {
     /// `[output, input]`
@@ -57,7 +57,8 @@ impl Linear {
         })
     }
 
-    /// The product with the weight alone: how fast outputs change where inputs do by `x`.
+    /// The product with the weight alone. It maps rates of change of the input to those of the
+    /// output.
     pub fn forward_without_bias<A: Activations>(&self, x: A) -> A {
         let shape = self.shape_from(&x);
         A::operation([x], [true], shape, |[x]| {
@@ -67,7 +68,7 @@ impl Linear {
         })
     }
 
-    /// Of the normed x.
+    /// The layer after `norm`.
     pub fn forward_normed<A: Activations>(&self, x: A, norm: &LayerNorm) -> A {
         let shape = self.shape_from(&x);
         A::operation([x], [true], shape, |[x]| {
@@ -77,7 +78,8 @@ impl Linear {
         })
     }
 
-    /// Three of the same normed x, their outputs side by side. `packed` is theirs together.
+    /// Three layers of the same normed `x`, with their outputs side by side. `packed` holds the
+    /// weights of all three.
     pub fn forward_three_normed<A: Activations>(
         maps: [&Self; 3],
         x: A,
@@ -94,7 +96,8 @@ impl Linear {
         })
     }
 
-    /// `residual` plus this of GELU of x; `masks` leave out numbers of GELU's and of this one's.
+    /// `residual` plus this layer of GELU of `x`. `masks` apply dropout to the output of GELU and
+    /// to that of this layer.
     pub fn forward_gelu_onto<A: Activations>(
         &self,
         residual: A,

@@ -1,12 +1,12 @@
-//! The sequence models on burn: what they compute, how they are trained, how they are kept.
+//! The sequence models on burn: their architectures, their training and their checkpoints.
 //!
-//! A [`Trainer`] turns a [`spec::TrainSpec`] and batches of trajectories into weights; a
-//! [`TrainedModel`] turns a checkpoint and [`series::Observed`] arms into predicted joint positions.
-//! Which batch comes at which step is the caller's matter. Random numbers are keyed by the spec's
-//! seed and by what they are for, never drawn from a state, so that the same spec and batches give
-//! the same weights on one kind of processor, bit for bit, however often training was interrupted.
+//! A [`Trainer`] turns a [`spec::TrainSpec`] and batches of trajectories into weights. A
+//! [`TrainedModel`] turns a checkpoint and [`series::Observed`] arms into predicted joint
+//! positions. The caller chooses the batch of each step. Random numbers are keyed by the spec's
+//! seed and by their purpose, and never drawn from a state. So the same spec and batches give the
+//! same weights on one kind of processor, bit for bit, however often training was interrupted.
 //!
-//! Answers are row-major `[trajectory, sample, joint]`, in rad, as [`series::Series`] are.
+//! Answers are row-major `[trajectory, sample, joint]`, in rad, like [`series::Series`].
 
 mod activations;
 #[cfg(test)]

@@ -6,20 +6,21 @@ use crate::device::host_values;
 
 /// The loss of a training step, entry by entry.
 pub(crate) struct Loss {
-    /// The error of each entry, `[batch, sample, channel]`, 0 where it does not count; where it is that of a whole
-    /// series `[batch, 1, channel]`.
+    /// The error of each entry, `[batch, sample, channel]`, 0 where it does not count. An error of
+    /// a whole series is `[batch, 1, channel]`.
     pub errors: Tensor<3>,
-    /// The number that their sum is divided by.
+    /// The divisor of their sum.
     pub count: usize,
     /// y of the horizon, where the loss is that of a prediction.
     pub predicted: Option<Tensor<3>>,
 }
 
-/// Errors of normalized positions below this count less and less in a root mean square.
+/// Errors of normalized positions well below this count less in a root mean square.
 const LEAST_NORMALIZED: f64 = 1e-4;
 
 impl Loss {
-    /// The loss of predictions `answer` of `target`, both `[batch, horizon, joint]` in `unit`.
+    /// The loss of the predictions `answer` against `target`, both `[batch, horizon, joint]` in
+    /// `unit`.
     pub fn of_points(
         kind: PointLoss,
         answer: Tensor<3>,
@@ -39,15 +40,15 @@ impl Loss {
         }
     }
 
-    /// The root mean square over samples of each joint's errors `[batch, sample, joint]`. Those far below `least`
-    /// count less, so that the derivative exists at 0.
+    /// The root mean square over samples of each joint's errors `[batch, sample, joint]`. Errors
+    /// well below `least` count less, so that the derivative exists at 0.
     pub fn root_mean_square(errors: Tensor<3>, least: f64, predicted: Tensor<3>) -> Self {
         let errors = (errors.square().mean_dim(1) + least * least).sqrt();
         let count = errors.shape().num_elements();
         Self { errors, count, predicted: Some(predicted) }
     }
 
-    /// The errors of y, the last channels, times the weight of their joint.
+    /// Multiplies the errors of y, the last channels, by the weight of their joint.
     #[expect(clippy::cast_possible_truncation, reason = "losses are computed in f32")]
     pub fn weighted(self, weights: &[f64]) -> Self {
         let [.., channels] = self.errors.dims();
@@ -58,15 +59,15 @@ impl Loss {
         Self { errors: self.errors * weights, ..self }
     }
 
-    /// As a tensor of which gradients can be asked.
+    /// The loss as a tensor with gradients.
     pub fn tensor(&self) -> Tensor<1> {
         let entries = self.errors.shape().num_elements();
         let mean = self.errors.clone().mean();
         if entries == self.count { mean } else { mean * (entries as f64 / self.count as f64) }
     }
 
-    /// Summed here and in order: the backend adds large tensors in an order that depends on which
-    /// thread was free.
+    /// The loss as a number. It is summed here and in order, because the order in which the backend
+    /// adds large tensors depends on the threads.
     pub fn value(&self) -> Result<f64, ModelError> {
         let errors = host_values(self.errors.clone().inner())?;
         Ok(errors.into_iter().map(f64::from).sum::<f64>() / self.count as f64)

@@ -1,4 +1,4 @@
-//! How much memory a training needs, told before it begins.
+//! An estimate of the memory that a training needs, before it begins.
 
 use std::rc::Rc;
 
@@ -13,19 +13,19 @@ use crate::{Device, ModelError};
 
 const F32: u64 = 4;
 
-/// Copies of the parameters while a step is taken: weights, gradients, both moments.
+/// Copies of the parameters during a step: weights, gradients, both moments.
 const COPIES: u64 = 4;
-/// Copies in the making of a checkpoint: weights and both moments as they are, as lists of numbers
-/// and as the bytes of files, and what the last step left behind.
+/// Copies of the parameters while a checkpoint is made: weights and both moments as tensors, as
+/// lists of numbers and as the bytes of files, and the remains of the last step.
 const COPIES_OF_A_CHECKPOINT: u64 = 10;
 
 /// Program, threads, and batches that are read ahead.
 const BASE: u64 = 120 << 20;
 
-/// Tenths that the allocator holds beside the memory in use.
+/// The memory that the allocator holds in addition, in tenths of the memory in use.
 const HELD_BACK: u64 = 1;
 
-/// How many numbers a model of `spec` has to learn. None of them is made.
+/// The number of parameters of a model of `spec`. No parameter is allocated.
 pub(crate) fn parameter_count(spec: &ModelSpec, extents: Extents) -> Result<u64, ModelError> {
     Ok(parameters_of(&without_weights(spec, extents)?))
 }
@@ -43,15 +43,15 @@ fn parameters_of(model: &SequenceModel) -> u64 {
     numbers
 }
 
-/// An estimate of what a training holds in memory at its most.
+/// An estimate of the largest memory of a training.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TrainingMemory {
     pub parameters: u64,
     /// Bytes that follow from the parameters: weights, gradients, moments, averages.
     pub state_bytes: u64,
-    /// Bytes that a step keeps of the trajectories that are computed at once.
+    /// Bytes of the activations that a step keeps for the trajectories that it computes together.
     pub activation_bytes: u64,
-    /// Resident in all, at the highest.
+    /// The largest resident memory of the process.
     pub peak_bytes: u64,
 }
 
@@ -65,12 +65,12 @@ impl TrainingMemory {
     }
 }
 
-/// Numbers of a model, counted along the layers that run.
+/// The sizes of a model, counted along the layers that run.
 struct Counts {
     parameters: u64,
-    /// That a step keeps of one trajectory for its gradients.
+    /// Numbers that a step keeps of one trajectory for the backward pass.
     kept: u64,
-    /// That a step works with beside, whatever its batch.
+    /// The largest temporary buffer of a step, whatever its batch.
     worked_with: u64,
 }
 
@@ -84,11 +84,11 @@ impl Counts {
         Ok(Self { parameters: parameters_of(&model), kept, worked_with })
     }
 
-    /// With a batch computed in `parts`.
+    /// The memory with a batch that is computed in `parts` parts.
     fn memory(&self, spec: &TrainSpec, parts: u32) -> TrainingMemory {
         let at_once = u64::from(spec.batch_size.div_ceil(parts.max(1)));
         let average = u64::from(spec.ema.is_some());
-        // Gradients of the parts of a batch are added up.
+        // The gradients of the parts of a batch are summed.
         let sums = u64::from(parts > 1);
         let of_parameters = |copies: u64| copies * self.parameters * F32;
         let state_bytes = of_parameters(COPIES + average + sums);
@@ -105,8 +105,8 @@ impl Counts {
     }
 }
 
-/// Why a training on `data` may not fit into `available` bytes. Nothing is said of a model that cannot be
-/// made: its training says why.
+/// The reason why a training on `data` may not fit into `available` bytes. It is `None` for a model
+/// that cannot be built, since the training itself reports that.
 pub fn memory_doubt(spec: &TrainSpec, data: &DataSpec, available: u64) -> Option<Doubt> {
     let counts = Counts::of(spec, data.samples(), data.joints()).ok()?;
     let needed = counts.memory(spec, spec.gradient_accumulation);
@@ -118,22 +118,21 @@ pub fn memory_doubt(spec: &TrainSpec, data: &DataSpec, available: u64) -> Option
         .find(|&parts| counts.memory(spec, parts).peak_bytes <= available);
     let advice = match enough {
         Some(parts) => format!(
-            "with \"gradient_accumulation\": {parts} about {} would do, for the same steps",
+            "with \"gradient_accumulation\": {parts} it needs about {}, and takes the same steps",
             gigabytes(counts.memory(spec, parts).peak_bytes)
         ),
-        None => "no gradient_accumulation makes it fit; a smaller model does".to_owned(),
+        None => "no gradient_accumulation makes it fit; use a smaller model".to_owned(),
     };
     Some(Doubt {
         field: "batch_size".to_owned(),
         value: format!(
-            "{} in {} at once",
+            "{}, {} at a time",
             spec.batch_size,
             spec.batch_size.div_ceil(spec.gradient_accumulation.max(1))
         ),
         reason: format!(
-            "the training needs about {} of memory, {} of it for what its {} parameters bring \
-                 along and {} for a step; the server's machine has {}, and if a worker has no more, \
-                 the system may end it; {advice}",
+            "the training needs about {} of memory: {} for its {} parameters and {} for a step; \
+             the server's machine has {}, and the system may end a worker that has no more; {advice}",
             gigabytes(needed.peak_bytes),
             gigabytes(needed.state_bytes),
             needed.parameters,
@@ -178,7 +177,7 @@ mod tests {
         }
     }
 
-    /// A model of every architecture, and every option that changes what is computed.
+    /// A model of every architecture, with every option that changes the computation.
     fn every_kind() -> Vec<(String, TrainSpec)> {
         let options = [
             ("robomorph", json!({"head": "gaussian"})),
@@ -207,7 +206,8 @@ mod tests {
         }
     }
 
-    /// The counts that the published sizes imply; of CDCNN less its block without effect, 0.1 M.
+    /// The parameter counts follow from the published sizes. CDCNN leaves out its block without
+    /// effect, 0.1 M.
     #[test]
     fn at_the_papers_sizes_there_are_as_many_parameters() {
         for (name, more, millions) in [
@@ -224,7 +224,7 @@ mod tests {
         }
     }
 
-    /// A forward pass leaves in memory what is counted, each trajectory as much as the others.
+    /// A forward pass keeps as much memory as was counted, and the same for each trajectory.
     #[test]
     fn a_step_keeps_what_is_counted_of_every_architecture() {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
@@ -235,8 +235,8 @@ mod tests {
                 let device = Device::cpu().training();
                 let mut weights = InitialWeights::new(0, &device);
                 let model = SequenceModel::new(&spec.model, EXTENTS, &mut weights).unwrap();
-                // The first pass makes what is kept for operations to come. Tables of burn's grow in
-                // some passes, not in the one that leaves least.
+                // The first pass creates what later operations reuse. Some passes grow tables of
+                // burn. The pass that leaves least does not.
                 kept_bytes(&model, 20);
                 let least = |batch| (0..3).map(|_| kept_bytes(&model, batch)).min().unwrap();
                 let [few, many] = [4, 20].map(least);
@@ -248,7 +248,7 @@ mod tests {
         assert!(off.is_empty(), "{off:?}");
     }
 
-    /// Bytes that are in use after a forward pass and were not before.
+    /// Bytes that a forward pass adds to the memory in use.
     fn kept_bytes(model: &SequenceModel, batch: usize) -> isize {
         let before = live_bytes();
         let series = |samples: u32| {
@@ -292,7 +292,7 @@ mod tests {
         let small = TrainSpec { batch_size: 64, ..training("cdcnn-tiny", &json!({})) };
         assert_eq!(memory_doubt(&small, &data, 1 << 30), None);
         let Doubt { field, value, reason } = memory_doubt(&large, &data, 1 << 30).unwrap();
-        assert_eq!((field.as_str(), value.as_str()), ("batch_size", "64 in 64 at once"));
+        assert_eq!((field.as_str(), value.as_str()), ("batch_size", "64, 64 at a time"));
         for part in ["parameters", "has 1.00 GiB", "a worker"] {
             assert!(reason.contains(part), "{reason:?} lacks {part:?}");
         }
@@ -303,6 +303,6 @@ mod tests {
 
         let too_large = training("diffuser-paper", &json!({}));
         let doubt = memory_doubt(&too_large, &data, 1 << 30).unwrap();
-        assert!(doubt.reason.contains("a smaller model does"), "{}", doubt.reason);
+        assert!(doubt.reason.contains("use a smaller model"), "{}", doubt.reason);
     }
 }

@@ -7,8 +7,8 @@ use crate::ModelError;
 use crate::architecture::ModelInput;
 use crate::frame::Frame;
 
-/// Smaller standard deviations count as this one (N·m and rad): a joint that stands still is not
-/// to be magnified until rounding looks like motion. 1e-3 rad is 0.06°.
+/// Smaller standard deviations count as this one (N·m and rad). Otherwise the rounding errors of a
+/// joint at rest would be magnified until they look like motion. 1e-3 rad is 0.06°.
 pub(crate) const SMALLEST_STANDARD_DEVIATION: f32 = 1e-3;
 
 /// Mean and standard deviation of each joint's torque (N·m) and position (rad).
@@ -22,7 +22,7 @@ pub struct Statistics {
 }
 
 impl Statistics {
-    /// Whether these can be the statistics of an arm of `joints` joints.
+    /// Whether these are valid statistics of an arm of `joints` joints.
     pub(crate) fn is_usable(&self, joints: usize) -> bool {
         let each = [&self.u_mean, &self.u_std, &self.y_mean, &self.y_std];
         let means = self.u_mean.iter().chain(&self.y_mean);
@@ -32,7 +32,7 @@ impl Statistics {
             && deviations.all(|&deviation| deviation.is_finite() && deviation > 0.0)
     }
 
-    /// Mean 0 and deviation 1: what is seen is N·m and rad.
+    /// Mean 0 and standard deviation 1. The model sees N·m and rad.
     fn identity(joints: usize) -> Self {
         let [zeros, ones] = [0.0, 1.0].map(|value| vec![value; joints]);
         Self { u_mean: zeros.clone(), u_std: ones.clone(), y_mean: zeros, y_std: ones }
@@ -47,7 +47,7 @@ impl Statistics {
     }
 }
 
-/// Gathers the statistics of a dataset, some trajectories at a time.
+/// Computes the statistics of a dataset from several sets of trajectories.
 #[derive(Clone, Debug)]
 pub struct StatisticsAccumulator {
     u: ChannelSums,
@@ -59,8 +59,10 @@ impl StatisticsAccumulator {
         Self { u: ChannelSums::new(joints), y: ChannelSums::new(joints) }
     }
 
+    /// Adds trajectories.
+    ///
     /// # Panics
-    /// When the trajectories have another number of joints.
+    /// If the trajectories have another number of joints.
     pub fn add(&mut self, trajectories: &SeriesView<'_>) {
         for robot in 0..trajectories.robots() {
             self.u.add(trajectories.u(robot).iter());
@@ -68,7 +70,8 @@ impl StatisticsAccumulator {
         }
     }
 
-    /// Population statistics of all that was added; mean 0 and deviation 1 of nothing.
+    /// Population statistics of all trajectories so far. Without any the mean is 0 and the standard
+    /// deviation 1.
     pub fn finish(&self) -> Statistics {
         let (u_mean, u_std) = self.u.mean_and_deviation();
         let (y_mean, y_std) = self.y.mean_and_deviation();
@@ -76,8 +79,8 @@ impl StatisticsAccumulator {
     }
 }
 
-/// Running mean and sum of squared deviations per channel (Welford 1962), which loses no digits
-/// where the mean is large beside the deviation.
+/// Running mean and sum of squared deviations per channel (Welford 1962). This loses no digits
+/// where the mean is large compared with the deviation.
 #[derive(Clone, Debug)]
 struct ChannelSums {
     count: u64,
@@ -117,17 +120,17 @@ impl ChannelSums {
     }
 }
 
-/// How raw series become what a model sees, and its answers positions again.
+/// The normalization of a model's input. Its inverse turns answers into positions.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Normalizer {
-    /// By each trajectory's own context.
+    /// Uses the statistics of each trajectory's own context.
     Context,
-    /// By these statistics, whatever the trajectory.
+    /// Uses these statistics for all trajectories.
     Dataset(Statistics),
-    /// By each trajectory's own context and horizon, as in the paper's code.
+    /// Uses the statistics of each trajectory's own context and horizon, as the paper's code does.
     PaperLeaky,
-    /// Not at all: N·m and rad.
+    /// No normalization: the model sees N·m and rad.
     None,
 }
 
@@ -145,7 +148,7 @@ impl Normalizer {
         }
     }
 
-    /// Statistics of each trajectory, for which the horizon's y may be seen.
+    /// The statistics of each trajectory of a training batch, whose horizon's y is known.
     pub(crate) fn statistics_of_batch(
         &self,
         batch: &SeriesView<'_>,
@@ -161,7 +164,7 @@ impl Normalizer {
         robots.map(|robot| Statistics::of(batch.u(robot), batch.y(robot), seen)).collect()
     }
 
-    /// Statistics of each trajectory from what a predictor may know.
+    /// The statistics of each trajectory from the data that a predictor may see.
     pub(crate) fn statistics_of_observed(
         &self,
         observed: &Observed<'_>,
@@ -179,8 +182,8 @@ impl Normalizer {
     }
 }
 
-/// The model's view of `observed`, each trajectory by its own statistics and frame. This is the one
-/// copy between a batch and its tensors.
+/// The model's input from `observed`, with the statistics and the frame of each trajectory. This is
+/// the only copy between a batch and its tensors.
 pub(crate) fn model_input(
     observed: &Observed<'_>,
     statistics: &[Statistics],
@@ -224,7 +227,7 @@ pub(crate) fn model_input(
     }
 }
 
-/// True positions of the horizon as the frames see them, `[robot, horizon, joint]`.
+/// True positions of the horizon in the frames, `[robot, horizon, joint]`.
 pub(crate) fn target(
     batch: &SeriesView<'_>,
     frames: &[Frame],

@@ -17,13 +17,13 @@ use crate::sequence_model::SequenceModel;
 const FIRST_MOMENT: &str = "exp_avg.";
 pub(crate) const SECOND_MOMENT: &str = "exp_avg_sq.";
 
-/// As in `torch.nn.utils.clip_grad_norm_`, so that a norm of zero divides nothing.
+/// The same ε as in `torch.nn.utils.clip_grad_norm_`. It avoids a division by a norm of zero.
 const CLIP_EPSILON: f64 = 1e-6;
 
 /// AdamW (Loshchilov and Hutter 2019) over the parameters of one model.
 ///
-/// burn's own `ModuleOptimizer` keys its state by ids that a process draws at random. Here the
-/// moments have the names of their parameters, so that they can be saved and resumed exactly.
+/// burn's own `ModuleOptimizer` keys its state by ids that a process draws at random. This one
+/// names the moments after their parameters, so that they can be saved and resumed exactly.
 pub(crate) struct ModelOptimizer {
     rule: AdamW,
     spec: OptimizerSpec,
@@ -34,7 +34,7 @@ pub(crate) struct ModelOptimizer {
 /// Gradients by parameter name, flattened.
 pub(crate) struct NamedGradients {
     gradients: BTreeMap<String, Tensor<1>>,
-    /// Euclidean norm over all of them.
+    /// Euclidean norm over all gradients.
     pub norm: f64,
 }
 
@@ -49,10 +49,10 @@ impl ModelOptimizer {
         Self { rule: rule(spec), spec: *spec, moments }
     }
 
-    /// The optimizer that [`ModelOptimizer::state`] was read from after `steps` steps.
+    /// Restores the optimizer from [`ModelOptimizer::state`] after `steps` steps.
     ///
     /// # Errors
-    /// What is missing, superfluous or of another shape.
+    /// A moment is missing, superfluous or of another shape.
     pub fn from_state(
         spec: &OptimizerSpec,
         model: &SequenceModel,
@@ -62,13 +62,13 @@ impl ModelOptimizer {
         let mut first = NamedTensors::new();
         let mut second = NamedTensors::new();
         for (key, tensor) in state {
-            // The longer prefix is tried first; neither is a prefix of the other's names.
+            // The longer prefix is tried first, because both share their beginning.
             if let Some(name) = key.strip_prefix(SECOND_MOMENT) {
                 second.insert(name.to_owned(), tensor);
             } else if let Some(name) = key.strip_prefix(FIRST_MOMENT) {
                 first.insert(name.to_owned(), tensor);
             } else {
-                return Err(format!("tensor `{key}` is no moment of an optimizer"));
+                return Err(format!("tensor `{key}` is not a moment of an optimizer"));
             }
         }
         check_shapes(model, &first).map_err(|reason| format!("{FIRST_MOMENT}: {reason}"))?;
@@ -102,7 +102,7 @@ impl ModelOptimizer {
         Ok(state)
     }
 
-    /// One step down the gradients, clipped to the spec's global norm.
+    /// Takes one step of AdamW. The gradients are clipped to the spec's global norm.
     pub fn step(
         &mut self,
         model: SequenceModel,
@@ -135,7 +135,7 @@ impl NamedGradients {
     }
 
     /// Takes the gradients of the model's parameters out of `parts`, one set for each part of a
-    /// batch, and adds them up in order.
+    /// batch, and sums them in order.
     pub fn of(model: &SequenceModel, parts: Vec<Gradients>) -> Result<Self, ModelError> {
         let mut sums: BTreeMap<String, Tensor<1>> = BTreeMap::new();
         for mut part in parts {
@@ -152,9 +152,10 @@ impl NamedGradients {
     }
 }
 
-/// Summed here and in order where tensors are here: burn-flex adds large ones in an order that
-/// depends on which thread was free, and the clipped step must not. Other devices sum themselves, and
-/// one number of each gradient is read back: all of them would be as much as the model.
+/// The sum of the squared gradients. On the processor it is summed here and in order: the order in
+/// which burn-flex adds large tensors depends on the threads, and the clipped step must not depend
+/// on it. Other devices sum themselves, and one number of each gradient is read back, because all
+/// of them would be as large as the model.
 fn sum_of_squares(gradients: &BTreeMap<String, Tensor<1>>) -> Result<f64, ModelError> {
     let mut squares = 0.0;
     let mut elsewhere: Vec<Tensor<1>> = Vec::new();
@@ -190,7 +191,7 @@ fn fill(moment: &mut Tensor<1>, from: Option<NamedTensor>) {
 
 struct Update<'a> {
     path: Path,
-    /// On devices without a kernel of ours.
+    /// The rule of burn, for devices without a fused kernel.
     rule: &'a AdamW,
     spec: &'a OptimizerSpec,
     moments: &'a mut BTreeMap<String, AdamWState<1>>,
@@ -247,7 +248,7 @@ impl Update<'_> {
         (updated, momentum)
     }
 
-    /// At the `time`-th step, from 1 on.
+    /// The constants of step `time`, which counts from 1.
     #[expect(clippy::cast_possible_truncation, reason = "weights are updated in f32")]
     fn fused_step(&self, time: usize) -> AdamWStep {
         let [beta_1, beta_2] = self.spec.betas;

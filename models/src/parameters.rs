@@ -1,4 +1,4 @@
-//! Parameters by name: the way between a model and files.
+//! Parameters by name, between a model and its files.
 
 use std::collections::BTreeMap;
 
@@ -15,17 +15,18 @@ pub(crate) struct NamedTensor {
     pub values: Vec<f32>,
 }
 
-/// By the path of the parameter in its module, such as `encoder_blocks.0.attention.query.weight`.
+/// Tensors by the path of the parameter in its module, such as
+/// `encoder_blocks.0.attention.query.weight`.
 pub(crate) type NamedTensors = BTreeMap<String, NamedTensor>;
 
 /// A parameter, whatever its rank.
 pub(crate) trait Parameter {
     fn shape(&self) -> Vec<usize>;
 
-    /// Its numbers in a row.
+    /// Its values as a flat tensor.
     fn numbers(&self) -> Tensor<1>;
 
-    /// Its gradient, taken out of `gradients`, in a row.
+    /// Its gradient as a flat tensor, which is taken out of `gradients`.
     fn gradient(&self, gradients: &mut Gradients) -> Option<Tensor<1>>;
 }
 
@@ -48,7 +49,7 @@ fn in_a_row<const D: usize>(tensor: Tensor<D>) -> Tensor<1> {
     tensor.reshape([length])
 }
 
-/// Hands every parameter to `visit` with its name.
+/// Calls `visit` with the name of every parameter and the parameter.
 pub(crate) fn for_each_parameter(model: &SequenceModel, visit: impl FnMut(String, &dyn Parameter)) {
     model.visit(&mut Walk { path: Path::default(), visit });
 }
@@ -71,7 +72,7 @@ pub(crate) fn parameters(model: &SequenceModel) -> Result<NamedTensors, ModelErr
 /// The model with every parameter replaced by the tensor of its name.
 ///
 /// # Errors
-/// What is missing, superfluous or of another shape.
+/// A tensor is missing, superfluous or of another shape.
 pub(crate) fn with_parameters(
     model: SequenceModel,
     tensors: NamedTensors,
@@ -81,7 +82,7 @@ pub(crate) fn with_parameters(
     Ok(model.map(&mut writer))
 }
 
-/// Whether `tensors` has exactly the names and shapes of the model's parameters.
+/// Checks that `tensors` has exactly the names and shapes of the model's parameters.
 pub(crate) fn check_shapes(model: &SequenceModel, tensors: &NamedTensors) -> Result<(), String> {
     let mut shapes = BTreeMap::new();
     for_each_parameter(model, |name, parameter| {
@@ -98,12 +99,12 @@ pub(crate) fn check_shapes(model: &SequenceModel, tensors: &NamedTensors) -> Res
         }
     }
     match tensors.keys().find(|name| !shapes.contains_key(*name)) {
-        Some(name) => Err(format!("tensor `{name}` is no parameter of this model")),
+        Some(name) => Err(format!("tensor `{name}` is not a parameter of this model")),
         None => Ok(()),
     }
 }
 
-/// Where a walk over a module is.
+/// The current place in a walk over a module.
 #[derive(Default)]
 pub(crate) struct Path(Vec<String>);
 

@@ -1,4 +1,4 @@
-//! From a question to positions, in parts that fit in memory.
+//! Turns a question into positions, in chunks that fit in memory.
 
 use burn::tensor::{Device, Tensor, TensorData};
 use series::Observed;
@@ -14,10 +14,10 @@ use crate::randomness::{Noise, Purpose, generator};
 use crate::sampling::Sampling;
 use crate::sequence_model::SequenceModel;
 
-/// Trajectories computed at once, so that memory does not grow with the question.
+/// Trajectories that are computed together. It bounds the memory of large questions.
 const CHUNK: usize = 64;
 
-/// A model with all that its answers depend on.
+/// A model with everything that its answers depend on.
 pub(crate) struct Predictor<'a> {
     pub model: &'a SequenceModel,
     pub spec: &'a ModelSpec,
@@ -41,8 +41,8 @@ impl Predictor<'_> {
         let mut answers = vec![0.0; questions.saturating_mul(values)];
         for first in (0..questions).step_by(CHUNK) {
             let chunk = first..(first + CHUNK).min(questions);
-            // The trajectory and the number of the sample that each row is: samples of a trajectory together, so
-            // that what they share is computed once.
+            // The trajectory and the sample's number of each row. Samples of a trajectory follow
+            // each other, so that they share computations.
             let rows: Vec<(usize, usize)> =
                 chunk.map(|question| (question / samples, question % samples)).collect();
             let found = self.rows(observed, statistics, sampling, draw, &steps, &rows)?;
@@ -117,6 +117,6 @@ impl Predictor<'_> {
 }
 
 fn not_a_denoiser(field: &'static str) -> ModelError {
-    let allowed = "none, for a model that removes no noise".to_owned();
+    let allowed = "left out, because this model is no denoiser".to_owned();
     ModelError::Sampling { field, value: "given".to_owned(), allowed }
 }

@@ -1,4 +1,4 @@
-//! Random numbers by what they are for: whoever asks, in whatever order, gets the same.
+//! Random numbers keyed by purpose. The order of the calls does not matter.
 
 use burn::tensor::{Device, Tensor, TensorData};
 use random::{ChaCha12Rng, Rng};
@@ -6,7 +6,7 @@ use rayon::prelude::*;
 
 use kernels::DropoutKeys;
 
-/// What random numbers are drawn for. Part of the key: a number is never used twice.
+/// The purpose of random numbers. It is part of the key, so that no number is used twice.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Purpose {
     /// Noise and its level in a training step, by (step, trajectory of the batch).
@@ -15,9 +15,9 @@ pub(crate) enum Purpose {
     Validation = 2,
     /// A sample of a prediction, by (scenario, sample).
     Sample = 3,
-    /// The key of what is left out in a training step, by (step, trajectory of the batch).
+    /// The key of dropout in a training step, by (step, trajectory of the batch).
     Dropout = 4,
-    /// Where the contexts of a training step end, by (step, 0).
+    /// The ends of the contexts of a training step, by (step, 0).
     Cut = 5,
 }
 
@@ -30,9 +30,9 @@ pub(crate) fn generator(seed: u64, purpose: Purpose, first: u64, second: u64) ->
 #[derive(Debug)]
 pub(crate) struct Noise {
     rows: Vec<ChaCha12Rng>,
-    /// For what is left out of each row, where anything is.
+    /// The keys of each row's dropout, if there is any.
     dropout: Option<DropoutKeys>,
-    /// Numbers that others drew, taken instead of drawn ones; backwards.
+    /// Noise that was drawn elsewhere and replaces own draws, in reverse order.
     #[cfg(test)]
     given: Vec<Vec<f32>>,
 }
@@ -47,7 +47,7 @@ impl Noise {
         }
     }
 
-    /// With a generator for what is left out of each row.
+    /// Adds a generator for the dropout of each row.
     pub fn with_dropout(self, rows: impl IntoIterator<Item = ChaCha12Rng>) -> Self {
         let key = |mut generator: ChaCha12Rng| [(); 4].map(|()| generator.next_u32());
         Self { dropout: Some(rows.into_iter().map(key).collect()), ..self }
@@ -57,7 +57,7 @@ impl Noise {
         self.dropout.clone()
     }
 
-    /// Noise drawn elsewhere, `[row, sample, channel]` for each time that it is asked for.
+    /// Noise that was drawn elsewhere, `[row, sample, channel]` for each call of [`Noise::normal`].
     #[cfg(test)]
     pub fn given(series: impl IntoIterator<Item = Vec<f32>>) -> Self {
         let mut given: Vec<Vec<f32>> = series.into_iter().collect();
@@ -65,7 +65,7 @@ impl Noise {
         Self { rows: Vec::new(), dropout: None, given }
     }
 
-    /// A whole number below `end` for each row, each as likely but for one in 2³².
+    /// A whole number below `end` for each row, uniform up to one in 2³².
     pub fn below(&mut self, end: usize) -> Vec<usize> {
         let scaled = |generator: &mut ChaCha12Rng| {
             let number = (u64::from(generator.next_u32()) * end as u64) >> 32;

@@ -1,4 +1,4 @@
-//! The ranges of the data that a model was trained on, and what of a question lies outside of them.
+//! The ranges of a model's training data, and warnings for questions outside of them.
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -6,21 +6,22 @@ use series::{Observed, SeriesView, Track};
 use spec::Range;
 use wire::{Warning, WarningKind};
 
-/// A value counts as outside when it lies beyond its range by more than this share of the range's width:
-/// the extremes of new robots of the same kind are a little beyond those of a training.
+/// A value counts as outside if it lies beyond its range by more than this share of the range's
+/// width. The extremes of new robots of the same kind lie a little beyond those of a training.
 const TOLERANCE: f64 = 0.05;
 
-/// And by more than this, N·m, rad or rad/s: a joint that never moved in training has no width.
+/// It must also lie beyond by more than this, N·m, rad or rad/s. A joint that never moved in
+/// training has a range of no width.
 const LEAST_BEYOND: f64 = 1e-3;
 
-/// A context during which every joint stays within this says nothing of the robot, rad: 0.06°.
+/// A context in which every joint moves less than this identifies nothing, rad: 0.06°.
 const LEAST_MOTION_RAD: f64 = 1e-3;
 
-/// Shorter contexts hardly say anything of the robot, samples: a second difference, without which
-/// there is no inertia, needs three, and each joint has about as many unknowns.
+/// Shorter contexts hardly identify a robot, samples. Inertia shows in second differences, each of
+/// which needs three samples, and each joint has about as many unknowns.
 const FEWEST_SAMPLES: u32 = 10;
 
-/// Least and largest value of each joint.
+/// Smallest and largest value of each joint.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DataRanges {
@@ -55,7 +56,7 @@ impl DataRanges {
         }
     }
 
-    /// The ranges of both together. Their order does not show.
+    /// The ranges of both together, in either order.
     #[must_use]
     pub fn and(self, other: Self) -> Self {
         let both = |ours: Vec<Range>, theirs: Vec<Range>| {
@@ -69,7 +70,7 @@ impl DataRanges {
         }
     }
 
-    /// Whether these can be the ranges of an arm of `joints` joints.
+    /// Whether these are valid ranges of an arm of `joints` joints.
     pub(crate) fn is_usable(&self, joints: usize) -> bool {
         let each = [&self.u_nm, &self.y_rad, &self.rate_rad_s];
         each.iter().all(|ranges| ranges.len() == joints)
@@ -78,8 +79,8 @@ impl DataRanges {
             })
     }
 
-    /// The torques of context and horizon, the positions of the context and their rates that lie outside,
-    /// a warning for each quantity and joint.
+    /// A warning for each quantity and joint that lies outside: torques of context and horizon,
+    /// positions of the context, and their rates.
     pub fn warnings(&self, observed: &Observed<'_>) -> Vec<Warning> {
         let of = |robot| {
             let (u, y) = (observed.u(robot), observed.y(robot));
@@ -88,7 +89,7 @@ impl DataRanges {
         Warning::merge((0..observed.robots()).flat_map(of))
     }
 
-    /// Warnings of those ranges of one robot's data that lie outside.
+    /// The warnings for one robot, whose data has the ranges `found`.
     pub fn warnings_of(&self, found: &Self) -> Vec<Warning> {
         let quantities = [
             (WarningKind::TorqueRange, &self.u_nm, &found.u_nm),
@@ -107,8 +108,8 @@ impl DataRanges {
     }
 }
 
-/// Least and largest value of each joint, sample by sample: a batch of training is looked through at every
-/// step.
+/// Smallest and largest value of each joint, computed sample by sample, because training does this
+/// for every batch.
 struct Ends(Vec<[f64; 2]>);
 
 impl Ends {
@@ -123,14 +124,16 @@ impl Ends {
         }
     }
 
-    /// Times `scale`; 0 of nothing. Adding 0 makes one zero of two, which know an order that others do not.
+    /// The ranges times `scale`; 0 without values. Adding 0 turns -0 into 0, so that the order of
+    /// the values does not matter.
     fn ranges(&self, scale: f64) -> Vec<Range> {
         let end = |value: f64| if value.is_finite() { scale * value + 0.0 } else { 0.0 };
         self.0.iter().map(|&[least, largest]| Range::new(end(least), end(largest))).collect()
     }
 }
 
-/// Contexts that are too short, or in which nothing moves, for anything to be identified from them.
+/// Warnings for contexts that identify nothing, because they are too short or nothing moves in
+/// them.
 pub fn context_warnings(observed: &Observed<'_>) -> Vec<Warning> {
     let samples = u32::try_from(observed.context()).unwrap_or(u32::MAX);
     if samples < FEWEST_SAMPLES {
@@ -146,8 +149,8 @@ pub fn context_warnings(observed: &Observed<'_>) -> Vec<Warning> {
     if still > 0 { vec![Warning::no_motion(LEAST_MOTION_RAD, still)] } else { Vec::new() }
 }
 
-/// Predicted positions that leave the limits of a joint. `positions` are `[sample, robot, horizon, joint]`
-/// in rad, of `robots` robots; every sample counts.
+/// Warnings for predicted positions beyond the limits of a joint. `positions` are `[sample, robot,
+/// horizon, joint]` in rad, of `robots` robots. Every sample counts.
 pub fn limit_warnings(
     positions: &[f32],
     robots: usize,
@@ -178,12 +181,12 @@ fn outside(trained: Range, found: Range) -> Option<f64> {
     (!wider.contains(reached)).then_some(reached)
 }
 
-/// The end of `found` that lies further outside of `range`, or less far inside.
+/// The end of `found` that lies further outside of `range`, or less far inside it.
 fn furthest(range: Range, found: Range) -> f64 {
     if range.min - found.min > found.max - range.max { found.min } else { found.max }
 }
 
-/// From the least value to the largest; 0 of nothing.
+/// From the smallest value to the largest; 0 without values.
 fn range(values: impl Iterator<Item = f64>) -> Range {
     let ends = |ends: Option<Range>, value: f64| {
         let ends = ends.unwrap_or(Range::new(value, value));
@@ -218,23 +221,26 @@ mod tests {
     fn torques_positions_and_rates_outside_are_told_with_both_numbers() {
         let trained = trained();
         assert!((trained.u_nm[0].max - 2.8).abs() < 0.02, "{trained:?}");
-        // 0.3 rad a sample at 60 Hz.
+        // 0.3 rad per sample at 60 Hz.
         assert!((trained.rate_rad_s[1].max - 18.0).abs() < 0.5, "{trained:?}");
         assert_eq!(trained.warnings(&robot(2.8, 1.0, 60).observed(40)), []);
-        let told = |u: f32, q: f32| -> Vec<(WarningKind, u32)> {
+        let kinds = |u: f32, q: f32| -> Vec<(WarningKind, u32)> {
             let warnings = trained.warnings(&robot(u, q, 60).observed(40));
             warnings.iter().map(|it| (it.kind, it.joint.unwrap())).collect()
         };
-        assert_eq!(told(30.0, 1.0), [(WarningKind::TorqueRange, 1), (WarningKind::TorqueRange, 2)]);
+        assert_eq!(
+            kinds(30.0, 1.0),
+            [(WarningKind::TorqueRange, 1), (WarningKind::TorqueRange, 2)]
+        );
         let moved = [WarningKind::PositionRange, WarningKind::RateRange];
-        assert_eq!(told(2.8, 1.5), moved.map(|kind| [(kind, 1), (kind, 2)]).concat());
+        assert_eq!(kinds(2.8, 1.5), moved.map(|kind| [(kind, 1), (kind, 2)]).concat());
         let message = &trained.warnings(&robot(30.0, 1.0, 60).observed(40))[0].message;
         assert!(message.ends_with("trained on -2.79 to 2.80 N·m"), "{message}");
     }
 
     #[test]
     fn a_little_beyond_the_range_is_no_warning() {
-        // The range is 5.6 N·m wide, of which a twentieth is 0.28.
+        // The range is 5.6 N·m wide. A twentieth of it is 0.28.
         assert_eq!(trained().warnings(&robot(3.0, 1.0, 60).observed(40)), []);
         assert_eq!(trained().warnings(&robot(3.2, 1.0, 60).observed(40)).len(), 2);
     }

@@ -3,38 +3,39 @@ use spec::{Generation, SamplerSpec};
 
 use crate::ModelError;
 
-/// What [`crate::TrainedModel::sample`] is asked for.
+/// The options of [`crate::TrainedModel::sample`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sampling {
-    /// `None` is the one of the checkpoint.
+    /// The sampler, or `None` for the checkpoint's own.
     pub sampler: Option<SamplerSpec>,
-    /// With the scenario and the number of the sample, the key of all randomness.
+    /// The seed. Together with the scenario and the number of the sample it is the key of all
+    /// randomness.
     pub seed: u64,
-    /// How many of each trajectory.
+    /// Samples of each trajectory.
     pub samples: usize,
-    /// Scenario of the first trajectory asked about; the others follow. A scenario has the same
-    /// samples whatever it is asked together with.
+    /// Scenario of the first trajectory. The others follow. The samples of a scenario do not depend
+    /// on the other trajectories of the call.
     pub first_scenario: u64,
     pub warm_start: Option<WarmStart>,
 }
 
-/// Begins with an earlier prediction instead of noise (Janner et al. 2022, as its author
-/// described it): moved on in time, noised to level `steps` - 1 of the training, and cleaned by the
-/// last `steps` levels one by one. Of a flow it is noised to its `warm_start_time` and goes on in
-/// `steps` even steps.
+/// A warm start begins with an earlier prediction instead of noise (Janner et al. 2022, as its
+/// author described it). The prediction is shifted in time and noised to level `steps` - 1 of the
+/// training. The last `steps` levels then remove the noise one by one. A flow noises it to its
+/// `warm_start_time` and continues in `steps` even steps.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WarmStart {
     /// Positions of the horizon, predicted `shift` samples ago, `[robot, horizon, joint]`, rad.
     pub previous: Vec<f32>,
-    /// Samples between the two predictions, 1 in the paper. What lies beyond the previous
-    /// prediction is its last sample.
+    /// Samples between the two predictions, 1 in the paper. Samples beyond the end of the previous
+    /// prediction repeat its last one.
     pub shift: usize,
     pub steps: u32,
 }
 
 impl Default for Sampling {
-    /// One sample of seed 0 with the checkpoint's sampler: what [`crate::TrainedModel::predict`]
-    /// asks a denoiser for.
+    /// One sample of seed 0 with the checkpoint's sampler. [`crate::TrainedModel::predict`] uses
+    /// this for a denoiser.
     fn default() -> Self {
         Self { sampler: None, seed: 0, samples: 1, first_scenario: 0, warm_start: None }
     }
@@ -68,7 +69,7 @@ impl WarmStart {
         Ok(())
     }
 
-    /// The previous prediction of trajectory `index`, moved on.
+    /// The previous prediction of trajectory `index`, shifted in time.
     pub(crate) fn shifted(&self, index: usize, horizon: usize, joints: usize) -> Vec<f32> {
         let previous = &self.previous[index * horizon * joints..][..horizon * joints];
         (0..horizon)

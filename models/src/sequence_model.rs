@@ -15,14 +15,14 @@ use crate::randomness::Noise;
 /// A model of any of the architectures that `spec` lists.
 macro_rules! sequence_model {
     ($($name:ident($spec:ident) = $label:tt,)*) => {
-        /// One of the architectures. Not a burn module itself, so that parameter names do not begin
-        /// with the architecture's.
+        /// A model of one of the architectures. It is not a burn module itself, so that the names
+        /// of parameters do not begin with the architecture's name.
         #[derive(Clone, Debug)]
         pub(crate) enum SequenceModel {
             $($name(Box<<spec::$spec as Architecture>::Model>),)*
         }
 
-        /// `$result` with `$model` of whatever architecture.
+        /// Evaluates `$result` with `$model` of any architecture.
         macro_rules! of_any {
             ($self:expr, $model:ident => $result:expr) => {
                 match $self { $(SequenceModel::$name($model) => $result,)* }
@@ -30,8 +30,11 @@ macro_rules! sequence_model {
         }
 
         impl SequenceModel {
+            /// A model with initial weights.
+            ///
             /// # Errors
-            /// [`ModelError::Size`] for sizes that do not fit each other, [`ModelError::Spec`].
+            /// [`ModelError::Size`] for sizes that do not fit each other, [`ModelError::Spec`] for
+            /// an invalid spec.
             pub fn new(
                 spec: &ModelSpec,
                 extents: Extents,
@@ -45,7 +48,7 @@ macro_rules! sequence_model {
                 })
             }
 
-            /// The same weights, without what training needs.
+            /// The same weights, for inference only.
             pub fn for_inference(&self) -> Self {
                 match self { $(Self::$name(model) => Self::$name(Box::new(model.for_inference())),)* }
             }

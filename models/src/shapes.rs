@@ -1,11 +1,11 @@
-//! That series are what a model takes.
+//! Checks that series fit a model.
 
 use series::{Observed, SeriesView};
 use spec::{Length, ModelSpec};
 
 use crate::ModelError;
 
-/// Whole trajectories of `samples` samples, at least one.
+/// Checks a batch of whole trajectories of `samples` samples. It needs at least one trajectory.
 pub(crate) fn check_batch(
     batch: &SeriesView<'_>,
     samples: usize,
@@ -23,7 +23,7 @@ pub(crate) fn check_batch(
     })
 }
 
-/// Checks the question to a model whose training had `trained` samples.
+/// Checks a question to a model that was trained on trajectories of length `trained`.
 pub(crate) fn check_observed(
     observed: &Observed<'_>,
     model: &ModelSpec,

@@ -1,8 +1,8 @@
-//! Sizes that a model cannot have, told before it is made.
+//! Limits on the sizes of a model, which are checked before it is built.
 
 use crate::ModelError;
 
-/// Sizes beyond these are no model but a mistake; below them no count computed here overflows.
+/// Larger sizes are taken for mistakes. Within these limits no count in this crate overflows.
 pub(crate) const LARGEST_WIDTH: u32 = 1 << 14;
 pub(crate) const MOST_LAYERS: u32 = 1 << 8;
 pub(crate) const LARGEST_RATIO: u32 = 1 << 6;
@@ -22,7 +22,7 @@ pub(crate) fn within(
     Err(ModelError::Size { field, value: value.into(), allowed })
 }
 
-/// That `divisor`, of name `field`, divides `value`, of name `of`.
+/// Checks that `divisor`, named `field`, divides `value`, named `of`.
 pub(crate) fn divides(
     field: &'static str,
     divisor: u32,
@@ -36,7 +36,7 @@ pub(crate) fn divides(
     Err(ModelError::Size { field, value: divisor.into(), allowed })
 }
 
-/// That `value`, of name `field`, is a multiple of `divisor`, which is `what`.
+/// Checks that `value`, named `field`, is a multiple of `divisor`. `what` describes the divisor.
 pub(crate) fn multiple(
     field: &'static str,
     value: u32,

@@ -1,17 +1,17 @@
-//! The series that a network is told beside measured positions.
+//! The known series that a network sees beside measured positions.
 
 use burn::tensor::Tensor;
 use spec::Residual;
 
 use crate::architecture::ModelInput;
 
-/// Logarithms of units lie between about -10 and 0, and count in this.
+/// Factor for the logarithms of units, which lie between about -10 and 0.
 const PER_LOGARITHM: f64 = 0.25;
 
-/// The series that a network is told, context and horizon.
+/// The known series of a network, over context and horizon.
 ///
-/// Answers beside a path say neither where the arm is, on which its inertia depends, nor how large they are: the path
-/// and the unit say both.
+/// Answers relative to a path contain neither the arm's pose, on which its inertia depends, nor the
+/// size of their unit. The path and the unit give both.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Told {
     /// Normalized torques.
@@ -21,7 +21,7 @@ pub(crate) enum Told {
 }
 
 impl Told {
-    /// The series for a model whose answers are relative to `residual`.
+    /// The known series for a model whose answers are relative to `residual`.
     pub fn of(residual: Residual) -> Self {
         match residual {
             Residual::None => Self::Torques,
@@ -29,7 +29,7 @@ impl Told {
         }
     }
 
-    /// Channels of an arm of `joints`, of which the first are the torques.
+    /// Channels for an arm of `joints` joints. The torques come first.
     pub const fn channels(self, joints: usize) -> usize {
         match self {
             Self::Torques => joints,
@@ -37,7 +37,7 @@ impl Told {
         }
     }
 
-    /// `[batch, sample, channel]`.
+    /// The known series `[batch, sample, channel]`.
     pub fn series(self, input: &ModelInput) -> Tensor<3> {
         match self {
             Self::Torques => input.u.clone(),

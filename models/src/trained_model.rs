@@ -12,7 +12,7 @@ use crate::sequence_model::SequenceModel;
 use crate::shapes::{check_batch, check_observed};
 use crate::{Device, ModelError, Sampling};
 
-/// A model that only predicts. Can be shared between threads.
+/// A trained model for predictions. Threads can share it.
 #[derive(Debug)]
 pub struct TrainedModel {
     model: SequenceModel,
@@ -22,10 +22,11 @@ pub struct TrainedModel {
 }
 
 impl TrainedModel {
-    /// From the bytes of a checkpoint's [`crate::MODEL_FILE`] and [`crate::CONFIG_FILE`].
+    /// Loads a model from the bytes of a checkpoint's [`crate::MODEL_FILE`] and
+    /// [`crate::CONFIG_FILE`].
     ///
     /// # Errors
-    /// Files that are damaged, do not belong together, or are from a newer torqued.
+    /// The files are damaged, do not belong together, or come from a newer torqued.
     pub fn load(weights: &[u8], config: &[u8], device: &Device) -> Result<Self, ModelError> {
         let config = CheckpointConfig::parse(config)?;
         checkpoint::check_size(&config, weights)?;
@@ -44,21 +45,21 @@ impl TrainedModel {
         Self::load(&files.model, &files.config, device)
     }
 
-    /// Positions of the horizon, `[robot, horizon, joint]`, rad. Of a gaussian head the mean, of a
-    /// denoiser the sample of [`Sampling::default`].
+    /// Positions of the horizon, `[robot, horizon, joint]`, rad. A gaussian head gives its mean,
+    /// and a denoiser the sample of [`Sampling::default`].
     ///
     /// # Errors
-    /// [`ModelError::LeakRequired`] for a model with normalization `paper-leaky`; an input of
-    /// another shape or with values that are not finite.
+    /// [`ModelError::LeakRequired`] for a model with normalization `paper-leaky`. Other errors for
+    /// an input of another shape or with values that are not finite.
     pub fn predict(&self, observed: &Observed<'_>) -> Result<Vec<f32>, ModelError> {
         self.predict_with(observed, &Sampling::default())
     }
 
-    /// As [`TrainedModel::predict`], of a denoiser the one sample that `sampling` asks for.
+    /// Like [`TrainedModel::predict`], but a denoiser draws the single sample of `sampling`.
     ///
     /// # Errors
-    /// As [`TrainedModel::predict`]; [`ModelError::Sampling`] and [`ModelError::Spec`] for what this
-    /// model cannot do.
+    /// Those of [`TrainedModel::predict`], and [`ModelError::Sampling`] or [`ModelError::Spec`] for
+    /// a `sampling` that this model does not support.
     pub fn predict_with(
         &self,
         observed: &Observed<'_>,
@@ -67,12 +68,13 @@ impl TrainedModel {
         self.ask(observed, &Sampling { samples: 1, ..sampling.clone() }, Draw::Mean)
     }
 
-    /// Positions of the horizon in several ways, `[sample, robot, horizon, joint]`, rad. Sample k of a
-    /// scenario depends on (seed, scenario, k) alone, not on what else is asked.
+    /// Several samples of the horizon's positions, `[sample, robot, horizon, joint]`, rad. Sample k
+    /// of a scenario depends only on (seed, scenario, k), and not on the rest of the call.
     ///
     /// # Errors
-    /// As [`TrainedModel::predict`]; [`ModelError::NotGenerative`] for a model that has one answer
-    /// only, [`ModelError::Sampling`] and [`ModelError::Spec`] for what this one cannot do.
+    /// Those of [`TrainedModel::predict`], [`ModelError::NotGenerative`] for a model with a single
+    /// answer, and [`ModelError::Sampling`] or [`ModelError::Spec`] for a `sampling` that this
+    /// model does not support.
     pub fn sample(
         &self,
         observed: &Observed<'_>,
@@ -84,9 +86,9 @@ impl TrainedModel {
         self.ask(observed, sampling, Draw::Sample)
     }
 
-    /// As [`TrainedModel::predict`], except that normalization `paper-leaky` takes its statistics
-    /// from the whole trajectory, the horizon's y included, as the paper's code does. No other
-    /// use is made of the horizon's y.
+    /// Like [`TrainedModel::predict`], but with the whole trajectory, the horizon's y included.
+    /// Normalization `paper-leaky` takes its statistics from it, as the paper's code does. The
+    /// horizon's y has no other use.
     pub fn predict_with_leak(&self, batch: &SeriesView<'_>) -> Result<Vec<f32>, ModelError> {
         check_batch(batch, self.samples(), self.joints())?;
         let statistics = self.normalizer.statistics_of_batch(batch, self.context());
@@ -94,28 +96,28 @@ impl TrainedModel {
         self.answer(&observed, &statistics, &Sampling::default(), Draw::Mean)
     }
 
-    /// Whether it can answer the same question in several ways.
+    /// Whether the model can give several answers to the same question.
     pub fn is_generative(&self) -> bool {
         self.model.is_generative()
     }
 
-    /// Whether this model needs the future to predict it.
+    /// Whether the model needs the horizon's y for its predictions.
     pub fn needs_leak(&self) -> bool {
         self.normalizer == Normalizer::PaperLeaky
     }
 
-    /// Samples the model is given.
+    /// Samples of the context.
     pub fn context(&self) -> usize {
         self.config.context as usize
     }
 
-    /// Samples the model predicts.
+    /// Samples of the horizon.
     pub fn horizon(&self) -> usize {
         self.config.horizon as usize
     }
 
-    /// The fewest samples, at least `steps` and at most [`TrainedModel::horizon`], that it can be asked to predict after
-    /// its context.
+    /// The shortest horizon that this model can predict with at least `steps` samples. It is at
+    /// most [`TrainedModel::horizon`].
     pub fn horizon_of(&self, steps: usize) -> usize {
         let CheckpointConfig { model, context, samples, .. } = &self.config;
         let whole = u32::try_from(steps).unwrap_or(*samples).next_multiple_of(model.patch());
@@ -130,7 +132,7 @@ impl TrainedModel {
         self.config.samples as usize
     }
 
-    /// Joints of the arm that it was trained on.
+    /// Joints of the arm in the training.
     pub fn joints(&self) -> usize {
         self.config.joints
     }
@@ -180,7 +182,8 @@ impl TrainedModel {
         };
         let interrupt = Interrupt::current();
         let answer = || predictor.answer(observed, statistics, sampling, draw);
-        // On a thread of the pool, which then wakes no other for each parallel loop.
+        // The answer runs on a thread of the pool. Its parallel loops then need not wake another
+        // thread.
         rayon::scope(|_| interrupt.guard(answer))
     }
 }

@@ -24,10 +24,10 @@ use crate::shapes::check_batch;
 use crate::validation::{ValidationPart, ValidationReport};
 use crate::{Device, FORMAT_VERSION, ModelError, Sampling};
 
-/// The metric that every checkpoint after a step has.
+/// The metric that every checkpoint has after the first step.
 const TRAIN_LOSS: &str = "train/loss";
 
-/// What a trainer must know of its dataset.
+/// The description of a dataset that a trainer needs.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrainingData {
     /// Samples of every trajectory, context and horizon.
@@ -35,14 +35,14 @@ pub struct TrainingData {
     /// Joints of the arm.
     pub joints: usize,
     pub rate_hz: f64,
-    /// Of the trajectories trained on; needed for [`spec::Normalization::Dataset`] only.
+    /// Statistics of the training trajectories. Only [`spec::Normalization::Dataset`] needs them.
     pub statistics: Option<Statistics>,
 }
 
-/// Trains one model. Does no validation, logging or saving unless asked.
+/// Trains one model. The caller asks for validation and checkpoints.
 pub struct Trainer {
     model: SequenceModel,
-    /// Of the weights, which is then what is validated and kept.
+    /// The average of the weights. If there is one, it is validated and saved.
     average: Option<WeightAverage>,
     optimizer: ModelOptimizer,
     schedule: Schedule,
@@ -51,22 +51,23 @@ pub struct Trainer {
     joints: usize,
     framing: Framing,
     identity: Identity,
-    /// Parts that a batch is computed in.
+    /// Parts into which a batch is split to save memory.
     parts: usize,
-    /// Of each joint's errors in the loss.
+    /// The weight of each joint's errors in the loss.
     loss_weights: Option<Vec<f64>>,
     interrupt: Interrupt,
     metrics: BTreeMap<String, f64>,
-    /// Ranges of all batches so far; `None` before the first, and after checkpoints that have none.
+    /// Ranges of all batches so far. `None` before the first batch, and after a checkpoint without
+    /// ranges.
     ranges: Option<DataRanges>,
-    /// Position limits of each joint, for those who will ask the checkpoint.
+    /// Position limits of each joint, rad, for predictions with the checkpoint.
     limits_rad: Vec<Range>,
     device: Device,
     /// Steps taken.
     step: u64,
 }
 
-/// What a checkpoint must agree in with the training that resumes from it.
+/// The properties that a checkpoint and a training that resumes from it must share.
 struct Identity {
     model: ModelSpec,
     context: u32,
@@ -82,12 +83,12 @@ struct Identity {
 pub struct StepReport {
     /// Steps taken, this one included.
     pub step: u64,
-    /// What the architecture makes small, before the step: of one that predicts positions their
-    /// mean squared error, normalized; of a gaussian head the negative logarithm of the likelihood;
-    /// of a denoiser the weighted mean squared error of what it predicts of the noise; of a flow the
-    /// mean squared error of what it predicts; of equations of motion the negative logarithm of the
-    /// likelihood of a torque, less a constant; of a Transformer over a path the mean over joints of the
-    /// root mean square error, in degrees.
+    /// The loss before the step. A model that predicts positions has their mean squared error,
+    /// normalized. A gaussian head has the negative log-likelihood. A denoiser has the weighted
+    /// mean squared error of its prediction of the noise, and a flow the mean squared error of its
+    /// prediction. Equations of motion have the negative log-likelihood of a torque, up to a
+    /// constant. A Transformer relative to a path has the mean over joints of the root mean square
+    /// error, in degrees.
     pub loss: f64,
     /// Euclidean norm over all parameters, before clipping.
     pub gradient_norm: f64,
@@ -95,8 +96,8 @@ pub struct StepReport {
 }
 
 impl Trainer {
-    /// A model with initial weights from the spec's seed. `spec_digest` is written into every
-    /// checkpoint and asked for by [`Trainer::resume`].
+    /// A trainer of a model with initial weights from the spec's seed. Every checkpoint contains
+    /// `spec_digest`, and [`Trainer::resume`] checks it.
     ///
     /// # Errors
     /// [`ModelError::Size`] for sizes that do not fit each other,
@@ -159,11 +160,11 @@ impl Trainer {
         })
     }
 
-    /// The trainer that wrote `files`: goes on as if it had never stopped, bit for bit. The
-    /// dataset's statistics are the checkpoint's.
+    /// Restores the trainer that wrote `files`. It continues as if it had never stopped, bit for
+    /// bit. The dataset's statistics come from the checkpoint.
     ///
     /// # Errors
-    /// Damaged files, and [`ModelError::OtherTraining`] when they are another training's.
+    /// The files are damaged, or belong to another training: [`ModelError::OtherTraining`].
     pub fn resume(
         spec: &TrainSpec,
         mut data: TrainingData,
@@ -206,8 +207,8 @@ impl Trainer {
         Self { interrupt, ..self }
     }
 
-    /// Writes the limits of the robot's joints, rad, into checkpoints, so that a prediction that leaves them
-    /// can be told. The model never sees them.
+    /// Writes the limits of the robot's joints, rad, into checkpoints, so that predictions beyond
+    /// them get a warning. The model does not see them.
     #[must_use]
     pub fn with_limits(self, limits_rad: Vec<Range>) -> Self {
         Self { limits_rad, ..self }
@@ -218,12 +219,12 @@ impl Trainer {
         self.step
     }
 
-    /// One optimizer step on `batch`.
+    /// Takes one optimizer step on `batch`.
     ///
     /// # Errors
-    /// A batch of the wrong shape or with values that are not finite;
-    /// [`ModelError::LossNotFinite`], [`ModelError::GradientNotFinite`] and
-    /// [`ModelError::Interrupted`], after which the trainer is as it was before.
+    /// The batch has the wrong shape or values that are not finite. [`ModelError::LossNotFinite`],
+    /// [`ModelError::GradientNotFinite`] and [`ModelError::Interrupted`] leave the trainer as it
+    /// was.
     pub fn step(&mut self, batch: &Series) -> Result<StepReport, ModelError> {
         let step = self.step + 1;
         let (gradients, loss) = self.compute(|| self.gradients(batch))?;
@@ -238,7 +239,7 @@ impl Trainer {
                 average.update(&self.model, step);
             }
         });
-        // A checkpoint without ranges does not tell those of the batches before it.
+        // A checkpoint without ranges lacks those of its earlier batches.
         if self.step == 0 || self.ranges.is_some() {
             let seen = self.ranges.take().into_iter().chain(DataRanges::of(&batch.view()));
             self.ranges = seen.reduce(DataRanges::and);
@@ -248,8 +249,8 @@ impl Trainer {
         Ok(StepReport { step, loss, gradient_norm, learning_rate })
     }
 
-    /// On a thread of the pool: from any other, each of the hundreds of parallel loops of a step
-    /// would wake a worker and wait for it.
+    /// Runs `action` on a thread of the pool. From any other thread, each of the hundreds of
+    /// parallel loops of a step would wake a worker and wait for it.
     fn compute<T: Send>(
         &self,
         work: impl FnOnce() -> Result<T, ModelError> + Send,
@@ -257,7 +258,7 @@ impl Trainer {
         rayon::scope(|_| self.interrupt.guard(work))
     }
 
-    /// Of the step that comes next, and its loss.
+    /// The gradients of the next step, and its loss.
     fn gradients(&self, batch: &Series) -> Result<(NamedGradients, f64), ModelError> {
         check_batch(&batch.view(), self.framing.samples, self.joints)?;
         let step = self.step + 1;
@@ -289,23 +290,24 @@ impl Trainer {
         Ok((NamedGradients::of(&self.model, gradients)?, loss_value))
     }
 
-    /// Writes `value` into the checkpoints from here on, in place of an older one.
+    /// Writes `value` into all later checkpoints and replaces an older value of `metric`.
     pub fn note(&mut self, metric: &str, value: f64) {
-        // JSON has no others.
+        // JSON has no NaN and no infinity.
         if value.is_finite() {
             self.metrics.insert(metric.to_owned(), value);
         }
     }
 
-    /// What was noted, and the loss of the last step.
+    /// The values from [`Trainer::note`], and the loss of the last step.
     pub fn metrics(&self) -> &BTreeMap<String, f64> {
         &self.metrics
     }
 
-    /// Loss and error on `part`, of the averaged weights where there are any; changes nothing.
+    /// Loss and error on `part`, with the averaged weights where there are any. The trainer does
+    /// not change.
     ///
     /// # Errors
-    /// As of [`Trainer::step`], but that a loss which is not finite is a result.
+    /// Those of [`Trainer::step`]. A loss that is not finite is a result and no error.
     pub fn validate(&self, part: &ValidationPart<'_>) -> Result<ValidationReport, ModelError> {
         self.compute(|| self.validated(part))
     }
@@ -342,7 +344,7 @@ impl Trainer {
         Ok(report)
     }
 
-    /// What predicts.
+    /// The model with the weights that predict.
     fn kept_model(&self) -> SequenceModel {
         match &self.average {
             Some(average) => average.model(&self.model),
@@ -350,10 +352,10 @@ impl Trainer {
         }
     }
 
-    /// Everything that [`Trainer::resume`] and [`crate::TrainedModel::load`] need.
+    /// A checkpoint for [`Trainer::resume`] and [`crate::TrainedModel::load`].
     ///
     /// # Errors
-    /// [`ModelError::NotFiniteTensor`], which no checkpoint holds.
+    /// [`ModelError::NotFiniteTensor`] if a tensor has a value that is not finite.
     pub fn checkpoint(&self) -> Result<CheckpointFiles, ModelError> {
         let Identity { model, context, data, seed, spec_digest, dataset_digest, ema } =
             &self.identity;
@@ -383,7 +385,8 @@ impl Trainer {
         checkpoint::write(&self.model, average.as_ref(), &self.optimizer, &config)
     }
 
-    /// Samples that the model is given in a step: of one that answers many lengths, each as likely.
+    /// The context of a step in samples. A model for many lengths gets a random one, uniform over
+    /// all.
     fn context_of_step(&self, step: u64) -> usize {
         let Identity { model, context, seed, .. } = &self.identity;
         let Lengths::From(least) = model.lengths() else { return self.framing.context };
@@ -393,7 +396,7 @@ impl Trainer {
         least as usize + patch * drawn.iter().sum::<usize>()
     }
 
-    /// For trajectories `first..first + size` of a batch.
+    /// Generators for the trajectories `first..first + size` of a batch.
     fn generators(
         &self,
         purpose: Purpose,

@@ -1,6 +1,6 @@
-//! Transformer blocks with the norm before each part (Xiong et al. 2020), as in GPT-2. Dropout is where
-//! `torch.nn.TransformerEncoderLayer` and `TransformerDecoderLayer` have it: on the weights of
-//! attention, after GELU, and on what each part adds.
+//! Transformer blocks with the norm before each part (Xiong et al. 2020), as in GPT-2. Dropout has
+//! the places of `torch.nn.TransformerEncoderLayer` and `TransformerDecoderLayer`: the weights of
+//! attention, the output of GELU, and the output of each part.
 
 use burn::module::Module;
 use burn::tensor::Tensor;
@@ -27,7 +27,7 @@ impl FeedForward {
         }
     }
 
-    /// x plus what becomes of the normed x.
+    /// `x` plus the layers' output for the normed `x`.
     fn forward_onto<A: Activations>(&self, x: A, norm: &LayerNorm, dropout: &mut Dropout) -> A {
         let hidden = self.expand.forward_normed(x.clone(), norm);
         self.contract.forward_gelu_onto(x, hidden, [dropout.mask(), dropout.mask()])
@@ -58,7 +58,8 @@ impl EncoderBlock {
         }
     }
 
-    /// `[batch, token, d_model]`, whose tokens look at each other as `mask` lets them, to the same shape.
+    /// The block's output for `x` `[batch, token, d_model]`, in the same shape. `mask` says which
+    /// tokens attend to each other.
     pub fn forward<A: Activations>(&self, x: A, mask: Mask, dropout: &mut Dropout) -> A {
         let norm = &self.attention_norm;
         let x = x.clone().plus(self.attention.forward(x, norm, mask, dropout));
@@ -66,7 +67,8 @@ impl EncoderBlock {
     }
 }
 
-/// What tokens of a [`DecoderBlock`] see: those before them, and the encoder's output.
+/// Keys and values that tokens of a [`DecoderBlock`] attend to: those of earlier tokens, and those
+/// of the encoder's output.
 #[derive(Debug)]
 pub(crate) struct Seen {
     own: Sources,
@@ -74,12 +76,12 @@ pub(crate) struct Seen {
 }
 
 impl Seen {
-    /// Each trajectory's as often as `copies` says.
+    /// Repeats each trajectory as many times as `copies` says.
     pub fn copied(&self, copies: &[usize]) -> Self {
         Self { own: self.own.copied(copies), memory: self.memory.copied(copies) }
     }
 
-    /// Of every `batch` trajectories apart.
+    /// Splits into groups of `batch` trajectories.
     pub fn split(self, batch: usize) -> impl Iterator<Item = Self> {
         self.own
             .split(batch)
@@ -116,8 +118,8 @@ impl DecoderBlock {
         }
     }
 
-    /// `x` `[batch, token, d_model]` with what `mask` lets it see of `memory`
-    /// `[batch, source, d_model]` to the shape of `x`.
+    /// The block's output for `x` `[batch, token, d_model]`, in the same shape. `mask` says which
+    /// of the sources in `memory` `[batch, source, d_model]` a token sees.
     pub fn forward<A: Activations>(&self, x: A, memory: A, mask: Mask, dropout: &mut Dropout) -> A {
         let causal = Mask::Causal { ahead: 0 };
         let norm = &self.self_attention_norm;
@@ -128,21 +130,22 @@ impl DecoderBlock {
         self.feed_forward.forward_onto(x, &self.feed_forward_norm, dropout)
     }
 
-    /// What the tokens of `x` look for, and all that they and those after them see. Nothing is left out.
+    /// The queries of `x`, and the keys and values that these and later tokens attend to. There is
+    /// no dropout.
     pub fn seen(&self, x: &Tensor<3>, memory: Tensor<3>) -> (Tensor<3>, Seen) {
         let (query, own) = self.self_attention.projected(x, &self.self_attention_norm);
         (query, Seen { own, memory: self.cross_attention.sources(memory) })
     }
 
-    /// [`DecoderBlock::forward`] of tokens after those of `before`; of `memory` token t sees those up to
-    /// t + `ahead`. Nothing is left out.
+    /// [`DecoderBlock::forward`] of tokens that follow those of `before`. Token t sees the sources
+    /// of the memory up to t + `ahead`. There is no dropout.
     pub fn forward_after(&self, x: Tensor<3>, before: &Seen, ahead: usize) -> Tensor<3> {
         let (query, own) = self.self_attention.projected(&x, &self.self_attention_norm);
         let (own, first) = (before.own.before(own), before.own.count());
         self.finish(x, query, &own, &before.memory, [first, first + ahead])
     }
 
-    /// The same of the tokens that `seen` begins with.
+    /// [`DecoderBlock::forward`] of the first tokens of `seen`, with their queries.
     pub fn forward_seen(
         &self,
         x: Tensor<3>,

@@ -1,31 +1,31 @@
 use series::{Series, SeriesView, Shape};
 
-/// What of a batch a model is validated with.
+/// The part of a batch with which a model is validated.
 #[derive(Clone, Debug)]
 pub struct ValidationPart<'a> {
     pub batch: SeriesView<'a>,
-    /// Place of the batch's first trajectory among all of the validation. The noise of a
-    /// trajectory is keyed by its place: the same at every validation.
+    /// Index of the batch's first trajectory in the whole validation. The noise of a trajectory is
+    /// keyed by its index, so it is the same at every validation.
     pub first: usize,
-    /// How many trajectories of the batch, the first ones, a denoiser has to predict. A model that
+    /// The number of trajectories, the first of the batch, that a denoiser predicts. A model that
     /// predicts in one pass predicts all.
     pub predicted: usize,
 }
 
 impl<'a> ValidationPart<'a> {
-    /// A validation with one batch, all of it predicted.
+    /// A validation on a whole batch, with predictions for all of it.
     pub fn whole(batch: &'a Series) -> Self {
         Self { batch: batch.view(), first: 0, predicted: batch.robots() }
     }
 }
 
-/// How the model does on trajectories that it was not trained on; sums over several parts by `+=`.
+/// Sums of loss and error over validation trajectories. `+=` adds the sums of another part.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ValidationReport {
     loss_sum: f64,
     trajectories: usize,
     rmse_sum: f64,
-    /// Joints of all trajectories that were predicted.
+    /// Number of predicted joints, over all trajectories.
     predicted: usize,
 }
 
@@ -34,7 +34,7 @@ impl ValidationReport {
         Self { loss_sum: loss * trajectories as f64, trajectories, ..Self::default() }
     }
 
-    /// Takes in predictions `[.., horizon, joint]` of the first trajectories of `batch`, rad.
+    /// Adds predictions `[.., horizon, joint]` of the first trajectories of `batch`, rad.
     pub(crate) fn add_predictions(
         &mut self,
         predicted: &[f32],
@@ -45,13 +45,14 @@ impl ValidationReport {
         self.predicted += predicted.len() / (batch.samples() - context);
     }
 
-    /// As of [`crate::StepReport`]; NaN of no trajectories.
+    /// The mean loss, as in [`crate::StepReport`]; NaN without trajectories.
     pub fn loss(&self) -> f64 {
         self.loss_sum / self.trajectories as f64
     }
 
-    /// Of [`crate::TrainedModel::predict`]: √(mean over the horizon of the squared error) of each
-    /// joint of each trajectory that was predicted, averaged over both; rad; NaN of none.
+    /// The error of [`crate::TrainedModel::predict`] in rad: √(mean over the horizon of the squared
+    /// error) of each joint of each predicted trajectory, averaged over both. NaN without
+    /// predictions.
     pub fn rmse_rad(&self) -> f64 {
         self.rmse_sum / self.predicted as f64
     }
@@ -66,7 +67,7 @@ impl std::ops::AddAssign for ValidationReport {
     }
 }
 
-/// Of each joint of each trajectory, added up in order.
+/// The sum, in order, of the error of each joint of each trajectory.
 fn rmse_sum(predicted: &[f32], batch: &SeriesView<'_>, context: usize) -> f64 {
     let Shape { samples, joints, .. } = batch.shape();
     let horizon = samples - context;

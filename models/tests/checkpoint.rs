@@ -1,4 +1,4 @@
-//! Checkpoints that are damaged, foreign or from the future end in an error that says so.
+//! Damaged, foreign and newer checkpoints end in an error that says so.
 
 #![expect(clippy::unwrap_used, reason = "a test ends at what it did not expect")]
 
@@ -117,7 +117,7 @@ fn impossible_sizes_are_refused() {
     check_refused(&with_config(&files, |config| config["surplus"] = json!(1)), "surplus");
 }
 
-/// A Diffuser's files, untrained.
+/// The files of an untrained Diffuser.
 fn diffuser_files() -> CheckpointFiles {
     let spec = spec::TrainSpec { model: synthetic::kind("diffuser"), ..train_spec() };
     Trainer::new(&spec, DATA, "digest", &Device::cpu()).unwrap().checkpoint().unwrap()
@@ -193,7 +193,7 @@ fn moments_that_no_optimizer_has_are_refused() {
         (name, shape, bytes)
     });
     let error = resume_error(&CheckpointFiles { optimizer: negative, ..files });
-    assert!(error.contains("`exp_avg_sq.head.bias` of squares is below 0"), "{error}");
+    assert!(error.contains("`exp_avg_sq.head.bias` has a value below 0"), "{error}");
 }
 
 #[test]
@@ -211,7 +211,7 @@ fn weights_of_another_type_are_refused_by_name() {
         (*name, safetensors::tensor::TensorView::new(dtype, shape.clone(), bytes).unwrap())
     });
     let mut model = safetensors::serialize(views, None).unwrap();
-    // As long as float32 would be, so that it is the type that is wrong.
+    // The file gets the length of float32, so that only the type is wrong.
     let message = load(&CheckpointFiles { model: model.clone(), ..files.clone() });
     assert!(message.is_err());
     model.resize(files.model.len(), 0);
@@ -293,7 +293,7 @@ fn a_weight_that_is_not_a_number_is_refused_by_name() {
     });
     check_refused(
         &CheckpointFiles { model: poisoned, ..files },
-        "tensor `encoder_norm.bias` holds NaN",
+        "tensor `encoder_norm.bias` has NaN",
     );
 }
 
@@ -302,7 +302,7 @@ fn optimizer_state_that_is_missing_or_foreign_is_refused() {
     let files = files();
     let weights = CheckpointFiles { optimizer: files.model.clone(), ..files.clone() };
     let error = resume(&weights).err().unwrap().to_string();
-    assert!(error.contains("optimizer.safetensors") && error.contains("no moment"), "{error}");
+    assert!(error.contains("optimizer.safetensors") && error.contains("not a moment"), "{error}");
 
     let renamed = rewrite(&files.optimizer, |name, shape, bytes| {
         (name.replace("exp_avg_sq.head.bias", "exp_avg_sq.tail"), shape, bytes)
@@ -314,8 +314,8 @@ fn optimizer_state_that_is_missing_or_foreign_is_refused() {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 64, failure_persistence: None, ..Default::default() })]
 
-    /// Of the files as they are cut short or changed in one byte, none may panic; where such a
-    /// file loads nevertheless, the byte was a digit of a weight.
+    /// Cutting a file short or changing one byte must not cause a panic. A changed file may load if
+    /// the byte was part of a weight.
     #[test]
     fn damaged_files_never_panic(file in 0..3, cut in any::<bool>(), at in any::<prop::sample::Index>(), byte in any::<u8>()) {
         let mut files = files();

@@ -1,5 +1,5 @@
-//! The same models on every device of the build: what they predict, what they lose and the
-//! gradient of every parameter are the processor's but for rounding.
+//! The same models on every device of the build. Their predictions, their losses and the gradient
+//! of every parameter equal those of the processor up to rounding.
 
 #![expect(clippy::unwrap_used, reason = "a test ends at what it did not expect")]
 
@@ -15,14 +15,14 @@ use safetensors::SafeTensors;
 use spec::{EmaSpec, ModelSpec, RoboMorphSpec, SamplerSpec, TrainSpec};
 use synthetic::{CONTEXT, DATA, JOINTS, SAMPLES, batch, every_kind, kind, train_spec};
 
-/// Of the largest gradient of the same parameter.
+/// Relative to the largest gradient of the same parameter.
 const GRADIENT_TOLERANCE: f32 = 5e-5;
-/// Of a loss or a norm.
+/// Relative to a loss or a norm.
 const SCALAR_TOLERANCE: f64 = 2e-6;
-/// Of the largest motion that is predicted; whole chains of a sampler included.
+/// Relative to the largest predicted motion. It includes whole chains of a sampler.
 const POSITION_TOLERANCE: f32 = 5e-5;
 
-/// Every architecture with its options, and the Transformer that takes samples one by one.
+/// Every architecture with its options, and the Transformer with tokens of one sample.
 fn every_model() -> Vec<(String, ModelSpec)> {
     let mut kinds = every_kind();
     let ModelSpec::RoboMorph(robomorph) = kind("robomorph") else { panic!("not a RoboMorph") };
@@ -53,7 +53,7 @@ fn tensors(file: &[u8], prefix: &str) -> BTreeMap<String, Vec<f32>> {
 }
 
 fn largest(values: impl Iterator<Item = f32>) -> f32 {
-    // Unlike `f32::max`, does not pass over what is not a number.
+    // A NaN must not be lost, as it would be in `f32::max`.
     values.map(f32::abs).fold(0.0, |a, b| if b <= a { a } else { b })
 }
 
@@ -69,9 +69,10 @@ fn assert_close(name: &str, found: f64, expected: f64) {
     assert!(difference <= SCALAR_TOLERANCE, "{name}: {found}, on the processor {expected}");
 }
 
-/// Loss, gradient norm and all gradients of the first step. Gradients are what Adam's first moment
-/// holds then, times a constant; weights are no measure: Adam moves one by the learning rate
-/// whatever the size of its gradient, and by its sign where that is rounding.
+/// Compares loss, gradient norm and all gradients of the first step. After it, Adam's first moment
+/// is the gradient times a constant. Weights cannot be compared: Adam moves a weight by the
+/// learning rate whatever the size of its gradient, and a gradient that is only rounding error has
+/// a random sign.
 fn check_gradients(kind: DeviceKind) {
     let device = Device::open(kind).unwrap();
     for (name, model) in every_model() {
@@ -90,8 +91,8 @@ fn check_gradients(kind: DeviceKind) {
             |trainer: &Trainer| tensors(&trainer.checkpoint().unwrap().optimizer, "exp_avg.");
         let (expected, found) = (gradients(&expected), gradients(&found));
         assert!(expected.len() > 10 && expected.keys().eq(found.keys()), "{name}");
-        // What is zero but for rounding, such as a bias that a norm takes out, is measured by the
-        // others.
+        // A gradient that is zero up to rounding, such as that of a bias before a norm, is compared
+        // with the size of the others.
         let overall = largest(expected.values().flatten().copied());
         let mut worst = (0.0, "");
         for (parameter, expected) in &expected {
@@ -107,7 +108,7 @@ fn check_gradients(kind: DeviceKind) {
     }
 }
 
-/// Answers of weights that were trained for a moment, and whole chains of every sampler.
+/// Compares answers after a short training, and whole chains of every sampler.
 fn check_answers(kind: DeviceKind) {
     let device = Device::open(kind).unwrap();
     let held_out = batch(50, 3);
@@ -137,7 +138,7 @@ fn check_answers(kind: DeviceKind) {
     }
 }
 
-/// The farthest that any joint goes within a predicted horizon.
+/// The largest motion of a joint within a predicted horizon.
 fn largest_motion(positions: &[f32]) -> f32 {
     let horizon = (SAMPLES - CONTEXT) as usize * JOINTS;
     let from_first = |y: &[f32]| largest((JOINTS..horizon).map(|i| y[i] - y[i % JOINTS]));
@@ -146,10 +147,11 @@ fn largest_motion(positions: &[f32]) -> f32 {
     motion
 }
 
-/// Training goes on where another device left it: the same weights, then the same losses.
+/// Training continues from the checkpoint of another device: the same weights, then the same
+/// losses.
 fn check_exchange(kind: DeviceKind) {
     let there = Device::open(kind).unwrap();
-    // Options change what is computed, not how it is kept.
+    // Options change the computation, but not the checkpoint.
     for (name, model) in every_kind().into_iter().filter(|(name, _)| !name.contains(',')) {
         let ema = Some(EmaSpec { decay: 0.5, power: 1.0 });
         let spec = TrainSpec { model, ema, gradient_accumulation: 2, ..train_spec() };
@@ -182,7 +184,7 @@ fn device_in(files: &CheckpointFiles) -> String {
     CheckpointConfig::parse(&files.config).unwrap().device.unwrap().name
 }
 
-/// Opened again it is the same device; what it computed first was right.
+/// A device that is opened again is the same one, and its first computation was right.
 fn check_first_computation(kind: DeviceKind) {
     for _ in 0..2 {
         let device = Device::open(kind).unwrap();

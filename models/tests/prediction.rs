@@ -1,4 +1,4 @@
-//! What a trained model answers, and what it may know to do so.
+//! Answers of a trained model, and the data that they may depend on.
 
 #![expect(clippy::unwrap_used, reason = "a test ends at what it did not expect")]
 
@@ -94,7 +94,7 @@ fn later_torques_do_not_change_earlier_predictions() {
     let model = model(&trainer(Normalization::Context));
     let batch = batch(52, 1);
     let mut other = batch.clone();
-    // From the second token of the horizon on; a token is four samples.
+    // Changes u from the second token of the horizon on. A token has four samples.
     for value in &mut other.u_mut()[CONTEXT_VALUES + 4 * JOINTS..] {
         *value += 3.0;
     }

@@ -1,4 +1,4 @@
-//! What a training promises: that it learns, repeats, resumes exactly and says when it fails.
+//! A training learns, repeats exactly, resumes exactly and reports failures.
 
 #![expect(clippy::unwrap_used, reason = "a test ends at what it did not expect")]
 
@@ -19,7 +19,7 @@ fn trainer(spec: &TrainSpec) -> Trainer {
     Trainer::new(spec, DATA, "digest", &Device::cpu()).unwrap()
 }
 
-/// Steps `from..to`, batch number = step number.
+/// Takes the steps `from..to`. The batch number equals the step number.
 fn train(trainer: &mut Trainer, from: u64, to: u64) {
     for step in from..to {
         trainer.step(&batch(step, 8)).unwrap();
@@ -208,8 +208,8 @@ fn dataset_normalization_without_statistics_is_refused() {
     assert!(matches!(result, Err(ModelError::MissingStatistics)));
 }
 
-/// Adam without memory of the gradients' size: an entry whose gradient vanishes for once takes a
-/// step of any length.
+/// Adam without memory of the gradients' size. A parameter whose gradient vanishes in one step can
+/// then move by any distance.
 fn explosive() -> TrainSpec {
     let mut spec = train_spec();
     spec.optimizer = OptimizerSpec {

@@ -1,4 +1,4 @@
-"""torqued beside a notebook: its server's jobs and data, its checkpoints in PyTorch, and its program.
+"""torqued in a notebook: jobs and data of its server, its checkpoints in PyTorch, and its program.
 
     import torqued
 
@@ -13,7 +13,7 @@
 
     torqued.find_binary()                        # the program, as `python -m torqued` runs it
 
-`load` and `save` need PyTorch (`pip install 'torqued[pytorch]'`); nothing else needs more than Python.
+`load` and `save` need PyTorch (`pip install 'torqued[pytorch]'`). Everything else needs only Python.
 """
 
 import importlib
@@ -22,7 +22,7 @@ import importlib.metadata
 from .client import Client, JobEnded, ServerError
 from .program import find_binary
 
-# Imported when they are first asked for: PyTorch takes seconds, and need not be there.
+# These are imported on first use. PyTorch takes seconds and need not be installed.
 _OF_CHECKPOINTS = ("FORMAT_VERSION", "TrainedModel", "load", "save")
 
 __all__ = ["Client", "JobEnded", "ServerError", "find_binary", *_OF_CHECKPOINTS]

@@ -7,7 +7,7 @@ from .unet import LevelEmbedding, ResidualBlock, UNet
 
 
 class Cdcnn(nn.Module):
-    """Conditional U-Net on y (Chi et al. 2023); what it is told of each sample enters locally, or flattened through
+    """Conditional U-Net on y (Chi et al. 2023). The known part of each sample enters locally, or flattened through
     FiLM."""
 
     def __init__(
@@ -30,7 +30,8 @@ class Cdcnn(nn.Module):
         self.local = None if is_global else ResidualBlock(known, widths[0], condition, film=True)
 
     def forward(self, noisy: Tensor, levels: Tensor, known: Tensor) -> Tensor:
-        """Noisy y [batch, sample, joint] at levels [batch] with what it is told [batch, sample, channel]."""
+        """The network's answer to noisy y [batch, sample, joint] at levels [batch], with the known series [batch,
+        sample, channel]."""
         condition = self.embedding(levels)
         local = None
         if self.local is None:

@@ -52,12 +52,13 @@ class Cdt(nn.Module):
         self.norm = nn.LayerNorm(d_model)
         self.embedding_dropout = nn.Dropout(embedding_dropout)
         self.head = nn.Linear(d_model, joints * patch)
-        # Token t sees the noise level, which is source 0, and u up to its own.
+        # Token t sees the noise level, which is source 0, and u up to t.
         sees = torch.ones(tokens, tokens + 1, dtype=torch.bool).tril(1)
         self.register_buffer("sees", sees, persistent=False)
 
     def forward(self, noisy: Tensor, levels: Tensor, known: Tensor) -> Tensor:
-        """Noisy y [batch, sample, joint] at levels [batch] with what it is told [batch, sample, channel]."""
+        """The network's answer to noisy y [batch, sample, joint] at levels [batch], with the known series [batch,
+        sample, channel]."""
         level = sinusoid(levels, self.d_model).to(noisy.dtype)[:, None]
         condition = torch.cat([level, self.condition_input(self._patches(known))], 1)
         memory = self.embedding_dropout(condition + self.condition_positions)
@@ -69,7 +70,7 @@ class Cdt(nn.Module):
         return self.head(self.norm(x)).reshape(noisy.shape)
 
     def _answer(self, known: Tensor, seen: Tensor) -> Tensor:
-        """y of the horizon as the frame sees it, from what it is told [batch, sample, channel] and y of the context."""
+        """y of the horizon in the frame, from the known series [batch, sample, channel] and y of the context."""
         context = seen.shape[1]
         series = F.pad(seen, (0, 0, 0, known.shape[1] - context))
         return self(series, torch.zeros(len(known), dtype=torch.long), known)[:, context:]

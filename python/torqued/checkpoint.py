@@ -17,11 +17,11 @@ from .frame import frames, series_told, told
 
 FORMAT_VERSION = 2
 SMALLEST_STANDARD_DEVIATION = 1e-3
-"""As in `models/src/normalization.rs`; N·m and rad."""
+"""The smallest standard deviation, as in `models/src/normalization.rs`; N·m and rad."""
 
 
 def twins() -> dict[str, type[torch.nn.Module]]:
-    """The networks of this package by architecture: each module that has one says so in `TWINS`."""
+    """The networks of this package by architecture. Each module with a network lists it in `TWINS`."""
     found = {}
     for module in pkgutil.iter_modules([str(Path(__file__).parent)]):
         if module.name != "checkpoint":
@@ -30,7 +30,7 @@ def twins() -> dict[str, type[torch.nn.Module]]:
 
 
 class TrainedModel:
-    """A network with the normalization it was trained with."""
+    """A network with the normalization of its training."""
 
     def __init__(self, network: torch.nn.Module, config: dict):
         self.network = network.eval()
@@ -47,10 +47,10 @@ class TrainedModel:
     ) -> np.ndarray:
         """Joint positions of the horizon in rad, [batch, horizon, joint].
 
-        `u` [batch, samples, joint] in N·m, `y_context` [batch, context, joint] in rad, as many as it was trained
-        with or those that its network says it `answers`. A denoiser makes
-        them with `sampler`, the checkpoint's unless given, of noise [batch, samples, channels]
-        that `draw` gives or else PyTorch draws from `seed`; torqued draws other numbers.
+        `u` is [batch, samples, joint] in N·m, and `y_context` is [batch, context, joint] in rad. Their lengths are
+        those of the training, or lengths for which the network's `answers` is true. A denoiser uses `sampler`, by
+        default the checkpoint's, and noise [batch, samples, channels] from `draw`, or by default from PyTorch with
+        `seed`. torqued draws other numbers.
         """
         config = self.config
         joints = joints_of(config)
@@ -113,7 +113,7 @@ class TrainedModel:
 
 
 def load(directory: str | Path) -> TrainedModel:
-    """The checkpoint in `directory`, of any architecture."""
+    """Loads the checkpoint in `directory`, of any architecture."""
     directory = Path(directory)
     config = json.loads((directory / "config.json").read_text())
     if config["format_version"] != FORMAT_VERSION:
@@ -127,7 +127,7 @@ def load(directory: str | Path) -> TrainedModel:
 
 
 def save(model: TrainedModel, directory: str | Path) -> None:
-    """Writes the files that `load` reads and torqued predicts with, weights in single precision."""
+    """Writes the files that `load` reads and that torqued predicts with, with weights in single precision."""
     directory = Path(directory)
     directory.mkdir(parents=True, exist_ok=True)
     weights = {
@@ -139,12 +139,12 @@ def save(model: TrainedModel, directory: str | Path) -> None:
 
 
 def wanted(function: Callable, known: dict) -> dict:
-    """What `function` takes by name of all that is known."""
+    """The entries of `known` that are parameters of `function`."""
     return {name: known[name] for name in inspect.signature(function).parameters if name in known}
 
 
 def joints_of(config: dict) -> int:
-    """Joints of the arm; a config does not say seven."""
+    """Joints of the arm. A config without the field has seven."""
     return config.get("joints", 7)
 
 
@@ -160,7 +160,8 @@ def network_of(config: dict) -> torch.nn.Module:
 
 
 def _mean_and_deviation(series: Tensor) -> tuple[Tensor, Tensor]:
-    """Of each trajectory and channel, [batch, 1, joint]; population deviation, not below the smallest."""
+    """Mean and population standard deviation of each trajectory and channel, [batch, 1, joint]. The deviation is at
+    least the smallest one."""
     series = series.double()
     deviation = series.std(dim=1, keepdim=True, correction=0).clamp(min=SMALLEST_STANDARD_DEVIATION)
     return series.mean(dim=1, keepdim=True).float(), deviation.float()

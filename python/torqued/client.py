@@ -1,4 +1,4 @@
-"""A client of torqued's HTTP API that needs nothing beside Python."""
+"""A client of torqued's HTTP API that needs only Python."""
 
 import hashlib
 import http.client
@@ -15,7 +15,7 @@ _CHUNK_BYTES = 1 << 20
 
 
 class ServerError(Exception):
-    """The server refused. `status` is HTTP's, `problem` the answer (RFC 9457) when it came as one."""
+    """A refusal of the server. `status` is the HTTP status. `problem` is the answer (RFC 9457), if it is one."""
 
     def __init__(self, status, problem):
         self.status = status
@@ -28,7 +28,7 @@ class ServerError(Exception):
 
 
 class JobEnded(Exception):
-    """A job that was waited for failed or was cancelled. `job` is its last state."""
+    """A job failed or was cancelled while the client waited for it. `job` is its last state."""
 
     def __init__(self, job):
         self.job = job
@@ -37,10 +37,10 @@ class JobEnded(Exception):
 
 
 class Client:
-    """Asks one server. `server` is http://, https:// or unix:PATH.
+    """A client of one server. `server` is http://, https:// or unix:PATH.
 
-    What is left out comes from TORQUED_SERVER and TORQUED_TOKEN, as for the command line. Answers are those of the API
-    (/v1/openapi.json), as dicts and lists.
+    Values that are left out come from TORQUED_SERVER and TORQUED_TOKEN, like those of the command line. Answers are
+    those of the API (/v1/openapi.json), as dicts and lists.
     """
 
     def __init__(self, server=None, token=None, timeout_s=60.0):
@@ -64,13 +64,14 @@ class Client:
         return self._json("POST", path, parameters, body)
 
     def submit(self, spec, force=False):
-        """Submits a job and returns it. One that was done before, or is on its way, is not done again unless `force`."""
+        """Submits a job and returns it. A job that was done before, or that is queued or running, is reused unless
+        `force`."""
         return self.post("/v1/jobs", spec, force=json.dumps(force))
 
     def wait(self, job, every_s=0.5, timeout_s=None):
-        """Waits until `job`, an id or what `submit` returned, has succeeded, and returns it.
+        """Waits until `job`, an id or a result of `submit`, has succeeded, and returns it.
 
-        Raises JobEnded when it fails or is cancelled, TimeoutError when it takes longer than `timeout_s`.
+        Raises JobEnded if it fails or is cancelled, and TimeoutError if it takes longer than `timeout_s`.
         """
         job_id = job["id"] if isinstance(job, dict) else job
         deadline = None if timeout_s is None else time.monotonic() + timeout_s
@@ -118,10 +119,10 @@ class Client:
         return self.post(f"/v1/checkpoints/{checkpoint}/predict", body)
 
     def download(self, kind, item, folder):
-        """Brings all files of a dataset or a checkpoint into `folder` and returns their paths.
+        """Downloads all files of a dataset or a checkpoint into `folder` and returns their paths.
 
-        `kind` is "datasets" or "checkpoints". Files that are there with the right SHA-256 stay as they are. Raises
-        ValueError when bytes have another SHA-256 than the server's list says.
+        `kind` is "datasets" or "checkpoints". Files that exist with the right SHA-256 are kept. Raises ValueError
+        if bytes have another SHA-256 than the server's list.
         """
         if kind not in ("datasets", "checkpoints"):
             raise ValueError(f"kind {kind!r}, allowed: 'datasets' or 'checkpoints'")
@@ -156,7 +157,7 @@ class Client:
             return json.load(answer)
 
     def _answer(self, method, path, body=None):
-        """The answer to a request on a connection of its own, which closes with it."""
+        """The answer to a request. It has a connection of its own, which closes with it."""
         headers = {"accept": "application/json, */*;q=0.5", "connection": "close"}
         if self._token:
             headers["authorization"] = f"Bearer {self._token}"
@@ -186,7 +187,7 @@ class Client:
 
 
 class _SocketConnection(http.client.HTTPConnection):
-    """HTTP over a socket in the file system."""
+    """HTTP over a Unix socket."""
 
     def __init__(self, path, timeout_s):
         super().__init__("localhost", timeout=timeout_s)

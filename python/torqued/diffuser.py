@@ -17,8 +17,8 @@ class Diffuser(nn.Module):
         self.unet = UNet(self.channels, widths, width, film=False, beside=(told - 1) * joints)
 
     def forward(self, noisy: Tensor, levels: Tensor, known: Tensor) -> Tensor:
-        """Noisy u and y [batch, sample, 2 * joint] at levels [batch] with what it is told [batch, sample, channel],
-        of which u is already in it."""
+        """The network's answer to noisy u and y [batch, sample, 2 * joint] at levels [batch], with the known series
+        [batch, sample, channel]. Its u is not used, because it is in the noisy series."""
         series = torch.cat([noisy, known[..., self.joints :]], -1)
         return self.unet(series.transpose(1, 2), self.embedding(levels)).transpose(1, 2)
 

@@ -57,7 +57,7 @@ def visited_levels(levels: int, steps: int | None, spacing: str) -> list[int]:
 
 
 def sampler_steps(shares: list[float], sampler: dict, warm: int | None = None) -> list[Step]:
-    """With `warm` the last that many levels of the training, one by one."""
+    """The steps of a sampler. With `warm` they are that many last levels of the training, one by one."""
     if warm is None:
         levels = visited_levels(len(shares), sampler.get("steps"), sampler.get("spacing", "trailing"))
     else:
@@ -119,8 +119,8 @@ class NoiseLevels:
 
 @dataclass
 class Painted:
-    """What is known of a series: `values` where `clean` is 1, and where `noised` is 1 with the
-    noise of the level. Masks are [1, sample, channel]."""
+    """The known part of a series. It has `values` where `clean` is 1, and `values` with the noise of the level
+    where `noised` is 1. Masks are [1, sample, channel]."""
 
     values: Tensor
     clean: Tensor
@@ -140,9 +140,8 @@ def sample(
     draw: Callable[[], Tensor],
     warm: tuple[Tensor, int] | None = None,
 ) -> Tensor:
-    """The clean series that `network` makes of noise from `draw`, or of a warm start: a guess of
-    the whole series and the number of steps from there. `mixing` is `NoiseLevels` or a flow's
-    `StraightLines`."""
+    """The clean series that `network` makes. It begins with noise from `draw`, or with a warm start: a guess of the
+    whole series and the number of steps from there. `mixing` is `NoiseLevels` or a flow's `StraightLines`."""
     steps = mixing.steps(sampler, warm and warm[1])
     first = draw()
     x = first

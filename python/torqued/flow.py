@@ -9,7 +9,7 @@ from .diffusion import Step, visited_levels
 
 LEVELS = 1000
 STEPS = 2
-"""Of a sampler that does not say how many."""
+"""The number of steps of a sampler that names none."""
 
 
 class StraightLines:
@@ -47,7 +47,7 @@ def _time(level: int) -> float:
 
 
 class Flow(Cdcnn):
-    """CDCNN's network."""
+    """A flow with CDCNN's network."""
 
     mixing = StraightLines
 

@@ -1,4 +1,4 @@
-"""The PyTorch twin of `models/src/frame.rs`: y = center + scale · what the network sees."""
+"""The PyTorch twin of `models/src/frame.rs`: y = center + scale · the network's value."""
 
 import torch
 from torch import Tensor
@@ -6,11 +6,11 @@ from torch import Tensor
 SMALLEST_SCALE = 1e-3
 
 STRIDE = 8
-"""Between two starts of a lagged path in the context, samples."""
+"""Distance between two starts of a lagged path in the context, samples."""
 
 LEAST_ERROR_RAD = 1e-5
 LEAST_ERROR = 0.02
-"""The least unit of a lagged path, as a part of the way that it makes itself."""
+"""The least unit of a lagged path, as a share of the path's own displacement."""
 
 
 def frames(config: dict, u: Tensor, y_context: Tensor, y_mean: Tensor, y_std: Tensor) -> tuple[Tensor, Tensor]:
@@ -37,21 +37,22 @@ def frames(config: dict, u: Tensor, y_context: Tensor, y_mean: Tensor, y_std: Te
 
 
 def series_told(config: dict) -> int:
-    """Series of each joint that a network is told of whole trajectories, the twin of `models/src/told.rs`."""
+    """The number of known series per joint, the twin of `models/src/told.rs`."""
     return 1 if config["model"].get("residual", "none") == "none" else 3
 
 
 def told(network: torch.nn.Module, u: Tensor, path: Tensor, unit: Tensor) -> Tensor:
-    """Torques, and for a network whose answers are relative to a path that path and a quarter of the logarithm of
-    the unit, [batch, samples, channel]; all normalized."""
+    """The known series [batch, samples, channel], all normalized: the torques. For a network whose answers are
+    relative to a path they also have that path, and a quarter of the logarithm of the unit."""
     return torch.cat([u, path, 0.25 * unit.log()], -1) if getattr(network, "told", 1) > 1 else u
 
 
 def lagged_path(driven: Tensor, y: Tensor, horizon: int) -> tuple[Tensor, Tensor]:
-    """The path over the horizon and its error after as many samples of the context, [batch, horizon, joint].
+    """The path over the horizon and its error, [batch, horizon, joint]. The error of sample k is the path's error
+    after k samples in the context.
 
-    `driven` [batch, samples, joint] is the way in a sample without a lag, `y` that of the context, rad: the
-    twin of `models/src/lag.rs`.
+    `driven` [batch, samples, joint] is the displacement per sample without a lag, and `y` is that of the context,
+    both in rad. It is the twin of `models/src/lag.rs`.
     """
     known = y.shape[1]
     last = known - 1

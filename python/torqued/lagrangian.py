@@ -9,69 +9,70 @@ from torch import Tensor, nn
 SWEEPS = 2
 """Times that friction is linearized within a sampling time."""
 FASTEST = 50.0
-"""The fastest that a joint is let turn, rad/s."""
+"""The largest joint speed, rad/s."""
 ROUNDS = 8
-"""Times that dampings and frictions below 0 are held there and the other numbers fitted again."""
+"""Rounds in which dampings and frictions below 0 are held at 0 and the other numbers are fitted again."""
 FORCE_UNIT = 10.0
 """The unit of learned forces, N·m."""
 LEAST_SHARE = 0.5
-"""Of the newer value: with less, a step of a joint without inertia would swing ever wider."""
+"""The least share of the newer value. With less, the steps of a joint without inertia would oscillate with growing
+amplitude."""
 DIRECTIONS = 3
-"""In which a particle can move."""
+"""Directions in which a particle can move."""
 INITIAL_JACOBIAN, INITIAL_HEAD, INITIAL_ARMATURE, INITIAL_NOISE = 0.9, 0.35, 0.1, 0.3
 INITIAL_SLOPE = 4.0
 INITIAL_SHARED_SPREAD, INITIAL_DAMPING_SPREAD, INITIAL_FRICTION_SPREAD = 0.1, 1.0, 0.1
 INITIAL_TAIL = 0.3
 """As in `models/src/lagrangian/mod.rs`."""
 NOISE_ROUNDS = 3
-"""Times that the noise of a context is found anew, from what the last fit left over."""
+"""Rounds in which the noise of a context is estimated again from the residuals of the last fit."""
 EVERY = 8
-"""Every so many samples of a context are looked at where poses alone matter."""
+"""The stride of a context's samples where only poses matter."""
 LEAST_PIVOT = 0.99
-"""Least pivot of a mass matrix, in inertias of the joint alone."""
+"""Least pivot of a mass matrix, as a ratio to the inertia of the joint alone."""
 HALVINGS = 6
-"""Times that a draw is taken half as far, so that its pivots are not less."""
+"""Times that a draw is moved half-way to the most likely robot, so that its pivots are large enough."""
 DRAWS = 7
 """Draws of a robot that a loss scores."""
 LEAST_DIFFERENCE = 1e-6
-"""Least difference of draws that counts, rad."""
+"""The least unit of the score, rad."""
 DOUBT_PACE = 30.0
-"""How much faster than a weight the scales of draws are learned."""
+"""The factor by which the scales of draws learn faster than a weight."""
 PARTS = 4
-"""Parts of a context that are left out in turn, to see what is left over there."""
+"""Parts of a context. Each is left out in turn for its residual torques."""
 STRETCH = 3
-"""Normal numbers that tell which stretch of a context's torques a draw has."""
+"""Normal numbers that choose the stretch of residual torques of a draw."""
 
 
 Fit = tuple[Tensor, Tensor, Tensor]
-"""The most likely numbers of each robot [batch, number], a root of their covariance [batch, number, number], and which
-numbers are 0 at least [batch, number]."""
+"""The most likely numbers of each robot [batch, number], a root of their covariance [batch, number, number], and a
+mask of the numbers that must be at least 0 [batch, number]."""
 
 
 @dataclass
 class Motions:
-    """What the law is told of samples, each `[batch, point, joint]`."""
+    """The motion at samples, as the law takes it, each `[batch, point, joint]`."""
 
     q: Tensor
     """Angles, rad."""
     velocity: Tensor
-    """Mean velocity over the sampling time before, rad/s."""
+    """Mean velocity over the sampling time before the sample, rad/s."""
     change: Tensor
-    """By how much the velocity over the sampling time after is more, rad/s."""
+    """Increase of the mean velocity over the sampling time after the sample, rad/s."""
     torque: Tensor
-    """Torque over the sampling time before, N·m."""
+    """Torque over the sampling time before the sample, N·m."""
     step: Tensor
-    """By how much the torque over the sampling time after is more, N·m."""
+    """Increase of the torque over the sampling time after the sample, N·m."""
 
     @classmethod
     def of(cls, u: Tensor, y: Tensor, rate_hz: float) -> "Motions":
-        """At every sample of y but the first and the last."""
+        """The motion at every sample of y except the first and the last."""
         velocity = rate_hz * y.diff(dim=1)
         u = u[:, : y.shape[1] - 1]
         return cls(y[:, 1:-1], velocity[:, :-1], velocity.diff(dim=1), u[:, :-1], u.diff(dim=1))
 
     def at(self, points: Tensor) -> "Motions":
-        """At the points [batch, point], counted from the first of these."""
+        """The motion at the points [batch, point], counted from the first of these samples."""
         joints = self.q.shape[-1]
         index = points[:, :, None].expand(-1, -1, joints)
         return Motions(*(series.gather(1, index) for series in vars(self).values()))
@@ -82,9 +83,9 @@ class Lagrangian(nn.Module):
     context."""
 
     is_physical = True
-    """It is given N·m and rad, and answers in rad."""
+    """Inputs are in N·m and rad, and answers in rad."""
     pace = 10.0
-    """The learned numbers that stand alone are multiplied with this."""
+    """The factor of the scalar parameters."""
 
     def __init__(
         self,
@@ -134,7 +135,7 @@ class Lagrangian(nn.Module):
         self.doubt = nn.Parameter(torch.tensor([0.0, INITIAL_TAIL / DOUBT_PACE, 0.0]))
 
     def answers(self, context: int, samples: int) -> bool:
-        """Whether it answers for a context of so many samples: equations have no length."""
+        """Whether it can predict from a context of this length. The equations fit every length."""
         return 3 <= context < samples
 
     def answer(self, u: Tensor, y_context: Tensor) -> Tensor:
@@ -143,7 +144,7 @@ class Lagrangian(nn.Module):
         return self.follow(u[:, before:], y_context[:, before:], [fit[0] for fit in self.fits(u, y_context)])
 
     def draws(self, u: Tensor, y_context: Tensor, count: int) -> Tensor:
-        """y of the horizon, rad, [draw, batch, horizon, joint], of robots that the context leaves possible.
+        """y of the horizon, rad, [draw, batch, horizon, joint], for robots that the context allows.
 
         torqued draws other numbers.
         """
@@ -161,8 +162,8 @@ class Lagrangian(nn.Module):
         return torch.stack(answers)
 
     def left_over(self, u: Tensor, y: Tensor, fits: list[Fit]) -> list[Tensor]:
-        """The torques that robots within the bounds of each of `fits` leave over in the context y, [batch, sample,
-        joint], N·m: in each of its PARTS those of a robot fitted to the others."""
+        """The residual torques of robots within the bounds of each of `fits` over the context y, [batch, sample,
+        joint], N·m. Those of each of the PARTS come from a robot that was fitted to the others."""
         factors, torque = self.equations(Motions.of(u, y, self.rate_hz))
         samples = factors.shape[1]
         weight = min(self.points / samples, 1.0)
@@ -177,8 +178,9 @@ class Lagrangian(nn.Module):
         return [torch.cat([of_part(*part, bounded) for part in parts], 1).to(u) for _, _, bounded in fits]
 
     def follow(self, u: Tensor | list[Tensor], y: Tensor, robots: list[Tensor]) -> Tensor:
-        """Positions after the first two, y [batch, 2, joint], of the first of `robots` [batch, number], or of the
-        second where some pose on the way would leave the first too little inertia. Each may have torques of its own."""
+        """Positions after the first two, y [batch, 2, joint]. They are those of the first of `robots` [batch,
+        number], or of the second if some pose on the way gives the first too little inertia. Each robot may have
+        its own torques."""
         free, masses = robots
         of_free, of_masses = u if isinstance(u, list) else (u, u)
         answer, solid = self.roll(of_free, y, free)
@@ -188,7 +190,7 @@ class Lagrangian(nn.Module):
 
     def roll(self, u: Tensor, y: Tensor, numbers: Tensor) -> tuple[Tensor, Tensor]:
         """Positions after the first two, y [batch, 2, joint], of robots with these numbers, and whether each has
-        inertia enough in all poses on the way [batch]."""
+        enough inertia in all poses on the way [batch]."""
         rate = self.rate_hz
         weights, strengths, damping, friction = numbers.split(self.counts, -1)
         share = self._share()
@@ -228,11 +230,11 @@ class Lagrangian(nn.Module):
         chosen: Tensor | None = None,
         normals: Tensor | None = None,
     ) -> Tensor:
-        """The mean negative logarithm of the likelihood of torques in N·m, less a constant, and the score of draws.
+        """The mean negative log-likelihood of torques in N·m, up to a constant, plus the score of draws.
 
-        It looks at `points` samples of each context, at equal distances, from one that PyTorch draws. The
-        horizon is looked at by the score alone: of the robots `chosen` [batch], one in `points` unless given, with
-        draws of the numbers `normals` [batch, draw, number + 1 + STRETCH].
+        The likelihood uses `points` samples of each context, at equal distances, with a first one that PyTorch
+        draws. Only the score uses the horizon. It scores draws of the robots `chosen` [batch], by default one in
+        `points`, with the normal numbers `normals` [batch, draw, number + 1 + STRETCH].
         """
         if chosen is None:
             chosen = torch.rand(len(u), device=u.device) < 1 / self.points
@@ -243,7 +245,8 @@ class Lagrangian(nn.Module):
         offsets = torch.randint(stride, (batch, 1), device=u.device)
         points = offsets + stride * torch.arange(self.points, device=u.device)
         factors, torque = self.equations(Motions.of(u, y_context, self.rate_hz).at(points))
-        # Given the distribution of the numbers: its change does not change the likelihood to first order.
+        # The distribution of the numbers is given. Its change does not change the likelihood to
+        # first order.
         with torch.no_grad():
             noise = (self.pace * self.noise).exp().expand(batch, -1)
             mean, root, told = self.posterior(factors, torque, 1.0, noise)
@@ -263,8 +266,8 @@ class Lagrangian(nn.Module):
         return likelihood + score.mean() * chosen.sum() * self.points / batch
 
     def score(self, u: Tensor, y_context: Tensor, y_horizon: Tensor, normals: Tensor) -> Tensor:
-        """The fair continuous ranked probability score of draws, in units of how much they differ before they are
-        scaled, [batch, horizon - 2, joint]. Its gradient is that of `doubt` alone."""
+        """The fair continuous ranked probability score of draws, in units of their spread before scaling, [batch,
+        horizon - 2, joint]. Only `doubt` has a gradient."""
         context, count = y_context.shape[1], sum(self.counts)
         with torch.no_grad():
             fits = self.fits(u, y_context)
@@ -291,8 +294,8 @@ class Lagrangian(nn.Module):
         return (samples - error[:, None]).abs().mean(1) - between / (2 * DRAWS * (DRAWS - 1))
 
     def deviate(self, y: Tensor, fitted: Fit, scale: Tensor, normal: Tensor) -> Tensor:
-        """Numbers `scale` [batch, 1] deviations from those that were fitted to the context y, or less where these
-        would leave some pose of the context too little inertia."""
+        """Numbers at a distance of `scale` [batch, 1] standard deviations from those that were fitted to the
+        context y. The distance is halved while some pose of the context would have too little inertia."""
         numbers, root, bounded = fitted
         deviation, found, done = _times(root, normal), numbers, torch.zeros_like(bounded[:, 0])
         for _ in range(HALVINGS):
@@ -303,8 +306,8 @@ class Lagrangian(nn.Module):
         return torch.where(done[:, None], found, numbers)
 
     def fits(self, u: Tensor, y: Tensor) -> list[Fit]:
-        """The robots that their contexts tell, and the same with no mass below 0. The first have masses of any sign
-        but where some pose of the context would have too little inertia: there they are the second."""
+        """The most likely robots of their contexts, and the same with no mass below 0. The first have masses of any
+        sign, unless some pose of the context would have too little inertia. Then they equal the second."""
         factors, torque = self.equations(Motions.of(u, y, self.rate_hz))
         weight = min(self.points / factors.shape[1], 1.0)
         particles, forces, *_ = self.counts
@@ -321,7 +324,8 @@ class Lagrangian(nn.Module):
         return [tuple(chosen), masses]
 
     def _fit(self, factors: Tensor, torque: Tensor, weight: float, bounded: Tensor) -> tuple[Tensor, Tensor]:
-        """Where a joint leaves more torque over than in training, so much is its noise."""
+        """Fits the numbers. The noise of a joint is raised to its residual torque where that exceeds the noise of
+        training."""
         least = (self.pace * self.noise).exp().expand(len(factors), -1)
         numbers, root = self.most_likely(factors, torque, weight, least, bounded)
         for _ in range(NOISE_ROUNDS):
@@ -332,7 +336,7 @@ class Lagrangian(nn.Module):
         return numbers, root
 
     def is_solid(self, y: Tensor, numbers: Tensor) -> Tensor:
-        """Whether each arm has inertia enough in the poses of its context [batch]."""
+        """Whether each arm has enough inertia in the poses of its context [batch]."""
         q, armature = y[:, ::EVERY], (self.pace * self.armature).exp()
         jacobian, _, _ = self.pose(q, torch.zeros_like(q))
         weights = numbers[:, : self.counts[0]].repeat(1, DIRECTIONS)[:, None, :, None]
@@ -341,7 +345,7 @@ class Lagrangian(nn.Module):
 
     def pose(self, q: Tensor, velocity: Tensor) -> tuple[Tensor, Tensor, Tensor | None]:
         """Jacobians [.., direction · particle, joint] at the angles q [.., joint], the acceleration of each
-        particle while the joints' velocities stay, and forces [.., 1 + force, joint] in N·m."""
+        particle at constant joint velocities, and forces [.., 1 + force, joint] in N·m."""
         seen, rate = q[..., self.first :], velocity[..., self.first :]
         x = torch.cat([seen.sin(), seen.cos()], -1)
         moving = torch.cat([seen.cos() * rate, -seen.sin() * rate], -1)
@@ -360,8 +364,8 @@ class Lagrangian(nn.Module):
         return jacobian, carried, forces
 
     def equations(self, motions: Motions) -> tuple[Tensor, Tensor]:
-        """The factor of each number and that of the force that acts on every robot,
-        [batch, point, joint, number + 1]; the torques that they add up to, N·m, [batch, point, joint]."""
+        """The factor of each number and that of the force that acts on every robot, [batch, point, joint, number +
+        1], and the torques on the right-hand side, N·m, [batch, point, joint]."""
         share = self._share()
         acceleration = self.rate_hz * motions.change
         jacobian, carried, forces = self.pose(motions.q, motions.velocity + 0.5 * motions.change)
@@ -380,8 +384,8 @@ class Lagrangian(nn.Module):
         self, factors: Tensor, torque: Tensor, weight: float, noise: Tensor, held: Tensor | None = None
     ) -> tuple[Tensor, Tensor, Tensor]:
         """The normal distribution of each robot's numbers: the mean [batch, number], a root of the covariance
-        [batch, number, number], and by how much the logarithm of its width is less than the prior's. `noise`
-        [batch, joint] is that of torques, N·m. Numbers that are `held` [batch, number] are 0."""
+        [batch, number, number], and the information gain over the prior. `noise` [batch, joint] is that of torques,
+        N·m. Numbers that are `held` [batch, number] are 0."""
         precision = noise.double() ** -2
         own, common = factors[..., :-1].double(), factors[..., -1].double()
         spread, mean = (self.pace * self.spread).exp().double(), self._means().double()
@@ -401,7 +405,7 @@ class Lagrangian(nn.Module):
         self, factors: Tensor, torque: Tensor, weight: float, noise: Tensor, bounded: Tensor
     ) -> tuple[Tensor, Tensor]:
         """The most likely numbers of each robot [batch, number], in double precision, and a root of their
-        covariance. Those that are `bounded` [batch, number] are 0 at least."""
+        covariance. Those that are `bounded` [batch, number] are at least 0."""
         factors, torque = factors.double(), torque.double()
         held = torch.zeros(len(factors), sum(self.counts), dtype=torch.bool, device=factors.device)
         for _ in range(ROUNDS):
@@ -419,25 +423,25 @@ class Lagrangian(nn.Module):
         return value - (slope * self.friction_shift).tanh(), slope * (1 - value.square())
 
     def _means(self) -> Tensor:
-        """Of each number over robots."""
+        """The mean of each number over robots."""
         particles, forces, *_ = self.counts
         shared = [self.damping.new_ones(particles), self.damping.new_zeros(forces)]
         return torch.cat([*shared, (self.pace * self.damping).exp(), self.pace * self.friction])
 
     def _share(self) -> Tensor:
-        """How far torque and velocity lie towards the newer of two values, [joint]."""
+        """The share of the newer one in the torque and the velocity between two values, [joint]."""
         return LEAST_SHARE + (1 - LEAST_SHARE) * (self.pace * self.share).sigmoid()
 
 
 def _left_over(factors: Tensor, torque: Tensor, numbers: Tensor) -> Tensor:
-    """The torque [batch, sample, joint] that these numbers leave over, in double precision."""
+    """The residual torque [batch, sample, joint] with these numbers, in double precision."""
     return torque.double() - _times(factors[..., :-1].double(), numbers.double()[:, None]) - factors[..., -1].double()
 
 
 def _stretch(left_over: Tensor, normals: Tensor, like: Tensor) -> Tensor:
-    """Of the torques `left_over` [batch, sample, joint] a stretch as long as `like`, with a sign. The last of STRETCH
-    normal numbers [batch, STRETCH] over their length is uniform from -1 to 1 (Archimedes): its sign, and where the
-    stretch begins. Torques of a context that is too short are repeated."""
+    """A stretch of the torques `left_over` [batch, sample, joint] with the length of `like`, with a sign. The last
+    of STRETCH normal numbers [batch, STRETCH], divided by their norm, is uniform from -1 to 1 (Archimedes). It
+    gives the sign and the start of the stretch. Torques of a context that is too short are repeated."""
     samples, count = left_over.shape[1], like.shape[1]
     if samples == 0:
         return torch.zeros_like(like)
@@ -454,8 +458,9 @@ def _at_least_0(numbers: Tensor, bounded: Tensor) -> Tensor:
 
 
 def _factored(matrix: Tensor, least: Tensor) -> tuple[Tensor, Tensor]:
-    """L and D of L D Lᵀ [.., joint, joint]. D is what it was before entries below `least` were raised to it, as those
-    after them see it: a sum of a diagonal matrix of these and of a positive semidefinite one has none."""
+    """L and D of L D Lᵀ [.., joint, joint]. Entries of D below `least` are raised to it for the later ones, and D
+    has the values before that. The sum of the diagonal matrix `least` and a positive semidefinite matrix has no
+    such entry."""
     columns, pivots = [], []
     for column in range(len(least)):
         pivot = matrix[..., column, column]
@@ -468,13 +473,13 @@ def _factored(matrix: Tensor, least: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _is_solid(inertia: Tensor, armature: Tensor) -> Tensor:
-    """Whether mass matrices [.., joint, joint] have inertia enough [..]."""
+    """Whether mass matrices [.., joint, joint] have enough inertia [..]."""
     _, pivots = _factored(inertia, armature)
     return (pivots / armature).min(-1).values >= LEAST_PIVOT
 
 
 def _solved(matrix: Tensor, right: Tensor, least: Tensor) -> Tensor:
-    """x of matrix x = right, with the entries of D raised to `least`."""
+    """The solution x of matrix x = right, with the entries of D raised to `least`."""
     lower, pivots = _factored(matrix, least)
     x = torch.linalg.solve_triangular(lower, right[..., None], upper=False, unitriangular=True)
     x = x / torch.maximum(pivots, least)[..., None]

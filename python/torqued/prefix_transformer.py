@@ -16,7 +16,8 @@ DISTANCE_S = 0.5
 
 
 class PrefixTransformer(nn.Module):
-    """One stream of tokens over the whole trajectory: the context in both directions, the horizon causally."""
+    """Transformer with one stream of tokens over the whole trajectory. It attends to the context in both
+    directions, and to the horizon causally."""
 
     is_physical = True
 
@@ -48,15 +49,15 @@ class PrefixTransformer(nn.Module):
         self.head = nn.Linear(d_model, joints * patch)
 
     def answers(self, context: int, samples: int) -> bool:
-        """Whether it was trained for a context of so many samples, with a horizon up to so many."""
+        """Whether it was trained for contexts of `context` samples, and for trajectories of at least `samples`."""
         least, most = self.contexts
         whole = context % self.patch == 0 and samples % self.patch == 0
         ends = context < samples <= self.samples if least < most else samples == self.samples
         return whole and least <= context <= most and ends
 
     def forward(self, tokens: Tensor, known: int) -> Tensor:
-        """Velocities beside the path's [batch, horizon, joint] in units of the trajectory's speed, from tokens
-        [batch, token, (patch + 1) * channel], the first `known` of them the context's."""
+        """Velocities relative to the path's [batch, horizon, joint] in units of the trajectory's speed, from tokens
+        [batch, token, (patch + 1) * channel]. The first `known` tokens are the context's."""
         count = tokens.shape[1]
         sees = torch.ones(count, count, dtype=torch.bool, device=tokens.device).tril()
         sees[:, :known] = True
@@ -68,7 +69,7 @@ class PrefixTransformer(nn.Module):
         return velocities.reshape(batch, horizon * self.patch, width // self.patch)
 
     def displacement(self, u: Tensor, y_context: Tensor, path: Tensor) -> Tensor:
-        """How far the arm leaves the path [batch, samples, joint], rad, over the horizon."""
+        """The displacement of the arm from the path [batch, samples, joint], rad, over the horizon."""
         tokens, speed = self.tokens(u, y_context, path)
         context = y_context.shape[1]
         horizon = u.shape[1] - context

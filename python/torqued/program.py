@@ -1,4 +1,4 @@
-"""Where the program lies that was installed with this package."""
+"""Finds the program that was installed with this package."""
 
 import os
 import pathlib
@@ -11,10 +11,10 @@ NAME = "torqued"
 def find_binary():
     """The path of the program `torqued`.
 
-    It is looked for where pip puts programs: of this environment, beside a package of `pip install --target`, and of the
-    user. One on the PATH is taken last.
+    It searches the places where pip installs programs: those of this environment, beside a package of `pip install
+    --target`, and those of the user. The PATH comes last.
 
-    Raises FileNotFoundError when there is none.
+    Raises FileNotFoundError if there is none.
     """
     places = list(_places())
     for place in places:

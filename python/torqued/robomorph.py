@@ -9,7 +9,7 @@ from .transformer import DecoderBlock, EncoderBlock
 
 
 class RoboMorph(nn.Module):
-    """Predicts the horizon in one pass. A token is `patch` consecutive samples, flattened."""
+    """A network that predicts the horizon in one pass. A token is `patch` consecutive samples, flattened."""
 
     def __init__(
         self,
@@ -49,10 +49,10 @@ class RoboMorph(nn.Module):
         self.head = nn.Linear(d_model, joints * patch * (2 if self.gaussian else 1))
 
     def forward(self, context: Tensor, future: Tensor) -> Tensor:
-        """Predicts y of the horizon [batch, horizon, joint] from what it is told of the context, u first, beside its
-        normalized y [batch, context, channel + joint], and of the horizon [batch, horizon, channel]; with output `displacements` as
-        their running sum. A gaussian head gives
-        [batch, horizon, 2 * joint], see `mean_and_log_variance`."""
+        """Predicts y of the horizon [batch, horizon, joint]. The inputs are the known series of the context, u
+        first, with its normalized y [batch, context, channel + joint], and the known series of the horizon [batch,
+        horizon, channel]. With the output `displacements` it predicts these and gives their running sum. A gaussian
+        head gives [batch, horizon, 2 * joint], see `mean_and_log_variance`."""
         memory = self.encoder_input(self._patches(context)) + self.encoder_positions
         for block in self.encoder_blocks:
             memory = block(memory)
@@ -64,17 +64,18 @@ class RoboMorph(nn.Module):
         numbers = self.head(self.decoder_norm(x)).reshape(batch, horizon, -1)
         if not self.sums:
             return numbers
-        # The mean, and of a gaussian head the numbers of its variance.
+        # Only the mean is summed, and not a gaussian head's variance.
         mean, variance = numbers[..., : self.joints], numbers[..., self.joints :]
         return torch.cat([mean.cumsum(1) / horizon**0.5, variance], -1)
 
     def answer(self, known: Tensor, y_context: Tensor) -> Tensor:
-        """y of the horizon from what it is told [batch, samples, channel] and y of the context; of a gaussian head the mean."""
+        """y of the horizon from the known series [batch, samples, channel] and y of the context. A gaussian head
+        gives the mean."""
         numbers = self._numbers(known, y_context)
         return self.mean_and_log_variance(numbers)[0] if self.gaussian else numbers
 
     def loss(self, known: Tensor, y_context: Tensor, y_horizon: Tensor, unit: Tensor) -> Tensor:
-        """The mean squared error or that of `point_loss`; with a gaussian head the mean negative logarithm of the likelihood."""
+        """The mean squared error or `point_loss`. With a gaussian head it is the mean negative log-likelihood."""
         numbers = self._numbers(known, y_context)
         if not self.gaussian:
             return point_loss(numbers - y_horizon, unit, self.by_root)
@@ -87,7 +88,7 @@ class RoboMorph(nn.Module):
 
     @staticmethod
     def mean_and_log_variance(numbers: Tensor) -> tuple[Tensor, Tensor]:
-        """Of a gaussian head; the bounds of the log variance, -14 and 4, are soft."""
+        """Splits the output of a gaussian head. The bounds of the log variance, -14 and 4, are soft."""
         mean, raw = numbers.chunk(2, dim=-1)
         capped = raw - F.softplus(raw - 4.0)
         return mean, capped + F.softplus(-14.0 - capped)

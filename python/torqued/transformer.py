@@ -1,6 +1,6 @@
 """The PyTorch twin of `models/src/transformer.rs`: the blocks of RoboMorph and CDT.
 
-Dropout leaves out other numbers than torqued's, at the same places and rate.
+Dropout drops other values than torqued's, in the same places and at the same rate.
 """
 
 import torch.nn.functional as F
@@ -8,7 +8,7 @@ from torch import Tensor, nn
 
 
 class Attention(nn.Module):
-    """Multi-head scaled dot-product attention, biases on."""
+    """Multi-head scaled dot-product attention, with biases."""
 
     def __init__(self, d_model: int, heads: int, dropout: float):
         super().__init__()
@@ -54,7 +54,7 @@ class EncoderBlock(nn.Module):
         self.feed_forward = FeedForward(d_model, hidden, dropout)
 
     def forward(self, x: Tensor, mask: Tensor | None = None) -> Tensor:
-        """`mask` [token, token] is true where a token may look at another."""
+        """`mask` [token, token] is true where a token may attend to another."""
         normed = self.attention_norm(x)
         x = x + self.attention(normed, normed, False, mask)
         return x + self.feed_forward(self.feed_forward_norm(x))
@@ -71,7 +71,7 @@ class DecoderBlock(nn.Module):
         self.feed_forward = FeedForward(d_model, hidden, dropout)
 
     def forward(self, x: Tensor, memory: Tensor, mask: Tensor | None = None) -> Tensor:
-        """`mask` [token, source] is true where a token of x may look at one of memory."""
+        """`mask` [token, source] is true where a token of x may attend to one of memory."""
         normed = self.self_attention_norm(x)
         x = x + self.self_attention(normed, normed, causal=True)
         x = x + self.cross_attention(self.cross_attention_norm(x), memory, False, mask)

@@ -29,7 +29,7 @@ class ConvBlock(nn.Module):
 
 
 class ResidualBlock(nn.Module):
-    """Two convolutions; between them the condition is added, or scales and shifts (FiLM)."""
+    """Two convolutions. Between them the condition is added, or it scales and shifts (FiLM)."""
 
     def __init__(self, inputs: int, outputs: int, condition: int, film: bool):
         super().__init__()
@@ -93,8 +93,8 @@ class UNet(nn.Module):
         self.output = nn.Conv1d(widths[0], channels, 1)
 
     def forward(self, x: Tensor, condition: Tensor, local: Tensor | None = None) -> Tensor:
-        """x [batch, channel + beside, sample] to [batch, channel, sample] with condition [batch, width]; `local` is added after the
-        first block."""
+        """Maps x [batch, channel + beside, sample] to [batch, channel, sample], with condition [batch, width].
+        `local` is added after the first block."""
         skips = []
         for index, stage in enumerate(self.down):
             x = stage.first(x, condition)

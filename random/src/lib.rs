@@ -1,14 +1,14 @@
-//! Random numbers by what they are for: whoever asks, in whatever order, gets the same.
+//! Random numbers keyed by purpose. The order of the calls does not matter.
 //!
 //! A generator's key is the ChaCha key itself (Bernstein 2008), so that sequences of different keys
-//! are independent without any seeding of one generator from another (Salmon et al. 2011, *Parallel
-//! random numbers: as easy as 1, 2, 3*). Datasets, trainings and intervals are made of these numbers:
+//! are independent without seeding one generator from another (Salmon et al. 2011, *Parallel random
+//! numbers: as easy as 1, 2, 3*). Datasets, trainings and intervals consist of these numbers, so
 //! none of their bits may change.
 
 pub use rand_chacha::{ChaCha8Rng, ChaCha12Rng};
 pub use rand_core::{Rng, SeedableRng};
 
-/// A generator of its own for every key of four numbers.
+/// A separate generator for every key of four numbers.
 pub fn keyed<G: SeedableRng<Seed = [u8; 32]>>(key: [u64; 4]) -> G {
     let mut seed = [0; 32];
     for (bytes, number) in seed.chunks_exact_mut(8).zip(key) {
@@ -23,7 +23,7 @@ pub fn unit(generator: &mut impl Rng) -> f64 {
     (generator.next_u64() >> 11) as f64 * STEP
 }
 
-/// Uniform in [0, 1), a multiple of 2⁻²⁴, each of which an `f32` holds exactly.
+/// Uniform in [0, 1), a multiple of 2⁻²⁴. An `f32` represents each exactly.
 pub fn unit_f32(generator: &mut impl Rng) -> f32 {
     const STEP: f32 = 1.0 / (1u32 << 24) as f32;
     (generator.next_u32() >> 8) as f32 * STEP
@@ -35,7 +35,7 @@ pub fn below(generator: &mut impl Rng, count: usize) -> usize {
     ((u128::from(generator.next_u64()) * count as u128) >> 64) as usize
 }
 
-/// Puts items into any order, each as likely (Fisher and Yates).
+/// Shuffles items. All orders are equally likely (Fisher and Yates).
 pub fn shuffle<T>(items: &mut [T], generator: &mut impl Rng) {
     for last in (1..items.len()).rev() {
         items.swap(last, below(generator, last + 1));
@@ -60,9 +60,9 @@ pub fn fill_normal(values: &mut [f32], generator: &mut impl Rng) {
     }
 }
 
-/// Fills `values` with normal numbers of mean 0 and variance 1, whose bits are the same on every machine:
-/// the polar method of Marsaglia and Bray (1964), with a logarithm computed in software. The first
-/// numbers of a generator are the same whatever the length.
+/// Fills `values` with normal numbers of mean 0 and variance 1. Their bits are the same on every
+/// machine: the polar method of Marsaglia and Bray (1964), with a logarithm computed in software.
+/// The first numbers of a generator are the same for every length.
 pub fn fill_normal_portably(values: &mut [f64], generator: &mut impl Rng) {
     for pair in values.chunks_mut(2) {
         let (x, y, square) = loop {
@@ -94,7 +94,7 @@ mod tests {
         (mean, squares / values.len() as f64)
     }
 
-    /// Would fail if a new version of a dependency drew other numbers for the same key.
+    /// Fails if a new version of a dependency draws other numbers for the same key.
     #[test]
     fn the_numbers_of_a_key_are_pinned() {
         assert_eq!(keyed::<ChaCha8Rng>([0; 4]).next_u32(), 0x2fef_003e);
@@ -144,7 +144,7 @@ mod tests {
         }
     }
 
-    /// Datasets hold them.
+    /// Datasets contain these numbers.
     #[test]
     fn portable_normal_numbers_are_pinned_and_begin_alike_at_every_length() {
         let mut short = [0.0; 3];

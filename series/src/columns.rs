@@ -2,22 +2,22 @@ use std::ops::Range;
 
 use crate::ShapeError;
 
-/// Columns of a table, one per joint, with the samples of one robot after another: how Parquet holds
-/// a series.
+/// Columns of a table, one per joint, with the samples of one robot after another. This is how
+/// Parquet stores a series.
 #[derive(Clone, Debug)]
 pub struct Columns<'a> {
     samples: usize,
     u: Vec<&'a [f32]>,
     y: Vec<&'a [f32]>,
-    /// True u and y, where those above are measured.
+    /// True u and y, if the columns above are measured.
     truth: Option<[Vec<&'a [f32]>; 2]>,
 }
 
 impl<'a> Columns<'a> {
-    /// `u` and `y` have a column per joint; every column has the same whole number of robots.
+    /// `u` and `y` have a column per joint. All columns have the same whole number of robots.
     ///
     /// # Errors
-    /// For columns of another number or length.
+    /// The number of columns is not that of the joints, or a column has another length.
     pub fn new(samples: usize, u: Vec<&'a [f32]>, y: Vec<&'a [f32]>) -> Result<Self, ShapeError> {
         let (joints, rows) = (u.len(), u.first().map_or(0, |column| column.len()));
         if y.len() != joints {
@@ -35,10 +35,10 @@ impl<'a> Columns<'a> {
         Ok(Self { samples, u, y, truth: None })
     }
 
-    /// With the true values of what is measured, in columns of the same form.
+    /// Adds the true values behind the measured ones, in columns of the same form.
     ///
     /// # Errors
-    /// As [`Columns::new`].
+    /// Those of [`Columns::new`].
     pub fn with_truth(mut self, u: Vec<&'a [f32]>, y: Vec<&'a [f32]>) -> Result<Self, ShapeError> {
         let truth = Self::new(self.samples, u, y)?;
         if truth.robots() != self.robots() || truth.joints() != self.joints() {
@@ -61,7 +61,7 @@ impl<'a> Columns<'a> {
         self.u.len()
     }
 
-    /// Appends u and y of `robots`, each `[robot, sample, joint]`.
+    /// Appends u and y of the given robots, each `[robot, sample, joint]`.
     pub(crate) fn append(&self, robots: Range<usize>, u: &mut Vec<f32>, y: &mut Vec<f32>) {
         let rows = self.rows(robots);
         interleave(&self.u, rows.clone(), u);
@@ -72,7 +72,7 @@ impl<'a> Columns<'a> {
         self.truth.is_some()
     }
 
-    /// As [`Columns::append`], of the true values; nothing where there are none.
+    /// Like [`Columns::append`], with the true values. Appends nothing where there are none.
     pub(crate) fn append_truth(&self, robots: Range<usize>, u: &mut Vec<f32>, y: &mut Vec<f32>) {
         let Some([true_u, true_y]) = &self.truth else { return };
         let rows = self.rows(robots);
@@ -87,7 +87,7 @@ impl<'a> Columns<'a> {
 
 /// Appends `rows` of the columns, one row after another.
 fn interleave(columns: &[&[f32]], rows: Range<usize>, values: &mut Vec<f32>) {
-    /// Rows at once: as many passes as there are columns over all rows would not stay in the cache.
+    /// Rows per block. Passes of each column over all rows would not stay in the cache.
     const BLOCK: usize = 512;
     let joints = columns.len();
     let start = values.len();

@@ -1,17 +1,18 @@
 //! Torques u (N·m) and positions y (rad) of many robots over time, from Parquet to tensor and back.
 //!
 //! [`Series`] owns the values, [`SeriesView`] borrows those of some robots and samples, and
-//! [`Observed`] borrows what a predictor may know. All values are f32 in the order
-//! `[robot, sample, joint]`: the values of a robot lie together, so that batches and windows are
-//! slices, and a batch has the order of the tensor `[batch, time, channel]` that it becomes.
+//! [`Observed`] borrows those that a predictor may know. All values are f32 in the order `[robot,
+//! sample, joint]`. The values of a robot lie together, so that batches and windows are slices. A
+//! batch has the order of its tensor `[batch, time, channel]`.
 //!
-//! `y[k]` is the position at sample k, before `u[k]` acts; `u[k]` is held until sample k + 1.
+//! `y[k]` is the position at sample k, before `u[k]` acts. `u[k]` is held until sample k + 1.
 //!
-//! u and y are as they were measured. A series may hold the true values beside them, for scores and
-//! losses; an [`Observed`] never does.
+//! u and y are the measured values. A series may also have the true values, for scores and losses.
+//! An [`Observed`] never has them.
 //!
-//! Two copies lie between a decoded row group and a tensor: [`Series::gather`] takes the robots of a
-//! batch out of [`Columns`], and a model normalizes the batch into the tensor. Views copy nothing.
+//! Values are copied twice between a decoded row group and a tensor. [`Series::gather`] takes the
+//! robots of a batch out of [`Columns`], and a model normalizes the batch into the tensor. Views
+//! copy nothing.
 
 mod columns;
 mod noise;

@@ -1,5 +1,5 @@
-/// How far measured values lie from true ones: standard deviations of their errors, 0 where nothing is
-/// known of any.
+/// The measurement noise: standard deviations of the errors of measured values, 0 where none is
+/// known.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct MeasurementNoise {
     /// rad.
@@ -9,7 +9,7 @@ pub struct MeasurementNoise {
 }
 
 impl MeasurementNoise {
-    /// The noise of both, which are independent.
+    /// The sum of two independent noises.
     #[must_use]
     pub fn and(self, other: Self) -> Self {
         Self {

@@ -2,12 +2,12 @@ use crate::{MeasurementNoise, Shape, Track};
 
 /// The input of a predictor: every torque, and the positions of the context only.
 ///
-/// This type is why no position of the horizon reaches a predictor. It borrows, of each robot, one
-/// slice of y, and that slice ends with the context; [`crate::SeriesView::observed`] cuts it there and
-/// is the only constructor. A predictor, a model and its normalization are handed this type and
-/// nothing else, so that they cannot look further even by mistake. True values of what was measured have
-/// no place here either: u and y are the measured ones, with the deviation of their noise. What was recorded before the window,
-/// the pre-roll, is known too; predictors see it as earlier windows, which end earlier.
+/// This type guarantees that no position of the horizon reaches a predictor. Of each robot it
+/// borrows one slice of y, and that slice ends with the context. [`crate::SeriesView::observed`]
+/// cuts it there and is the only constructor. A predictor, a model and its normalization get this
+/// type and nothing else, so they cannot see more even by mistake. It has no true values either: u
+/// and y are the measured ones, with the standard deviation of their noise. The recording before
+/// the window, the pre-roll, is known too. Predictors see it as earlier windows, which end earlier.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Observed<'a> {
     /// Context and horizon.
@@ -43,12 +43,12 @@ impl<'a> Observed<'a> {
         self.context
     }
 
-    /// Samples whose positions are to be predicted.
+    /// Samples whose positions a predictor predicts.
     pub fn horizon(&self) -> usize {
         self.samples - self.context
     }
 
-    /// Samples that were recorded before the window.
+    /// Recorded samples before the window.
     pub fn pre_roll(&self) -> usize {
         self.pre_roll
     }
@@ -80,19 +80,19 @@ impl<'a> Observed<'a> {
         Track::new(&row[self.pre_roll * self.joints..], self.joints)
     }
 
-    /// The robots with these numbers, in this order, some perhaps more than once.
+    /// The robots with these indices, in this order. An index may occur more than once.
     ///
     /// # Panics
-    /// When there is no such robot.
+    /// If there is no such robot.
     #[must_use]
     pub fn pick(&self, robots: &[usize]) -> Self {
         let pick = |rows: &[&'a [f32]]| robots.iter().map(|&robot| rows[robot]).collect();
         Self { u: pick(&self.u), y: pick(&self.y), ..*self }
     }
 
-    /// The window of the same length `shift` samples ago: what a predictor was asked then. It knows
-    /// nothing that this one does not, since its context ends `shift` samples before this one's.
-    /// `None` when the recording begins later.
+    /// The window of the same length `shift` samples ago, as a predictor would have seen it then.
+    /// All that it knows is known here, since its context ends `shift` samples earlier. `None` if
+    /// the recording begins later.
     pub fn earlier(&self, shift: usize) -> Option<Self> {
         let pre_roll = self.pre_roll.checked_sub(shift)?;
         let shorter = |rows: &[&'a [f32]]| {

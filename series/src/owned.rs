@@ -4,8 +4,8 @@ use crate::{Columns, MeasurementNoise, Observed, SeriesView, Shape, ShapeError};
 
 /// Torques and positions of robots that all have the same samples, joints and rate.
 ///
-/// y may be known for fewer samples than u, from the first on: a question to a predictor has the
-/// torques of its horizon and no positions there.
+/// y may be known for fewer samples than u, from the first sample on. A question to a predictor has
+/// the torques of its horizon and no positions there.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Series {
     shape: Shape,
@@ -15,7 +15,7 @@ pub struct Series {
     u: Vec<f32>,
     y: Vec<f32>,
     noise: MeasurementNoise,
-    /// The true values behind u and y; `None` where u and y are all that is known.
+    /// The true values behind u and y; `None` where only u and y are known.
     truth: Option<Truth>,
 }
 
@@ -26,18 +26,18 @@ struct Truth {
 }
 
 impl Series {
-    /// Recorded trajectories: `u` and `y` are both `[robot, sample, joint]`.
+    /// Recorded trajectories. `u` and `y` are both `[robot, sample, joint]`.
     ///
     /// # Errors
-    /// For values of another number than the shape's.
+    /// The number of values is not that of the shape.
     pub fn new(shape: Shape, rate_hz: f64, u: Vec<f32>, y: Vec<f32>) -> Result<Self, ShapeError> {
         Self::question(shape, shape.samples, rate_hz, u, y)
     }
 
-    /// `u` is that of all samples, `y` that of the first `known` of each robot.
+    /// A question: `u` has all samples, and `y` the first `known` samples of each robot.
     ///
     /// # Errors
-    /// As [`Series::new`].
+    /// Those of [`Series::new`].
     pub fn question(
         shape: Shape,
         known: usize,
@@ -51,13 +51,13 @@ impl Series {
         Ok(Self { shape, known, rate_hz, u, y, noise, truth: None })
     }
 
-    /// The same values, said to be measured with `noise`.
+    /// The same values with `noise` as their measurement noise.
     #[must_use]
     pub fn with_noise(self, noise: MeasurementNoise) -> Self {
         Self { noise, ..self }
     }
 
-    /// No robots yet, and memory for those of `shape`.
+    /// A series without robots, with memory for those of `shape`.
     ///
     /// # Errors
     /// [`ShapeError::TooLarge`].
@@ -74,10 +74,10 @@ impl Series {
         })
     }
 
-    /// Appends robots of `columns`: the one copy between a decoded row group and a batch.
+    /// Appends robots of `columns`. This is the only copy between a decoded row group and a batch.
     ///
     /// # Panics
-    /// When samples or joints differ, or there are no such robots.
+    /// If samples or joints differ, or there are no such robots.
     pub fn gather(&mut self, columns: &Columns<'_>, robots: Range<usize>) {
         let Shape { samples, joints, .. } = self.shape;
         assert_eq!((columns.samples(), columns.joints()), (samples, joints), "samples and joints");
@@ -89,7 +89,7 @@ impl Series {
         self.shape.robots += robots.len();
     }
 
-    /// Takes on another shape, with values that are to be overwritten, in the memory it has.
+    /// Changes the shape and keeps the memory. The caller overwrites the values.
     ///
     /// # Errors
     /// [`ShapeError::TooLarge`].
@@ -97,7 +97,8 @@ impl Series {
         let values = shape.values()?;
         for series in [&mut self.u, &mut self.y] {
             if series.capacity() < values {
-                // Zeros from the allocator, which costs nothing where pages come zeroed.
+                // The allocator gives zeros, which cost nothing if the system provides zeroed
+                // pages.
                 *series = vec![0.0; values];
             } else {
                 series.resize(values, 0.0);
@@ -108,8 +109,8 @@ impl Series {
         Ok(())
     }
 
-    /// u and y, to have `noise` added to what they have. What they were before the first time stays as
-    /// the truth.
+    /// u and y, for a caller that adds `noise` to them. Their values before the first call are kept
+    /// as the true ones.
     pub fn add_noise(&mut self, noise: MeasurementNoise) -> (&mut [f32], &mut [f32]) {
         let Self { u, y, truth, .. } = self;
         truth.get_or_insert_with(|| Truth { u: u.clone(), y: y.clone() });
@@ -117,10 +118,10 @@ impl Series {
         (u, y)
     }
 
-    /// From `sample` on, torques are planned and not measured: they become the true ones.
+    /// Marks the torques from `sample` on as planned and not measured. They become the true ones.
     ///
     /// # Panics
-    /// When there are fewer samples.
+    /// If there are fewer samples.
     pub fn plan_from(&mut self, sample: usize) {
         let Some(truth) = &self.truth else { return };
         let row = self.shape.samples * self.shape.joints;
@@ -159,12 +160,14 @@ impl Series {
         self.noise
     }
 
-    /// True torques, in the form of [`Series::u`]; the same where nothing else is known.
+    /// True torques, in the form of [`Series::u`]. They are the measured ones where no others are
+    /// known.
     pub fn true_u(&self) -> &[f32] {
         self.truth.as_ref().map_or(&self.u, |truth| &truth.u)
     }
 
-    /// True positions, in the form of [`Series::y`]; the same where nothing else is known.
+    /// True positions, in the form of [`Series::y`]. They are the measured ones where no others are
+    /// known.
     pub fn true_y(&self) -> &[f32] {
         self.truth.as_ref().map_or(&self.y, |truth| &truth.y)
     }
@@ -174,7 +177,7 @@ impl Series {
         &self.u
     }
 
-    /// Positions `[robot, sample, joint]`, rad, of the samples that are known.
+    /// Positions `[robot, sample, joint]`, rad, of the known samples.
     pub fn y(&self) -> &[f32] {
         &self.y
     }
@@ -187,7 +190,7 @@ impl Series {
         &mut self.y
     }
 
-    /// u and y, to be written together.
+    /// u and y for writing both.
     pub fn both_mut(&mut self) -> (&mut [f32], &mut [f32]) {
         (&mut self.u, &mut self.y)
     }
@@ -197,10 +200,10 @@ impl Series {
         self.part(0..self.shape.robots)
     }
 
-    /// Consecutive robots in memory of their own.
+    /// Copies consecutive robots.
     ///
     /// # Panics
-    /// When there are no such robots.
+    /// If there are no such robots.
     #[must_use]
     pub fn copy(&self, robots: Range<usize>) -> Self {
         let row = self.shape.samples * self.shape.joints;
@@ -217,10 +220,10 @@ impl Series {
         }
     }
 
-    /// Consecutive robots.
+    /// A view of consecutive robots.
     ///
     /// # Panics
-    /// When there are no such robots.
+    /// If there are no such robots.
     pub fn part(&self, robots: Range<usize>) -> SeriesView<'_> {
         let Self { shape, known, rate_hz, noise, .. } = *self;
         let rows = |values, samples| robots.clone().map(move |robot| row(values, robot, samples));
@@ -237,10 +240,10 @@ impl Series {
         }
     }
 
-    /// As [`SeriesView::observed`].
+    /// Like [`SeriesView::observed`], without a pre-roll.
     ///
     /// # Panics
-    /// As [`SeriesView::observed`].
+    /// Like [`SeriesView::observed`].
     pub fn observed(&self, context: usize) -> Observed<'_> {
         self.view().observed(0, context)
     }
@@ -264,7 +267,7 @@ mod tests {
         Series::new(SHAPE, 60.0, u, y).unwrap()
     }
 
-    /// The columns of a table that holds `series`.
+    /// The columns of a table with `series`.
     fn columns(values: &[f32]) -> Vec<Vec<f32>> {
         (0..2).map(|joint| values.iter().skip(joint).step_by(2).copied().collect()).collect()
     }
@@ -291,7 +294,7 @@ mod tests {
     #[test]
     fn values_of_another_number_are_refused() {
         let error = Series::new(SHAPE, 60.0, vec![0.0; 30], vec![0.0; 29]).unwrap_err();
-        let expected = "y has 29 values, 3 robots of 5 samples of 2 joints have 30";
+        let expected = "y has 29 values, expected 30 for 3 robots of 5 samples of 2 joints";
         assert_eq!(error.to_string(), expected);
         assert!(Series::question(SHAPE, 4, 60.0, vec![0.0; 30], vec![0.0; 24]).is_ok());
         let column = [0.0; 10];

@@ -2,7 +2,7 @@ use std::ops::Range;
 
 use crate::{MeasurementNoise, Observed, Shape, Track};
 
-/// Some robots and some samples of a [`crate::Series`]: a slice of each robot, nothing copied.
+/// Some robots and some samples of a [`crate::Series`]: a slice of each robot, without copies.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SeriesView<'a> {
     pub(crate) samples: usize,
@@ -14,7 +14,7 @@ pub struct SeriesView<'a> {
     /// `[sample, joint]` of each robot.
     pub(crate) u: Vec<&'a [f32]>,
     pub(crate) y: Vec<&'a [f32]>,
-    /// True positions; those of `y` where nothing else is known.
+    /// True positions. They are those of `y` where no others are known.
     pub(crate) true_y: Vec<&'a [f32]>,
 }
 
@@ -32,7 +32,7 @@ impl<'a> SeriesView<'a> {
         self.samples
     }
 
-    /// Samples whose y is known, the first ones: all of a recording.
+    /// Number of samples whose y is known. They come first, and in a recording they are all.
     pub fn known(&self) -> usize {
         self.known
     }
@@ -60,16 +60,16 @@ impl<'a> SeriesView<'a> {
         Track::new(self.y[robot], self.joints)
     }
 
-    /// Known positions of one robot without noise, rad: for scores and losses. They are the measured ones
-    /// where no others are known, as of recordings.
+    /// Known positions of one robot without noise, rad, for scores and losses. They are the
+    /// measured ones where no others are known, as in recordings.
     pub fn true_y(&self, robot: usize) -> Track<'a> {
         Track::new(self.true_y[robot], self.joints)
     }
 
-    /// Consecutive robots.
+    /// A view of consecutive robots.
     ///
     /// # Panics
-    /// When there are no such robots.
+    /// If there are no such robots.
     #[must_use]
     pub fn part(&self, robots: Range<usize>) -> Self {
         let part = |rows: &[&'a [f32]]| rows[robots.clone()].to_vec();
@@ -79,7 +79,7 @@ impl<'a> SeriesView<'a> {
     /// The same robots over `samples` only.
     ///
     /// # Panics
-    /// When there are no such samples.
+    /// If there are no such samples.
     #[must_use]
     pub fn window(&self, samples: Range<usize>) -> Self {
         let Self { joints, rate_hz, noise, .. } = *self;
@@ -99,16 +99,16 @@ impl<'a> SeriesView<'a> {
         }
     }
 
-    /// Known positions of all robots without noise in memory of their own, `[robot, sample, joint]`, rad.
+    /// Copies the known positions of all robots without noise, `[robot, sample, joint]`, rad.
     pub fn copy_true_y(&self) -> Vec<f32> {
         self.true_y.concat()
     }
 
-    /// The part that a predictor may know of the window that begins after `pre_roll` samples: its torques, and
-    /// the positions of its first `context` samples. This is the only way to an [`Observed`].
+    /// The part that a predictor may know of the window after `pre_roll` samples: its torques, and
+    /// the positions of its first `context` samples. This is the only way to make an [`Observed`].
     ///
     /// # Panics
-    /// When y is known for fewer samples, or the context is longer than the window.
+    /// If y is known for fewer samples, or the context is longer than the window.
     pub fn observed(&self, pre_roll: usize, context: usize) -> Observed<'a> {
         let Self { samples, known, joints, rate_hz, noise, .. } = *self;
         let end = pre_roll + context;

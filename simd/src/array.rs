@@ -1,7 +1,8 @@
-//! Lanes as plain arrays, for processors without vectors of ours and for single robots.
+//! Lanes as plain arrays, for single robots and for processors whose vectors this crate does not
+//! support.
 //!
-//! The compiler vectorizes them where it can. `mul_add` is fused by hardware on aarch64; on an
-//! x86-64 without FMA it is a library call, slow and still right to the last bit.
+//! The compiler vectorizes them where it can. aarch64 fuses `mul_add` in hardware. On an x86-64
+//! without FMA it is a library call, which is slow but exact to the last bit.
 
 use std::ops::{Add, Mul, Neg, Sub};
 

@@ -35,7 +35,7 @@ impl Vector for F32x8 {
     #[inline(always)]
     unsafe fn mask(count: usize) -> __m256i {
         let count = i32::try_from(count).unwrap_or(i32::MAX);
-        // SAFETY: here and below, the trait says what the caller has to provide.
+        // SAFETY: here and below, the trait says what the caller must guarantee.
         unsafe {
             let lanes = _mm256_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7);
             _mm256_cmpgt_epi32(_mm256_set1_epi32(count), lanes)
@@ -101,7 +101,7 @@ impl Vector for F32x8 {
 fn turn_f32(quadrant: __m256, sin: __m256, cos: __m256) -> (__m256, __m256) {
     let quadrant = _mm256_castps_si256(quadrant);
     let two = _mm256_set1_epi32(2);
-    // `blendv` chooses by the sign bit, where the shift puts the lowest bit.
+    // `blendv` selects by the sign bit. The shift moves the lowest bit there.
     let odd = _mm256_castsi256_ps(_mm256_slli_epi32::<31>(quadrant));
     let sin_sign = _mm256_slli_epi32::<30>(_mm256_and_si256(quadrant, two));
     let next = _mm256_add_epi32(quadrant, _mm256_set1_epi32(1));
@@ -117,7 +117,7 @@ fn turn_f32(quadrant: __m256, sin: __m256, cos: __m256) -> (__m256, __m256) {
 fn turn_f64(quadrant: __m256d, sin: __m256d, cos: __m256d) -> (__m256d, __m256d) {
     let quadrant = _mm256_castpd_si256(quadrant);
     let two = _mm256_set1_epi64x(2);
-    // `blendv` chooses by the sign bit, where the shift puts the lowest bit.
+    // `blendv` selects by the sign bit. The shift moves the lowest bit there.
     let odd = _mm256_castsi256_pd(_mm256_slli_epi64::<63>(quadrant));
     let sin_sign = _mm256_slli_epi64::<62>(_mm256_and_si256(quadrant, two));
     let next = _mm256_add_epi64(quadrant, _mm256_set1_epi64x(1));

@@ -39,7 +39,7 @@ impl Vector for F32x16 {
 
     #[inline(always)]
     unsafe fn splat(value: f32) -> Self {
-        // SAFETY: here and below, the trait says what the caller has to provide.
+        // SAFETY: here and below, the trait says what the caller must guarantee.
         Self(unsafe { _mm512_set1_ps(value) })
     }
 

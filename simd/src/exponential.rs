@@ -3,14 +3,14 @@ use std::f64::consts::LOG2_E;
 use crate::Lanes;
 use crate::trigonometry::polynomial;
 
-/// What the exponential function needs to know about a number format.
+/// The constants of the exponential function for a number format.
 pub struct Exponential {
-    /// 1.5 · 2^(mantissa bits): adding it rounds to an integer, left in the low bits.
+    /// 1.5 · 2^(mantissa bits). Adding it rounds to an integer, which is then in the low bits.
     pub(crate) rounder: f64,
     /// ln 2 as an unevaluated sum of two numbers of the format.
     pub(crate) ln_2: [f64; 2],
-    /// Taylor coefficients, highest power first; on |r| ≤ ½ ln 2 the first one left out is below half
-    /// a last place.
+    /// Taylor coefficients, highest power first. On |r| ≤ ½ ln 2 the first omitted term is below
+    /// half a last place.
     pub(crate) series: &'static [f64],
 }
 

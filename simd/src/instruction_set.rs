@@ -5,7 +5,7 @@ use std::sync::OnceLock;
 /// The vector instructions that kernels use. A value exists only where the processor has them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum InstructionSet {
-    /// AVX-512 F, DQ and VL, with all that [`InstructionSet::Avx2`] has.
+    /// AVX-512 F, DQ and VL, with everything in [`InstructionSet::Avx2`].
     #[cfg(target_arch = "x86_64")]
     Avx512(Detected),
     /// AVX2 with fused multiply-adds.
@@ -15,7 +15,7 @@ pub enum InstructionSet {
     Portable,
 }
 
-/// Says that the processor was asked; only this crate makes one.
+/// Shows that the processor was checked. Only this crate can make one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Detected(());
 
@@ -26,7 +26,7 @@ impl InstructionSet {
     /// The set that [`VARIABLE`] names, or the fastest where it is not set.
     ///
     /// # Errors
-    /// When this processor has no set of that name.
+    /// This processor has no set of that name.
     pub fn chosen() -> Result<Self, UnknownInstructionSet> {
         static CHOSEN: OnceLock<Result<InstructionSet, UnknownInstructionSet>> = OnceLock::new();
         let chosen = CHOSEN.get_or_init(|| match std::env::var_os(VARIABLE) {
@@ -36,14 +36,14 @@ impl InstructionSet {
         chosen.clone()
     }
 
-    /// The set to use: [`InstructionSet::chosen`], or the fastest where there is no such set.
+    /// The set to use: [`InstructionSet::chosen`], or the fastest if that fails.
     #[inline]
     pub fn best() -> Self {
         static BEST: OnceLock<InstructionSet> = OnceLock::new();
         *BEST.get_or_init(|| Self::chosen().unwrap_or_else(|_| Self::fastest()))
     }
 
-    /// The fastest this processor has.
+    /// The fastest set of this processor.
     fn fastest() -> Self {
         #[cfg(target_arch = "x86_64")]
         {
@@ -57,7 +57,7 @@ impl InstructionSet {
         Self::Portable
     }
 
-    /// Those this processor has, the fastest first. The last one needs nothing special.
+    /// The sets of this processor, the fastest first. The last one runs on every processor.
     pub fn available() -> Vec<Self> {
         #[cfg(target_arch = "x86_64")]
         let wide = [Self::avx512(), Self::avx2()];
@@ -94,7 +94,7 @@ impl fmt::Display for InstructionSet {
     }
 }
 
-/// A name that is none of this processor's instruction sets.
+/// A name that is not one of this processor's instruction sets.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct UnknownInstructionSet(String);
 
@@ -111,7 +111,7 @@ impl std::error::Error for UnknownInstructionSet {}
 impl FromStr for InstructionSet {
     type Err = UnknownInstructionSet;
 
-    /// The set of this processor with the name that it displays, in any case, with or without its hyphen.
+    /// The set of this processor with this display name, in any case, with or without its hyphen.
     fn from_str(name: &str) -> Result<Self, UnknownInstructionSet> {
         let plain = |name: &str| name.replace('-', "").to_lowercase();
         let mut available = Self::available().into_iter();

@@ -1,8 +1,8 @@
-//! One value per lane, with the same bits whatever the lanes are.
+//! One value per lane, with the same bits for every lane type.
 //!
-//! A lane type is a hardware vector or, where there is none of ours, an array. All of them round alike:
-//! only `+ − × ÷`, comparisons and *fused* multiply-adds are used, each of which IEEE 754 defines to the
-//! last bit.
+//! A lane type is a hardware vector, or an array where this crate supports no vectors. All types
+//! round alike. They use only `+ − × ÷`, comparisons and *fused* multiply-adds, which IEEE 754
+//! defines to the last bit.
 
 use std::ops::{Add, Mul, Neg, Sub};
 
@@ -11,10 +11,10 @@ use crate::{Exponential, Trigonometry, exponential, trigonometry};
 /// The most lanes a lane type has.
 pub const MAX_LANES: usize = 16;
 
-/// `LANES` floating-point numbers, operated on as one.
+/// `LANES` floating-point numbers that are computed together.
 ///
-/// Every method must end up inside a function that is compiled for the instructions it uses, and on a
-/// processor that has them.
+/// Every method must be inlined into a function that is compiled for its instructions, and that
+/// runs on a processor with them.
 pub trait Lanes:
     Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Neg<Output = Self>
 {
@@ -32,38 +32,38 @@ pub trait Lanes:
     /// `c − self · b`, rounded once.
     fn neg_mul_add(self, b: Self, c: Self) -> Self;
     fn recip(self) -> Self;
-    /// The greater; unspecified when one is not a number.
+    /// The greater one; unspecified if one is NaN.
     fn max(self, other: Self) -> Self;
-    /// Exchanges and negates sine and cosine of an angle reduced by `quadrant` quarter turns, where
-    /// the integer `quadrant` sits in the low bits of each lane's representation.
+    /// Exchanges and negates sine and cosine of an angle that was reduced by `quadrant` quarter
+    /// turns. The integer `quadrant` is in the low bits of each lane's representation.
     fn turn_by_quadrant(quadrant: Self, sin: Self, cos: Self) -> (Self, Self);
 
-    /// `self · 2^power`, where the integer `power` sits in the low bits of each lane's representation
-    /// and the result is in the normal range.
+    /// `self · 2^power`. The integer `power` is in the low bits of each lane's representation, and
+    /// the result is in the normal range.
     fn doubled(self, power: Self) -> Self;
 
     fn lane(&self, lane: usize) -> f64;
     /// Rounds `value` to the lane's format.
     fn set_lane(&mut self, lane: usize, value: f64);
-    /// The first `LANES` of `values`.
+    /// Loads the first `LANES` of `values`.
     fn load(values: &[f32; MAX_LANES]) -> Self;
-    /// Into the first `LANES` of `values`, rounded.
+    /// Stores into the first `LANES` of `values`, rounded.
     fn store(self, values: &mut [f32; MAX_LANES]);
 
-    /// Sine and cosine of angles in rad, to about the last place while |angle| < 10⁴.
+    /// Sine and cosine of angles in rad, with an error of about the last place while |angle| < 10⁴.
     #[inline(always)]
     fn sin_cos(self) -> (Self, Self) {
         trigonometry::sin_cos(self)
     }
 
-    /// Sine and cosine − 1 of angles between two instants of a step, in rad: to the last place of sine
-    /// and cosine while |angle| ≤ 0.5, and to 3 · 10⁻⁵ at 1 in single precision.
+    /// Sine and cosine − 1 of angles between two instants of a step, in rad. The error is about the
+    /// last place of sine and cosine while |angle| ≤ 0.5, and 3 · 10⁻⁵ at 1 in single precision.
     #[inline(always)]
     fn small_sin_cos(self) -> (Self, Self) {
         trigonometry::small_sin_cos(self)
     }
 
-    /// e to the power of `self`, to about the last place while |self| ≤ 87.
+    /// e to the power of `self`, with an error of about the last place while |self| ≤ 87.
     #[inline(always)]
     fn exp(self) -> Self {
         exponential::exp(self)

@@ -1,12 +1,13 @@
-//! Vectors of floats, and which of a processor's instructions they use.
+//! Vectors of floats, and the choice of a processor's instructions.
 //!
-//! A kernel is written once over a trait and compiled once per type, each time in a function with the
-//! `#[target_feature]` of that type; [`InstructionSet`] says at run time which of them may be called.
-//! [`Lanes`] is for arithmetic whose result must be the same on every processor. [`Vector`] is for
-//! loops over floats in memory, as fast as the processor has it.
+//! A kernel is written once over a trait and compiled once per type, each time in a function with
+//! the `#[target_feature]` of that type. [`InstructionSet`] decides at run time which of them may
+//! be called. [`Lanes`] is for arithmetic with the same result on every processor. [`Vector`] is
+//! for the fastest loops over floats in memory.
 //!
-//! The types know nothing of the processor: their methods use instructions that it must have. Everything
-//! is `#[inline(always)]`, because closures and calls do not inline across `#[target_feature]`.
+//! The types do not check the processor: their methods use instructions that it must have.
+//! Everything is `#[inline(always)]`, because closures and calls do not inline across
+//! `#[target_feature]`.
 
 #![expect(
     clippy::needless_range_loop,

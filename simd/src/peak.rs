@@ -4,12 +4,12 @@ use crate::{F32Array, InstructionSet, Lanes};
 #[cfg(target_arch = "x86_64")]
 use crate::{F32x8, F32x16};
 
-/// Chains that do not wait for one another: more than any processor's units need, and no more than AVX2 has
-/// registers for.
+/// Independent chains: more than the units of any processor need, and no more than the registers of
+/// AVX2.
 const CHAINS: usize = 12;
 
-/// Performs `steps` multiply-adds of f32 in each lane of twelve vectors that stay in registers, and returns how
-/// many that were: what a core does at most in the time that this takes.
+/// Performs `steps` multiply-adds of f32 in each lane of twelve vectors that stay in registers, and
+/// gives their number. This is the most that a core can do in the time.
 pub fn multiply_adds(instructions: InstructionSet, steps: u64) -> u64 {
     let lanes = match instructions {
         #[cfg(target_arch = "x86_64")]
@@ -20,7 +20,7 @@ pub fn multiply_adds(instructions: InstructionSet, steps: u64) -> u64 {
         }
         #[cfg(target_arch = "x86_64")]
         InstructionSet::Avx2(_) => {
-            // SAFETY: as above.
+            // SAFETY: see above.
             unsafe { avx2(steps) };
             <F32x8 as Lanes>::LANES
         }

@@ -2,11 +2,11 @@ use std::f64::consts::FRAC_2_PI;
 
 use crate::Lanes;
 
-/// What sine and cosine need to know about a number format.
+/// The constants of sine and cosine for a number format.
 ///
 /// Polynomials and splittings are those of S. L. Moshier's Cephes library (`sinf.c`, `sin.c`).
 pub struct Trigonometry {
-    /// 1.5 · 2^(mantissa bits): adding it rounds to an integer, left in the low bits.
+    /// 1.5 · 2^(mantissa bits). Adding it rounds to an integer, which is then in the low bits.
     pub(crate) rounder: f64,
     /// π/2 as an unevaluated sum of two numbers of the format.
     pub(crate) half_pi: [f64; 2],
@@ -14,7 +14,7 @@ pub struct Trigonometry {
     pub(crate) sin: &'static [f64],
     /// cos r = 1 − r²/2 + r⁴ P(r²), highest power first.
     pub(crate) cos: &'static [f64],
-    /// As `sin` and `cos`, by Taylor: without reduction, for angles near 0.
+    /// sin r = r + r³ P(r²) by Taylor, for angles near 0 without reduction, highest power first.
     pub(crate) small_sin: &'static [f64],
     /// cos r = 1 + r² P(r²), highest power first.
     pub(crate) small_cos: &'static [f64],

@@ -2,21 +2,21 @@
 
 use std::ops::{Add, Mul, Sub};
 
-/// `LANES` floats, operated on as one.
+/// `LANES` floats that are computed together.
 ///
-/// Every method must end up in a function compiled for the instructions that it uses, and on a processor
-/// that has them. Pointers need no alignment.
+/// Every method must be inlined into a function that is compiled for its instructions, and that
+/// runs on a processor with them. Pointers need no alignment.
 pub trait Vector: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> {
     /// At most 16.
     const LANES: usize;
 
-    /// Names the first lanes of a vector.
+    /// Selects the first lanes of a vector.
     type Mask: Copy;
 
     /// The first `count` lanes, or all if there are fewer.
     ///
     /// # Safety
-    /// The processor has the instructions; as in all methods below.
+    /// The processor must have the instructions. This holds for all methods below.
     unsafe fn mask(count: usize) -> Self::Mask;
 
     /// # Safety
@@ -24,36 +24,36 @@ pub trait Vector: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = 
     unsafe fn splat(value: f32) -> Self;
 
     /// # Safety
-    /// All lanes can be read.
+    /// All lanes must be readable.
     unsafe fn load(from: *const f32) -> Self;
 
-    /// The lanes of the mask; those of `others` elsewhere.
+    /// Loads the lanes of the mask, and takes those of `others` elsewhere.
     ///
     /// # Safety
-    /// The lanes of the mask can be read. The others are not.
+    /// The lanes of the mask must be readable. The others are not read.
     unsafe fn load_masked(from: *const f32, mask: Self::Mask, others: Self) -> Self;
 
     /// # Safety
-    /// All lanes can be written.
+    /// All lanes must be writable.
     unsafe fn store(self, to: *mut f32);
 
     /// # Safety
-    /// The lanes of the mask can be written. The others are not.
+    /// The lanes of the mask must be writable. The others are not written.
     unsafe fn store_masked(self, to: *mut f32, mask: Self::Mask);
 
-    /// The greater; unspecified when one is not a number.
+    /// The greater one; unspecified if one is NaN.
     ///
     /// # Safety
     /// See [`Vector::mask`].
     unsafe fn max(self, other: Self) -> Self;
 
-    /// `self · factor + sum`, rounded once where the instructions have it.
+    /// `self · factor + sum`, rounded once if the instructions can.
     ///
     /// # Safety
     /// See [`Vector::mask`].
     unsafe fn mul_add(self, factor: Self, sum: Self) -> Self;
 
-    /// `2^power`, where the integer `power`, from -126 to 127, sits in the low bits of each lane.
+    /// `2^power`. The integer `power`, from -126 to 127, is in the low bits of each lane.
     ///
     /// # Safety
     /// See [`Vector::mask`].
@@ -65,11 +65,11 @@ pub trait Vector: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = 
     /// See [`Vector::mask`].
     #[inline(always)]
     unsafe fn greatest(self) -> f32 {
-        // SAFETY: the caller says that the processor has the instructions.
+        // SAFETY: the caller guarantees that the processor has the instructions.
         unsafe { folded(self, f32::max) }
     }
 
-    /// The sum of all lanes, the halves added first.
+    /// The sum of all lanes. It adds halves first.
     ///
     /// # Safety
     /// See [`Vector::mask`].
@@ -80,7 +80,7 @@ pub trait Vector: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = 
     }
 }
 
-/// All lanes put together, the halves first.
+/// Combines all lanes with `operation`, halves first.
 #[inline(always)]
 unsafe fn folded<V: Vector>(vector: V, operation: fn(f32, f32) -> f32) -> f32 {
     let mut lanes = [0.0; 16];
@@ -96,8 +96,8 @@ unsafe fn folded<V: Vector>(vector: V, operation: fn(f32, f32) -> f32) -> f32 {
     lanes[0]
 }
 
-/// Four lanes that the compiler makes a vector of as it can; products are rounded before they are added,
-/// because a fused multiply-add is a library call where there is no instruction.
+/// Four lanes as an array, which the compiler may vectorize. Products are rounded before they are
+/// added, because a fused multiply-add is a library call where there is no instruction.
 #[derive(Clone, Copy)]
 pub struct Unfused([f32; 4]);
 
@@ -134,19 +134,20 @@ impl Vector for Unfused {
 
     #[inline(always)]
     unsafe fn load(from: *const f32) -> Self {
-        // SAFETY: the caller says that all lanes can be read.
+        // SAFETY: the caller guarantees that all lanes can be read.
         Self(unsafe { from.cast::<[f32; 4]>().read_unaligned() })
     }
 
     #[inline(always)]
     unsafe fn load_masked(from: *const f32, count: usize, others: Self) -> Self {
         if count == Self::LANES {
-            // SAFETY: the caller says that the lanes of the mask can be read; these are all.
+            // SAFETY: the caller guarantees that the lanes of the mask can be read, and these are
+            // all.
             return unsafe { Self::load(from) };
         }
         let mut lanes = others.0;
         for lane in 0..count {
-            // SAFETY: as above; this lane belongs to the mask.
+            // SAFETY: see above. This lane belongs to the mask.
             lanes[lane] = unsafe { from.add(lane).read() };
         }
         Self(lanes)
@@ -154,14 +155,14 @@ impl Vector for Unfused {
 
     #[inline(always)]
     unsafe fn store(self, to: *mut f32) {
-        // SAFETY: the caller says that all lanes can be written.
+        // SAFETY: the caller guarantees that all lanes can be written.
         unsafe { to.cast::<[f32; 4]>().write_unaligned(self.0) };
     }
 
     #[inline(always)]
     unsafe fn store_masked(self, to: *mut f32, count: usize) {
         for lane in 0..count {
-            // SAFETY: the caller says that the lanes of the mask can be written.
+            // SAFETY: the caller guarantees that the lanes of the mask can be written.
             unsafe { to.add(lane).write(self.0[lane]) };
         }
     }
@@ -225,8 +226,8 @@ mod tests {
             let kept = count.min(V::LANES);
             let mut read = [0.0; 16];
             let mut written = [77.0; 16];
-            // SAFETY: `on_each` asked the processor; the arrays are as long as the longest vector, and
-            // `few` as long as the mask.
+            // SAFETY: `on_each` checked the processor. The arrays are as long as the longest
+            // vector, and `few` is as long as the mask.
             unsafe {
                 let mask = V::mask(count);
                 let few = NUMBERS[..kept].to_vec();

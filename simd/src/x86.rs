@@ -2,8 +2,9 @@
 
 /// Defines lanes over an x86 vector.
 ///
-/// Every `unsafe` block rests on one invariant: values of these types are made and used only by kernels
-/// that [`InstructionSet`](crate::InstructionSet) lets run, on processors that have the instructions.
+/// Every `unsafe` block rests on one invariant: values of these types are made and used only by
+/// kernels that [`InstructionSet`](crate::InstructionSet) allows, on processors with the
+/// instructions.
 macro_rules! x86_lanes {
     (
         $(#[$doc:meta])*

@@ -1,4 +1,4 @@
-//! The gains of a Kalman filter, which do not depend on what is measured.
+//! The gains of a Kalman filter, which do not depend on the measured values.
 
 use crate::Filtered;
 
@@ -6,7 +6,7 @@ use crate::Filtered;
 pub(crate) type State = [f64; 3];
 type Matrix = [[f64; 3]; 3];
 
-/// Standard deviations before anything is measured; the position is then that of the first sample.
+/// Initial standard deviations. The estimated position is then that of the first sample.
 const INITIAL_DEVIATION: State = [1.0, 10.0, 1000.0];
 
 #[derive(Clone, Debug)]
@@ -23,7 +23,7 @@ struct Sample {
     gain: State,
     /// 1 / variance of the innovation, rad⁻².
     precision: f64,
-    /// Covariance of the state given everything up to here.
+    /// Covariance of the state, given all samples up to this one.
     covariance: Matrix,
 }
 
@@ -51,7 +51,7 @@ impl Gains {
         Self { period, log_variances, samples }
     }
 
-    /// The negative logarithm of the likelihood of what was measured, less a constant.
+    /// The negative log-likelihood of the measured positions, up to a constant.
     pub fn surprise(&self, measured: &[f64]) -> f64 {
         let mut surprise = self.log_variances;
         self.pass(measured, |sample, filtered| {
@@ -80,7 +80,7 @@ impl Gains {
         }
     }
 
-    /// The states given all that was measured.
+    /// The states, given all measured positions.
     pub fn smooth(&self, filtered: Vec<Filtered>) -> Vec<State> {
         let mut adjoint = [0.0; 3];
         let mut smoothed: Vec<State> = Vec::with_capacity(filtered.len());
@@ -90,7 +90,7 @@ impl Gains {
                 *value -= dot(row, &adjoint);
             }
             smoothed.push(state);
-            // Back over the measurement, then over the time to the sample before.
+            // Back over the measurement, and then over the sampling time before it.
             adjoint[0] -= dot(&sample.gain, &adjoint) + innovation * sample.precision;
             let [q, v, a] = adjoint;
             let h = self.period;
@@ -101,7 +101,7 @@ impl Gains {
     }
 }
 
-/// Over a sampling time, without jerk.
+/// The state after a sampling time without jerk.
 fn moved([q, v, a]: State, h: f64) -> State {
     [q + h * (v + 0.5 * h * a), v + h * a, a]
 }
@@ -116,10 +116,10 @@ fn predicted(covariance: &Matrix, period: f64, drift: &Matrix) -> Matrix {
     std::array::from_fn(|row| std::array::from_fn(|column| both[row][column] + drift[row][column]))
 }
 
-/// The covariance after a measurement, in the form of Joseph, which stays positive.
+/// The covariance after a measurement, in Joseph's form, which stays positive.
 fn measured(covariance: &Matrix, gain: State, noise: f64, variance: f64) -> Matrix {
     let left = [noise / variance, -gain[1], -gain[2]];
-    // The state less the gain's share of the position.
+    // Subtracts the gain's share of the position.
     let less =
         |row: State| [left[0] * row[0], row[1] + left[1] * row[0], row[2] + left[2] * row[0]];
     let columns = covariance.map(less);
@@ -131,7 +131,8 @@ fn measured(covariance: &Matrix, gain: State, noise: f64, variance: f64) -> Matr
     })
 }
 
-/// Covariance that white jerk adds over a sampling time (Bar-Shalom, Li and Kirubarajan 2001, section 6.2.3).
+/// Covariance that white jerk adds over a sampling time (Bar-Shalom, Li and Kirubarajan 2001,
+/// section 6.2.3).
 fn drift(h: f64, intensity: f64) -> Matrix {
     let [two, three, four, five] = [h * h, h.powi(3), h.powi(4), h.powi(5)];
     let entries = [

@@ -1,31 +1,33 @@
-//! Positions without their measurement noise: Kalman smoothing of the motion of joints.
+//! Removes measurement noise from positions: Kalman smoothing of the motion of joints.
 //!
-//! A joint's motion is taken to have white jerk: its acceleration is a random walk. With noise of a known
-//! deviation, the positions that all measured ones make most likely follow in one pass forwards (Kalman 1960)
-//! and one backwards (the adjoint form of Bryson and Frazier 1963, which inverts no covariance). How
-//! intense the jerk is, is chosen for each joint by the likelihood of what was measured: a joint that moves
-//! slowly is smoothed more.
+//! The model of a joint's motion has white jerk: the acceleration is a random walk. For noise of a
+//! known standard deviation, the most likely positions given all measured ones follow in one pass
+//! forwards (Kalman 1960) and one backwards (the adjoint form of Bryson and Frazier 1963, which
+//! inverts no covariance). The intensity of the jerk is chosen for each joint by the likelihood of
+//! its measured positions, so that a slow joint is smoothed more.
 
 mod gains;
 
 use gains::{Gains, State};
 
-/// Intensities of the jerk that are tried, rad²/s⁵: from joints that hardly move to wrists that
-/// follow torques of a few Hz.
+/// The range of the jerk's intensity, rad²/s⁵: from joints that hardly move to wrists that follow
+/// torques of a few Hz.
 const LEAST_INTENSITY: f64 = 1e-7;
 const INTENSITIES: usize = 29;
-/// Between two of them, √10: the filter's bandwidth goes with the sixth root and changes by 21 %.
+/// The ratio of neighbouring intensities, √10. The filter's bandwidth grows with the sixth root, by
+/// 21 %.
 const RATIO: f64 = 3.162_277_660_168_379_5;
 
 /// A smoother of motions of one length, rate and noise.
 #[derive(Clone, Debug)]
 pub struct Smoother {
-    /// One per intensity, in rising order.
+    /// The gains for each intensity, in rising order.
     gains: Vec<Gains>,
 }
 
 impl Smoother {
-    /// For motions of `samples` samples at `rate_hz` with noise of `deviation_rad`, which is above 0.
+    /// A smoother for motions of `samples` samples at `rate_hz` with noise of `deviation_rad`,
+    /// which is above 0.
     pub fn new(samples: usize, rate_hz: f64, deviation_rad: f64) -> Self {
         let intensities = std::iter::successors(Some(LEAST_INTENSITY), |last| Some(last * RATIO));
         let gains = intensities
@@ -34,14 +36,14 @@ impl Smoother {
         Self { gains: gains.collect() }
     }
 
-    /// The positions of one joint without noise, rad. There are as many as the smoother was made for.
+    /// The smoothed positions of one joint, rad. Their number must be that of [`Smoother::new`].
     pub fn smooth(&self, measured: &[f64]) -> Vec<f64> {
         let Some(most_likely) = self.most_likely(measured) else { return measured.to_vec() };
         let filtered = most_likely.filter(measured);
         most_likely.smooth(filtered).into_iter().map(|state| state[0]).collect()
     }
 
-    /// The positions `[sample, joint]` of a robot without noise, rad.
+    /// The smoothed positions `[sample, joint]` of a robot, rad.
     #[expect(clippy::cast_possible_truncation, reason = "series hold f32")]
     pub fn smooth_robot(&self, measured: &[f32], joints: usize) -> Vec<f32> {
         let mut smoothed = measured.to_vec();
@@ -56,7 +58,8 @@ impl Smoother {
         smoothed
     }
 
-    /// The likelihood has one maximum over the logarithm of the intensity, which is climbed from the middle.
+    /// The gains of the most likely intensity. The likelihood has one maximum over the logarithm of
+    /// the intensity, and the search climbs from the middle.
     fn most_likely(&self, measured: &[f64]) -> Option<&Gains> {
         let surprise = |place: usize| self.gains[place].surprise(measured);
         let mut place = self.gains.len() / 2;
@@ -76,8 +79,8 @@ impl Smoother {
     }
 }
 
-/// The filter's knowledge after a sample: its estimate, and how far the measured position was from what was
-/// expected.
+/// The filter's state after a sample: its estimate, and the difference of the measured position
+/// from the expected one.
 #[derive(Clone, Copy, Debug)]
 struct Filtered {
     state: State,
@@ -91,7 +94,7 @@ mod tests {
 
     const RATE_HZ: f64 = 60.0;
 
-    /// Normal enough: a sum of four numbers of a linear congruential generator.
+    /// Approximately normal noise: sums of four numbers of a linear congruential generator.
     fn noise(count: usize) -> Vec<f64> {
         let mut state = 12_345_u64;
         let mut unit = move || {

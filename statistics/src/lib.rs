@@ -1,10 +1,10 @@
-//! Quantiles, of which there are two: between values, and among them.
+//! Quantiles of two kinds: interpolated between values, and measured values.
 
-/// The quantile of rising values by linear interpolation between two of them, as numpy's default
-/// has it.
+/// The quantile of `rising` values, with linear interpolation between two of them like numpy's
+/// default. `share` is from 0 to 1.
 ///
 /// # Panics
-/// When there is no value.
+/// If there is no value.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
@@ -18,10 +18,11 @@ pub fn interpolated_quantile(rising: &[f64], share: f64) -> f64 {
     rising[below] + (rising[above] - rising[below]) * (position - below as f64)
 }
 
-/// The smallest of rising values that a share of all does not exceed: one that was measured.
+/// The smallest of the `rising` values that at least a `share` of all values do not exceed. It is a
+/// measured value. `share` is from 0 to 1.
 ///
 /// # Panics
-/// When there is no value.
+/// If there is no value.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
@@ -35,14 +36,14 @@ pub fn measured_quantile(rising: &[f64], share: f64) -> f64 {
 /// The middle of several values, or the mean of the two in the middle.
 ///
 /// # Panics
-/// When there is no value.
+/// If there is no value.
 pub fn median(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     interpolated_quantile(&values, 0.5)
 }
 
-/// The 97.5 % quantile of Student's t with so many degrees of freedom (of the standard table, three decimals): half the
-/// width of a 95 % interval, in standard errors.
+/// The 97.5 % quantile of Student's t with `degrees_of_freedom` (from the standard table, with
+/// three decimals). It is half the width of a 95 % interval, in standard errors.
 ///
 /// # Panics
 /// Without any degree of freedom.
@@ -53,7 +54,7 @@ pub fn student_quantile_975(degrees_of_freedom: usize) -> f64 {
         2.052, 2.048, 2.045, 2.042,
     ];
     assert!(degrees_of_freedom > 0, "a variance needs two values");
-    // Beyond the table, the first term of its expansion about the normal law's 1.960.
+    // Beyond the table, this is the first term of the expansion around the normal quantile 1.960.
     let beyond = || 1.960 * (1.0 + 1.21 / degrees_of_freedom as f64);
     QUANTILES.get(degrees_of_freedom - 1).copied().unwrap_or_else(beyond)
 }

@@ -1,5 +1,5 @@
-//! Private servers that tests and benchmarks run against, never those of the machine: a PostgreSQL that listens on a
-//! socket in a temporary folder.
+//! Private servers for tests and benchmarks, separate from those of the machine: a PostgreSQL that
+//! listens on a socket in a temporary folder.
 
 mod postgres;
 

@@ -1,4 +1,4 @@
-//! A PostgreSQL of one's own, from the programs that Debian's package installs.
+//! A private PostgreSQL, run by the programs of Debian's package.
 
 use std::fs::File;
 use std::io;
@@ -12,13 +12,14 @@ use std::time::{Duration, Instant};
 
 use tempfile::TempDir;
 
-/// How long a server may take to answer after its start.
+/// Time for a server to answer after its start.
 const READY_WITHIN: Duration = Duration::from_secs(60);
 
 /// Seconds that a shared cluster outlives its last user.
 const LINGER_SECONDS: u32 = 10;
 
-/// Whether a commit survives a power cut. Tests have no power cuts; benchmarks tell what people get.
+/// Whether a commit survives a power cut. Tests have no power cuts. Benchmarks measure what users
+/// get.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Durability {
     Full,
@@ -29,16 +30,16 @@ pub enum Durability {
 #[derive(Debug)]
 pub struct Cluster {
     folder: PathBuf,
-    /// Held for as long as the cluster is needed.
+    /// Keeps the cluster alive.
     _keep: Keep,
 }
 
 #[derive(Debug)]
 #[expect(dead_code, reason = "both are held to be dropped")]
 enum Keep {
-    /// One's own, with its folder.
+    /// A private cluster with its folder.
     Own(Server, TempDir),
-    /// The lock that users of a shared cluster hold together.
+    /// The lock that all users of a shared cluster hold.
     Shared(File),
 }
 
@@ -46,7 +47,7 @@ enum Keep {
 #[derive(Debug)]
 struct Server(Child);
 
-/// An empty database, which is dropped with this.
+/// An empty database. Dropping this drops the database.
 #[derive(Debug)]
 pub struct TestDatabase {
     cluster: Arc<Cluster>,
@@ -54,10 +55,10 @@ pub struct TestDatabase {
 }
 
 impl Cluster {
-    /// Starts a cluster for the caller alone.
+    /// Starts a cluster for this caller only.
     ///
     /// # Panics
-    /// When PostgreSQL is not installed or does not start.
+    /// If PostgreSQL is not installed or does not start.
     pub fn start(durability: Durability) -> Self {
         let folder = TempDir::with_prefix("torqued-postgres-").expect("a temporary folder");
         let path = folder.path().to_owned();
@@ -67,16 +68,17 @@ impl Cluster {
         Self { folder: path, _keep: Keep::Own(server, folder) }
     }
 
-    /// The cluster that all tests of this user share. The first starts it; it ends a while after the last.
+    /// The cluster that all tests of this user share. The first one starts it. It ends a while
+    /// after the last one.
     ///
     /// # Panics
-    /// When PostgreSQL is not installed or does not start.
+    /// If PostgreSQL is not installed or does not start.
     pub fn shared() -> Arc<Self> {
         let user = std::fs::metadata("/proc/self").map_or(0, |it| it.uid());
         let folder = std::env::temp_dir().join(format!("torqued-shared-postgres-{user}"));
         std::fs::create_dir_all(&folder).expect("a folder");
         let users = lock_file(&folder, "users");
-        // Whoever starts or stops the server holds this one.
+        // The lock for starting or stopping the server.
         let turn = lock_file(&folder, "turn");
         turn.lock().expect("a lock");
         users.lock_shared().expect("a lock");
@@ -96,7 +98,7 @@ impl Cluster {
     /// Creates an empty database.
     ///
     /// # Panics
-    /// When the server fails.
+    /// If the server fails.
     pub fn database(self: &Arc<Self>) -> TestDatabase {
         static COUNT: AtomicU32 = AtomicU32::new(0);
         let number = COUNT.fetch_add(1, Ordering::Relaxed);
@@ -108,7 +110,7 @@ impl Cluster {
     /// Executes statements as the superuser.
     ///
     /// # Panics
-    /// When they fail.
+    /// If they fail.
     pub fn psql(&self, database: &str, statements: &str) -> String {
         let output = program("psql")
             .args([
@@ -128,10 +130,10 @@ impl Cluster {
         String::from_utf8_lossy(&output.stdout).trim().to_owned()
     }
 
-    /// Stops the server as a crash would, and returns it for a start.
+    /// Stops the server like a crash.
     ///
     /// # Panics
-    /// When the cluster is shared.
+    /// If the cluster is shared.
     pub fn crash(&mut self) {
         let Keep::Own(server, _) = &mut self._keep else { panic!("others use this cluster") };
         let immediately = ["--mode=immediate", "stop", "--pgdata"];
@@ -144,7 +146,7 @@ impl Cluster {
     /// Starts the server again after a [`Cluster::crash`].
     ///
     /// # Panics
-    /// When the cluster is shared, or the server does not start.
+    /// If the cluster is shared, or the server does not start.
     pub fn restart(&mut self) {
         let Keep::Own(server, _) = &mut self._keep else { panic!("others use this cluster") };
         server.0 = postgres(&self.folder, Durability::None).spawn().expect("a server");
@@ -166,7 +168,7 @@ impl Cluster {
 }
 
 impl TestDatabase {
-    /// As the superuser.
+    /// The URL for the superuser.
     pub fn url(&self) -> String {
         self.cluster.url("postgres", &self.name)
     }
@@ -186,7 +188,7 @@ impl Drop for TestDatabase {
 
 impl Drop for Server {
     fn drop(&mut self) {
-        // SIGINT: a fast shutdown.
+        // SIGINT asks for a fast shutdown.
         let _ = Command::new("kill").args(["-INT", &self.0.id().to_string()]).status();
         let _ = self.0.wait();
     }
@@ -194,7 +196,7 @@ impl Drop for Server {
 
 /// Creates an empty cluster in `folder`.
 fn init(folder: &Path) -> io::Result<()> {
-    // Others connect through the socket in it.
+    // Other users connect through the socket in it.
     std::fs::set_permissions(folder, PermissionsExt::from_mode(0o755))?;
     if let Some((user, group)) = other_user() {
         chown(folder, Some(user), Some(group))?;
@@ -207,7 +209,7 @@ fn init(folder: &Path) -> io::Result<()> {
     if !output.status.success() {
         return Err(io::Error::other(String::from_utf8_lossy(&output.stderr).into_owned()));
     }
-    // A role that needs its password, as in a lab.
+    // This role needs its password, as in a lab.
     let rules = folder.join("data/pg_hba.conf");
     let usual = std::fs::read_to_string(&rules)?;
     std::fs::write(rules, format!("local all lab scram-sha-256\n{usual}"))
@@ -219,7 +221,7 @@ fn postgres(folder: &Path, durability: Durability) -> Command {
     command
 }
 
-/// A server that ends when nobody has held the lock of its users for a while.
+/// A server that ends when its users have not held their lock for a while.
 fn supervised(folder: &Path) -> Command {
     const SCRIPT: &str = r#"
         program=$1 folder=$2 linger=$3; shift 3
@@ -295,7 +297,7 @@ fn program(name: &str) -> Command {
     Command::new(path_of(name))
 }
 
-/// Debian keeps the programs of each version in a folder of its own.
+/// Debian keeps the programs of each version in a separate folder.
 fn path_of(name: &str) -> PathBuf {
     let versions = std::fs::read_dir("/usr/lib/postgresql").into_iter().flatten().flatten();
     let newest = versions.map(|version| version.path().join("bin").join(name));
@@ -311,7 +313,7 @@ fn as_postgres(name: &str) -> Command {
     command
 }
 
-/// The user whom the package makes, for a process of root.
+/// The user that the package creates, for a process of root.
 fn other_user() -> Option<(u32, u32)> {
     let own = std::fs::metadata("/proc/self").ok()?;
     if own.uid() != 0 {

@@ -1,4 +1,4 @@
-//! The laws of the store, held to every database and every place for objects that it supports.
+//! Runs the laws of the store with every supported database and object store.
 
 #![expect(clippy::unwrap_used, reason = "tests")]
 

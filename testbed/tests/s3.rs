@@ -1,4 +1,4 @@
-//! Objects in an S3 server that refuses, breaks off, lies and dies.
+//! Objects in an S3 server that refuses, cuts connections, sends wrong bytes and crashes.
 
 #![expect(clippy::unwrap_used, reason = "tests")]
 
@@ -26,7 +26,7 @@ struct Machine {
     dir: TempDir,
 }
 
-/// A data folder of its own, with objects in the server's bucket.
+/// A separate data folder, with objects in the server's bucket.
 async fn machine(server: &S3Server, prefix: &str) -> Machine {
     with(server.objects(prefix).await, None).await
 }
@@ -76,7 +76,7 @@ impl Machine {
         entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect()
     }
 
-    /// Has the next reader fetch anew.
+    /// Deletes the copies, so that the next reader fetches again.
     fn forget(&self) {
         for name in self.copies() {
             std::fs::remove_file(self.dir.path().join("cache").join(name)).unwrap();
@@ -234,7 +234,7 @@ async fn parts_that_break_off_are_sent_again() {
     assert_eq!((server.faults_left(Asked::Part), server.parts_left()), (0, 0));
 }
 
-/// Caught: what was published under a lost answer was refused when it was sent again.
+/// Caught: an object was refused on the second attempt, after the answer to the first was lost.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn an_object_whose_answer_was_lost_is_there() {
     let server = S3Server::start();
@@ -334,7 +334,7 @@ async fn a_truncated_or_garbled_answer_is_never_taken_for_the_object() {
     }
     assert_eq!(server.faults_left(Asked::Get), 0);
     let object = machine.store.put_object("c", bytes(MEDIUM)).await.unwrap();
-    // The first range has all of the object read in the background.
+    // The first range starts a background read of the whole object.
     server.fail(Asked::Get, [Fault::ShortenAnswer(1000); 2]);
     assert!(machine.download(&object, Some(0..2000)).await.is_err());
 }
@@ -351,7 +351,7 @@ async fn an_object_is_fetched_once_by_a_machine_however_often_it_is_opened() {
     }
     assert_eq!(server.count(Asked::Get) - asked, 1);
     assert_eq!(there.copies(), [object.sha256.to_string()]);
-    // Whoever wrote it need not fetch it.
+    // The writer of an object need not fetch it.
     assert_eq!(here.store.read_object(&object).await.unwrap(), bytes(MEDIUM));
     assert_eq!(server.count(Asked::Get) - asked, 1);
 }
@@ -400,7 +400,7 @@ async fn a_store_without_conditions_is_written_to_when_that_is_said() {
     assert_eq!(machine.download(&object, None).await.unwrap(), bytes(LARGE));
 }
 
-/// The clock of the machine that sweeps says nothing of the store's.
+/// The age does not depend on the clock of the machine that sweeps.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn orphans_are_as_old_as_the_store_says() {
     let server = S3Server::start();
@@ -451,7 +451,7 @@ async fn an_upload_that_breaks_off_leaves_nothing() {
     assert_eq!(read, bytes(LARGE));
 }
 
-/// A bucket that is gone says nothing of the objects that were in it.
+/// A missing bucket must not count as lost objects.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_bucket_that_vanished_is_not_taken_for_lost_objects() {
     let server = S3Server::start();

@@ -1,4 +1,4 @@
-// The page in Chromium: what it shows, what it asks for, what it gives to download.
+// The page in Chromium: its content, its requests and its downloads.
 
 import assert from "node:assert/strict";
 import { createHash } from "node:crypto";
@@ -45,7 +45,7 @@ beforeEach(async () => {
   });
   page.on("pageerror", (error) => complaints.push(error.message));
   page.on("requestfailed", (request) => {
-    // A stream of events has no end before the page's.
+    // A stream of events ends only with the page.
     if (request.resourceType() !== "eventsource") complaints.push(`${request.url()} failed`);
   });
   page.on("response", (response) => {
@@ -58,7 +58,7 @@ beforeEach(async () => {
 
 const member = (name) => product.pipeline.members.find((it) => it.name === name).job;
 
-/** Nothing was wrong in the console and nothing was asked of another machine. */
+/** Asserts that the console has no errors and that no request went to another machine. */
 function assertClean() {
   assert.deepEqual(complaints, []);
   assert.deepEqual(strangers, []);
@@ -100,7 +100,7 @@ test("an evaluation shows its error over frequency and every predictor", async (
   for (const predictor of ["hold-last", "damped-integrator", "least-squares", "robomorph"]) {
     assert.ok(text.includes(predictor), `${predictor} is not on the page`);
   }
-  // Its grid goes beyond the one frequency of the training.
+  // Its grid extends beyond the single frequency of the training.
   assert.match(text, /u of joint \d reaches -?[\d.]+ N·m; the checkpoint was trained on/);
   assert.match(text, /From sample to sample/);
   assertClean();
@@ -164,7 +164,7 @@ test("the page shows what happens without asking for it", async () => {
     body: JSON.stringify({ preset: "D1-multisine", trajectories: 10, seed: 77 }),
   });
   const { id } = await submitted.json();
-  // Without events it would be seen after half a minute.
+  // Without events it would appear after half a minute.
   await page.locator(`a[href="/jobs/${id}"]`).first().waitFor({ timeout: 8000 });
   await page.locator("article", { has: page.locator(`a[href="/jobs/${id}"]`) })
     .getByText("succeeded").waitFor({ timeout: 20_000 });
@@ -199,7 +199,7 @@ test("the page works without scripts", async () => {
   await context.close();
 });
 
-/** The image that `selector` names has come and is not tiny. */
+/** Asserts that the image at `selector` loads and is not tiny. */
 async function assertLoaded(selector) {
   const image = page.locator(selector);
   await image.waitFor();
@@ -208,7 +208,7 @@ async function assertLoaded(selector) {
   assert.ok(box.width > 200 && box.height > 100, JSON.stringify(box));
 }
 
-/** A figure is an image or inline SVG with a size on the screen. */
+/** Asserts that a figure, an image or inline SVG, has a size on the screen. */
 async function assertFigureIsDrawn() {
   const figure = page.locator("img[src*='.svg'], figure svg, object[data*='.svg']").first();
   await figure.waitFor();

@@ -1,4 +1,4 @@
-// A torqued server for this test, with a quickstart whose training is cut short.
+// A torqued server for this test, with a quickstart whose training is shortened.
 
 import { spawn } from "node:child_process";
 import { mkdtemp, rm } from "node:fs/promises";

@@ -1,9 +1,9 @@
-"""Writes like_isaac_ms1.parquet: made-up recordings in the shape of another simulator's.
+"""Writes like_isaac_ms1.parquet: made-up recordings in the format of another simulator.
 
-The columns, their types and the file's compression are those of RoboMorph's `MS1` curves (Isaac Gym,
-60 Hz, torque driven, u includes gravity compensation), written by pyarrow: one row per sample, rows
-of an arm follow each other, f32, nullable, dictionaries, zstd. The motions are not: a damped double
-integrator per joint. Run it with pyarrow 21 or later; nothing else depends on it.
+The columns, their types and the file's compression are those of RoboMorph's `MS1` curves (Isaac Gym, 60 Hz, torque
+driven, u includes gravity compensation), written by pyarrow: one row per sample, consecutive rows of an arm, f32,
+nullable, dictionaries, zstd. The motions differ: a damped double integrator per joint. Run it with pyarrow 21 or
+later. It has no other dependencies.
 
     python tests/data/like_isaac_ms1.py tests/data/like_isaac_ms1.parquet
 """

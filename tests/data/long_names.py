@@ -1,7 +1,7 @@
-"""Writes long_names.parquet: a recording whose name has 4 MiB, in each of 1000 rows.
+"""Writes long_names.parquet: a recording with a name of 4 MiB in each of 1000 rows.
 
-A dictionary and zstd make a file of kilobytes of it; decoding it takes gigabytes. Run it with pyarrow
-21 or later; nothing else depends on it.
+With a dictionary and zstd the file has kilobytes, and decoding it takes gigabytes. Run it with pyarrow 21 or later.
+It has no other dependencies.
 
     python tests/data/long_names.py tests/data/long_names.parquet
 """

@@ -1,4 +1,5 @@
-"""The packages of dist/, installed where there is nothing else: a wheel in a clean environment, a .deb in an empty root."""
+"""Installs the packages of dist/ where nothing else is installed: a wheel in a clean environment, a .deb in an
+empty root."""
 
 import gzip
 import json
@@ -14,10 +15,10 @@ import unittest
 import product
 from product import REPOSITORY, SPEC, Server
 
-# What every x86-64 processor has: no SSSE3, no AVX.
+# The baseline of x86-64: no SSSE3, no AVX.
 BASELINE = ["qemu-x86_64", "-cpu", "qemu64"]
 
-# Run by the Python of the environment that the wheel is installed in.
+# The Python of the wheel's environment runs this.
 NOTEBOOK = """
 import json, pathlib, sys
 import torqued

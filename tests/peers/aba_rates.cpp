@@ -1,8 +1,9 @@
-// Prints how many articulated-body evaluations Pinocchio makes per second, as one line of JSON.
+// Prints how many articulated-body evaluations per second Pinocchio makes, as one line of JSON.
 //
-// One Panda shared by all evaluations and 1024 random states, the case that suits Pinocchio best
-// (a model per robot is slower); the faster of its two conventions counts. Everything is compiled
-// from headers for this processor: nothing of the packaged library, built for any, is called.
+// All evaluations share one Panda and use 1024 random states. This suits Pinocchio best, because a
+// model per robot is slower. The faster of its two conventions counts. Everything is compiled from
+// headers for this processor. Nothing of the packaged library, which is built for all processors,
+// is called.
 
 #include <chrono>
 #include <cmath>
@@ -81,7 +82,7 @@ States random_states(int count) {
   return states;
 }
 
-// Keeps the compiler from leaving out what nobody reads.
+// Keeps the compiler from removing unused results.
 volatile double sink;
 
 void evaluate(const pin::Model &model, const States &states, pin::Convention convention,

@@ -1,4 +1,4 @@
-"""A dataset's folder: its robots as their table describes them, and what was recorded of them."""
+"""Reads a dataset's folder: the robots in their table, and their recordings."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import polars
 
-# Of the modified Denavit-Hartenberg table, rad; the table of robots holds its lengths.
+# Twists of the modified Denavit-Hartenberg table, rad. The table of robots has its lengths.
 TWISTS = np.pi / 2 * np.array([0, -1, 1, 1, -1, 1, 1])
-# About the flange's axis, from the frame of link 7 to the hand's, rad.
+# Angle about the flange's axis, from the frame of link 7 to the hand's, rad.
 HAND_YAW = -np.pi / 4
 
 
@@ -23,7 +23,7 @@ class Link:
 
 
 class Robot:
-    """One row of the table of robots, in SI units; arrays have an entry per joint."""
+    """One row of the table of robots, in SI units. Arrays have an entry per joint."""
 
     def __init__(self, row):
         def joints(name):
@@ -51,11 +51,11 @@ class Robot:
             ]
 
     def origins(self):
-        """[7, 3]: of each joint's frame in the frame before it, m."""
+        """The origin of each joint's frame in the frame before it, [7, 3], m."""
         return np.stack([self.a, -self.d * np.sin(TWISTS), self.d * np.cos(TWISTS)], axis=1)
 
     def excitation(self, samples):
-        """[samples, 7]: torques without compensation, N m."""
+        """Torques without compensation, [samples, 7], N m."""
         t = np.arange(samples)[:, None] / self.rate_hz
         if self.family == "chirp":
             offset, amplitude, f1, f2, depth, phase = self.chirp
@@ -68,7 +68,7 @@ class Robot:
         )
 
     def friction_torque(self, qd):
-        """What opposes the motion besides damping, N m."""
+        """Torques against the motion besides damping, N m."""
         phi1, phi2, phi3 = self.friction
         return phi1 / (1 + np.exp(-phi2 * (qd + phi3))) - phi1 / (1 + np.exp(-phi2 * phi3))
 
@@ -86,7 +86,7 @@ def link(row, number):
 
 @dataclass
 class Recording:
-    """[samples, channel] each; `qd` and `pose` where the dataset has them."""
+    """Recorded series, [samples, channel] each, with `qd` and `pose` if the dataset has them."""
 
     u: np.ndarray
     q: np.ndarray

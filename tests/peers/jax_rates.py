@@ -1,10 +1,10 @@
-"""How fast simulators on JAX are on this processor; prints JSON.
+"""Measures how fast simulators on JAX are on this processor, and prints JSON.
 
     python tests/peers/jax_rates.py frax|mjx FOLDER [--batch N]
 
-`frax` measures forward dynamics of its own Panda, `mjx` steps of the first robot of a dataset with the integrator
-that is implicit in damping. Both in single precision, compiled and batched by `vmap` as their documentation
-advises, on all cores, with the batch that is fastest where none is given; compiling does not count.
+`frax` measures forward dynamics of its own Panda. `mjx` measures steps of the first robot of a dataset, with the
+integrator that is implicit in damping. Both use single precision, are compiled and batched by `vmap` as their
+documentation advises, and use all cores. Without `--batch` the fastest batch is searched. Compiling does not count.
 """
 
 import argparse
@@ -22,7 +22,7 @@ SECONDS = 1.0
 
 
 def rate(function, batch):
-    """Evaluations per second of a function that was compiled for so many at once."""
+    """Evaluations per second of a function that was compiled for `batch` at once."""
     jax.block_until_ready(function())
     start = time.perf_counter()
     calls = 0
@@ -58,7 +58,7 @@ def mjx_rates(folder, batches):
     still = still.replace(
         qpos=jnp.asarray(robot.q0, jnp.float32), qfrc_applied=jnp.asarray(recorded.u[0], jnp.float32)
     )
-    # Ten times as fast as with the model as an argument.
+    # This is ten times as fast as with the model as an argument.
     step = jax.jit(jax.vmap(lambda data: mjx.step(model, data)))
     rates = {}
     for batch in batches:
@@ -74,7 +74,7 @@ def main():
     parser.add_argument("--batch", type=int)
     arguments = parser.parse_args()
     batches = [arguments.batch] if arguments.batch else BATCHES[arguments.what]
-    # mjx prints which of its parts it cannot import.
+    # mjx prints the parts of it that cannot be imported.
     with contextlib.redirect_stdout(sys.stderr):
         if arguments.what == "frax":
             rates, package = frax_rates(batches), "frax"

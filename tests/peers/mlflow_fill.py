@@ -1,9 +1,9 @@
-"""Fills the database of an MLflow server that does not run: a run with a long metric, and many short runs.
+"""Fills the database of a stopped MLflow server: a run with a long metric, and many short runs.
 
     python mlflow_fill.py DATABASE POINTS RUNS
 
-Prints the id of the run with the long metric `loss`. Rows are as the server of this version writes them; only writing them
-one request at a time would take hours.
+Prints the id of the run with the long metric `loss`. The rows are like those of this version's server, which would
+need hours to write them one request at a time.
 """
 
 import math

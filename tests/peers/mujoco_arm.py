@@ -51,7 +51,7 @@ class Arm:
         self.model = model(robot, "RK4", 1 / robot.rate_hz / substeps)
         self.data = mujoco.MjData(self.model)
         self.data.qpos[:], self.data.qvel[:] = robot.q0, robot.qd0
-        # Statics are asked of a copy: they must not leave traces in what is integrated.
+        # Statics use a copy, so that the integration does not change.
         self.at_rest = mujoco.MjData(self.model)
 
     @property
@@ -63,7 +63,7 @@ class Arm:
         return self.data.qvel.copy()
 
     def advance(self, torque):
-        """Over one sample with the torque held."""
+        """Advances by one sample with the torque held."""
         self.data.qfrc_applied[:] = torque
         if self.robot.friction is not None:
             mujoco.set_mjcb_passive(self.rub)

@@ -1,12 +1,12 @@
-"""What MuJoCo needs to follow the trajectories of a dataset, and how fast it is; prints JSON.
+"""Measures the steps that MuJoCo needs for the trajectories of a dataset, and its speed. Prints JSON.
 
     python tests/peers/mujoco_rates.py accuracy FOLDER
     python tests/peers/mujoco_rates.py rates FOLDER --substeps N
 
-`accuracy` finds the fewest classical Runge-Kutta steps per sample whose 99th percentile of errors is
-below 1e-4 rad, against 64 of them, and says the same of the recorded trajectories.
-`rates` measures steps and whole trajectories per second on one and on two threads. Only time
-inside of MuJoCo's C library counts; models are compiled before.
+`accuracy` finds the smallest number of classical Runge-Kutta steps per sample with a 99th percentile of errors
+below 1e-4 rad, compared with 64 steps. It also prints this percentile for the recorded trajectories. `rates`
+measures steps and whole trajectories per second on one and on two threads. Only time inside MuJoCo's C library
+counts. Models are compiled before.
 """
 
 import argparse
@@ -29,14 +29,14 @@ TRAJECTORIES = {"accuracy": 128, "rates": 64}
 
 
 class Drive:
-    """Robots of a dataset, to be driven again with Runge-Kutta steps."""
+    """Simulates robots of a dataset again with Runge-Kutta steps."""
 
     def __init__(self, pairs):
         self.pairs = pairs
         self.u = np.array([recorded.u for _, recorded in pairs])
 
     def trajectories(self, substeps, threads):
-        """[trajectory, sample, joint] positions in rad, and seconds it took."""
+        """Positions [trajectory, sample, joint] in rad, and the seconds for them."""
         models = [
             mujoco_arm.model(robot, "RK4", 1 / robot.rate_hz / substeps) for robot, _ in self.pairs
         ]
@@ -56,7 +56,7 @@ class Drive:
                 control_spec=mujoco.mjtState.mjSTATE_QFRC_APPLIED,
             )
             seconds = time.perf_counter() - start
-        # Its states are those after each step; the last one is past the last sample.
+        # The states are those after each step. The last one lies beyond the last sample.
         after = states[:, substeps - 1 :: substeps, 1:8][:, :-1]
         return np.concatenate([initial[:, None, 1:8], after], axis=1), seconds
 
@@ -85,7 +85,7 @@ def accuracy(pairs):
 
 
 def steps_per_second(robot, torque, threads):
-    """Of `mj_step` with the integrator that is implicit in damping; the threads share a model."""
+    """Rate of `mj_step` with the integrator that is implicit in damping. The threads share a model."""
     model = mujoco_arm.model(robot, "implicitfast", 0.002)
     all_data = [mujoco.MjData(model) for _ in range(threads)]
     for data in all_data:
@@ -120,7 +120,7 @@ def main():
     parser.add_argument("folder", metavar="FOLDER")
     parser.add_argument("--substeps", type=int)
     arguments = parser.parse_args()
-    # Steps that are too long diverge, which is what they are tried for.
+    # Steps that are too long diverge, and the search must find them.
     mujoco.set_mju_user_warning(lambda _: None)
     pairs = datasets.read(arguments.folder, TRAJECTORIES[arguments.what])
     if arguments.what == "accuracy":

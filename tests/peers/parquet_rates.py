@@ -1,9 +1,9 @@
-"""How fast pyarrow and polars write and read the trajectories of a file; prints JSON.
+"""Measures how fast pyarrow and polars write and read the trajectories of a file. Prints JSON.
 
     POLARS_MAX_THREADS=1 python tests/peers/parquet_rates.py trajectories-00000.parquet
 
-pyarrow writes what it read with the settings that torqued's files have, and reads that back.
-One thread each; every time is the best of three, and writing ends when the file is on the disk.
+pyarrow writes the trajectories with the settings of torqued's files and reads them back. Both use one thread. Every
+time is the best of three, and writing ends when the file is on the disk.
 """
 
 import argparse
@@ -19,13 +19,13 @@ import pyarrow
 import pyarrow.parquet
 
 REPETITIONS = 3
-# As in store/src/parquet_layout.rs.
+# The settings of store/src/parquet_layout.rs.
 ROWS_PER_ROW_GROUP = 200_000
 PAGE_SIZE = 64 * 1024
 
 
 def seconds(action):
-    """The best of several runs; what an action returns is dropped outside of its time."""
+    """The best of several runs. The result of an action is dropped outside of its time."""
     best = float("inf")
     for _ in range(REPETITIONS):
         start = time.perf_counter()

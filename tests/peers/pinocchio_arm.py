@@ -40,7 +40,7 @@ class Arm:
         return pin.aba(self.model, self.data, q, qd, torque).copy()
 
     def advance(self, torque):
-        """Over one sample with the torque held."""
+        """Advances by one sample with the torque held."""
         h = 1 / self.robot.rate_hz / self.substeps
         q, v1 = self.q, self.qd
         for _ in range(self.substeps):

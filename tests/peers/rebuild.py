@@ -1,15 +1,15 @@
-"""Rebuilds robots of a dataset in MuJoCo and Pinocchio and drives them again.
+"""Rebuilds robots of a dataset in MuJoCo and Pinocchio and simulates them again.
 
     python tests/peers/rebuild.py FOLDER [FOLDER ...] [--robots 50]
 
-`cargo xtask peers` makes datasets from tests/peers/specs and runs this on all of them. A FOLDER is
-what `torqued simulate --out FOLDER` writes. The simulators are told nothing but what the table of
-robots holds: bodies, lengths, friction, initial state, and the coefficients of the excitation, which
-is evaluated anew. Both integrate with Runge-Kutta steps far finer than needed. Errors are of whole
-trajectories: the largest of any joint at any sample. Exit status 1 when one is larger than allowed.
+`cargo xtask peers` makes datasets from tests/peers/specs and runs this on all of them. A FOLDER is the output of
+`torqued simulate --out FOLDER`. The simulators get only the contents of the table of robots: bodies, lengths,
+friction, initial state, and the coefficients of the excitation, which is evaluated again. Both integrate with
+Runge-Kutta steps far finer than needed. Errors are those of whole trajectories: the largest of any joint at any
+sample. The exit status is 1 if one is larger than allowed.
 
-Specs with friction ask for Runge-Kutta steps, other ones than here: where a joint turns around, the
-bend of its sigmoid costs the default integrator up to 7e-4 rad.
+Specs with friction use Runge-Kutta steps, but other ones than here. Where a joint turns around, the bend of its
+sigmoid causes errors of up to 7e-4 rad in the default integrator.
 """
 
 import argparse
@@ -21,9 +21,9 @@ import datasets
 import mujoco_arm
 import pinocchio_arm
 
-# What the 99th percentile of the trajectories' errors may be. Velocities are allowed more for one
-# sample's sake, the second: by then light wrists have lost the velocity that was drawn for them, at
-# rates that the dataset's integrator damps rather than follows.
+# Bounds on the 99th percentile of the trajectories' errors. Velocities have a larger one because of
+# the second sample: by then light wrists have lost their initial velocity, at rates that the
+# dataset's integrator damps and does not resolve.
 ALLOWED = {"q": 1e-4, "qd": 1e-2, "position": 1e-4, "orientation": 2e-4, "u": 1e-4}
 UNIT = {"q": "rad", "qd": "rad/s", "position": "m", "orientation": "rad", "u": "N m"}
 
@@ -37,19 +37,19 @@ def drive(arm, robot, samples):
         held = excitation[k]
         if robot.gravity_compensated:
             held = held + arm.gravity(q[k])
-        # The dataset's torques are what acted, and they are single precision.
+        # The dataset's torques are those that acted, in single precision.
         u[k] = held.astype(np.float32)
         arm.advance(u[k])
     return u, q, qd
 
 
 def errors(simulator, robot, recorded, substeps):
-    """The largest errors of one trajectory by name, and the positions that came out."""
+    """The largest errors of one trajectory by name, and the simulated positions."""
     samples = len(recorded.q)
     arm = simulator.Arm(robot, substeps)
     u, q, qd = drive(arm, robot, samples)
     largest = {"q": np.abs(q - recorded.q).max()}
-    # Compensation follows the positions: here those of the dataset, to test the torques alone.
+    # Compensation follows the positions. Here these are the dataset's, to test only the torques.
     expected = robot.excitation(samples)
     if robot.gravity_compensated:
         expected = expected + np.array([arm.gravity(sample) for sample in recorded.q])
@@ -62,12 +62,13 @@ def errors(simulator, robot, recorded, substeps):
 
 
 def pose_errors(arm, q, recorded):
-    """m and rad. A recorded pose is also refused when its quaternion jumps."""
+    """Errors in m and rad. A recorded pose whose quaternion jumps is refused, too."""
     position = orientation = 0.0
     for k, sample in enumerate(q):
         translation, quaternion = arm.pose(sample)
         position = max(position, np.abs(translation - recorded[k, :3]).max())
-        # From the difference, not the angle between: that would be lost in rounding.
+        # The angle follows from the difference of the quaternions, because the angle between them
+        # would be lost in rounding.
         sign = np.sign(quaternion @ recorded[k, 3:])
         orientation = max(orientation, 2 * np.linalg.norm(sign * quaternion - recorded[k, 3:]))
     jumps = (recorded[1:, 3:] * recorded[:-1, 3:]).sum(axis=1) < 0
@@ -81,7 +82,7 @@ def percentile(values, fraction):
 
 
 def judge(folder, count, substeps):
-    """Prints what was found; whether all of it is allowed."""
+    """Prints the errors, and tells whether all are allowed."""
     pairs = datasets.read(folder, count)
     families = [robot.family for robot, _ in pairs]
     drawn = ", ".join(f"{families.count(family)} {family}s" for family in sorted(set(families)))

@@ -1,4 +1,5 @@
-//! A dataset as one tar, as people fetch it: with curl, which goes on where it was interrupted, into tar.
+//! Downloads a dataset as one tar: with curl, which continues after an interruption, piped into
+//! tar.
 
 use std::fs;
 use std::path::Path;

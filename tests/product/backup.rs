@@ -1,4 +1,4 @@
-//! `torqued backup` and `restore`: a store is saved while it works, and goes on elsewhere.
+//! `torqued backup` and `restore`: a store is saved during work, and continues elsewhere.
 
 use std::path::Path;
 use std::process::Command;
@@ -37,7 +37,7 @@ async fn done(product: &Product) -> Vec<Value> {
     lists
 }
 
-/// A training that takes long and keeps its checkpoints: of one that deletes them the backup might have none.
+/// A long training that keeps all its checkpoints. If it deleted some, the backup might have none.
 fn long_training() -> Value {
     let mut spec = small_pipeline()["jobs"]["train"].clone();
     spec["data"] = json!({"stream": {"preset": "D1-multisine", "samples": 60}});
@@ -51,12 +51,12 @@ async fn when_beyond(product: &Product, job: i64, step: u64) -> u64 {
     loop {
         let answer = product.job_when(job, |job| last_checkpoint(job).is_some()).await;
         let id = last_checkpoint(&answer).unwrap();
-        // It may have been deleted meanwhile.
+        // It may have been deleted since the list was read.
         let (_, checkpoint) = product.try_get(&format!("/v1/checkpoints/{id}")).await;
         if let Some(found) = checkpoint["step"].as_u64().filter(|found| *found > step) {
             return found;
         }
-        // The server answers no address more than some hundred times a second.
+        // The server limits each address to some hundred requests a second.
         tokio::time::sleep(Duration::from_millis(50)).await;
     }
 }
@@ -101,13 +101,13 @@ async fn a_backup_taken_under_load_is_restored_with_equal_listings_and_goes_on()
     assert_eq!(code, Some(1));
     assert!(errors.contains("choose an empty place"), "{errors}");
 
-    // Nobody works yet.
+    // There are no workers yet.
     let product = Product::start_with(&restored, &["--workers", "0"]);
     assert!(done(&product).await == expected, "the restored store answers otherwise");
     download_checkpoints(&product, training).await;
     let saved_step = when_beyond(&product, training, 0).await;
     assert_eq!(product.end_by("TERM").0, Some(0));
-    // The training goes on from its checkpoint.
+    // The training continues from its checkpoint.
     let product = Product::start(&restored);
     when_beyond(&product, training, saved_step).await;
     let attempts = product.get(&format!("/v1/jobs/{training}/attempts")).await;

@@ -1,5 +1,4 @@
-//! Specs that cannot be accepted: a problem that says which field and what is allowed, and
-//! nothing queued.
+//! Invalid specs: the problem names the field and what is allowed, and nothing is queued.
 
 use serde_json::{Value, json};
 

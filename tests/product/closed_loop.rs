@@ -1,4 +1,4 @@
-//! Robots under model predictive control, by a model that was trained a moment before.
+//! Robots under model predictive control, by a model that this test trains.
 
 use serde_json::{Value, json};
 
@@ -36,7 +36,7 @@ fn controller<'a>(report: &'a Value, name: &str) -> &'a Value {
     controllers.iter().find(|it| it["name"] == name).unwrap_or_else(|| panic!("{report:#}"))
 }
 
-/// What does not depend on how fast this machine is.
+/// The part of a report that does not depend on this machine's speed.
 fn without_times(mut report: Value) -> Value {
     for controller in report["controllers"].as_array_mut().unwrap() {
         controller.as_object_mut().unwrap().remove("plan");

@@ -1,5 +1,5 @@
-//! The commands that ask a server: tables for people, the API's own JSON for scripts, files with their digests, and exit
-//! codes that say what happened.
+//! The commands that ask a server: tables for people, the API's own JSON for scripts, files with
+//! their digests, and exit codes that tell what happened.
 
 use std::fs;
 use std::io::Write;
@@ -148,7 +148,7 @@ async fn everything_that_a_pipeline_leaves_is_listed_shown_and_downloaded() {
     download_and_go_on(&asking, &dataset, folder.path());
 }
 
-/// Downloads a dataset, leaves a part of a file as an interruption does, and downloads it again.
+/// Downloads a dataset, leaves a part of a file as after an interruption, and downloads it again.
 fn download_and_go_on(asking: &Asking<'_>, dataset: &str, folder: &Path) {
     let out = folder.join("download");
     let arguments = ["download", "dataset", dataset, out.to_str().unwrap()];
@@ -164,7 +164,7 @@ fn download_and_go_on(asking: &Asking<'_>, dataset: &str, folder: &Path) {
     assert!(text.contains("8 were there before") && !part.exists(), "{text}");
     assert_eq!(fs::read(&whole).unwrap(), bytes);
 
-    // A part with other bytes is not completed to a wrong file, and another file is not replaced.
+    // A part with wrong bytes does not become a file, and another file is not replaced.
     fs::remove_file(&whole).unwrap();
     fs::write(&part, vec![0; bytes.len() / 3]).unwrap();
     let (code, _, errors) = asking.ask(&arguments);

@@ -1,4 +1,4 @@
-//! A server that a file configures, and what it logs as JSON.
+//! A server that reads its settings from a file, and its JSON logs.
 
 use std::fs;
 use std::path::Path;

@@ -1,4 +1,4 @@
-//! A data folder that cannot be used: one clear line, non-zero exit, nothing damaged.
+//! An unusable data folder: one clear line, a non-zero exit, and no damage.
 
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
@@ -8,7 +8,7 @@ use sqlx::{Connection, SqliteConnection};
 
 use crate::product::{Product, run_to_end, torqued};
 
-/// Serves `data`, which must fail; returns the one line it says.
+/// Serves `data`, which must fail. Gives the single line of its output.
 fn refusal(data: &Path) -> String {
     let mut command = torqued(&["serve", "--listen", "127.0.0.1:0", "--log", "error", "--data"]);
     let (code, output, errors) = run_to_end(command.arg(data));
@@ -36,7 +36,7 @@ fn a_folder_that_cannot_be_made_is_refused() {
     assert!(line.contains("file/data"), "{line}");
 }
 
-/// Permissions do not bind root, so there a folder of the kernel's that takes no files stands in.
+/// Permissions do not bind root. There, a folder of the kernel that accepts no files replaces it.
 #[test]
 fn an_unwritable_folder_is_refused() {
     let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! The units and scripts in `deploy`: systemd and the program understand them.
+//! Checks that systemd and the program accept the units and scripts in `deploy`.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -22,7 +22,7 @@ fn systemd_finds_nothing_wrong_with_the_units() {
     if !there.is_ok_and(|output| output.status.success()) {
         return skip(test, "systemd-analyze is not installed");
     }
-    // It asks whether the program is there; here it lies elsewhere.
+    // The check looks for the program, which lies elsewhere here.
     let folder = tempfile::tempdir().unwrap();
     let start = format!("ExecStart={}", env!("CARGO_BIN_EXE_torqued"));
     let mut files = Vec::new();
@@ -34,16 +34,17 @@ fn systemd_finds_nothing_wrong_with_the_units() {
     }
     let mut verify = Command::new("systemd-analyze");
     let (code, output, errors) = run_to_end(verify.args(["verify", "--man=no"]).args(files));
-    // Of other units of the machine it may have much to say.
+    // It may report problems of the machine's other units.
     let ours: Vec<&str> = errors.lines().filter(|line| line.contains("torqued")).collect();
     assert!(code == Some(0) && ours.is_empty(), "{output}{errors}");
 }
 
-/// Whether the program takes the flags of a command line: with `--help` it reads them and does nothing.
+/// Checks that the program accepts the flags of a command line. With `--help` it parses them and
+/// does nothing.
 fn check_flags(line: &str) {
     let words: Vec<&str> =
         line.split_whitespace().skip(1).map(|word| word.trim_matches('"')).collect();
-    // What the shell or systemd puts there.
+    // Values that the shell or systemd would insert.
     let filled = |word| if str::contains(word, ['$', '%']) { "1" } else { word };
     let words: Vec<&str> = words.into_iter().map(filled).collect();
     let (code, _, errors) = run_to_end(torqued(&words).arg("--help"));

@@ -1,12 +1,12 @@
-//! Devices from outside: which there are, how one that cannot be used is answered, and, where this
-//! build has it, a pipeline on a GPU.
+//! Devices from outside: the list of devices, the refusal of one that cannot be used, and, where
+//! this build has it, a pipeline on a GPU.
 
 use std::process::Command;
 
 use crate::product::{run_to_end, torqued};
 
-/// `torqued` ends with `code` and a line of standard error that begins with `error: ` and has
-/// `expected`.
+/// Checks that `torqued` ends with `code` and a line of standard error that begins with `error: `
+/// and contains `expected`.
 #[track_caller]
 fn check_refused(command: &mut Command, code: i32, expected: &str) {
     let (found, output, errors) = run_to_end(command);
@@ -18,11 +18,11 @@ fn check_refused(command: &mut Command, code: i32, expected: &str) {
 #[test]
 fn devices_that_this_build_has_not_are_refused_by_naming_what_it_has() {
     for command in ["serve", "quickstart", "worker"] {
-        let unknown = "there is no device `abacus`, this program has cpu";
+        let unknown = "unknown device `abacus`, allowed: cpu";
         check_refused(&mut torqued(&[command, "--device", "abacus"]), 2, unknown);
         check_refused(torqued(&[command]).env("TORQUED_DEVICE", "abacus"), 2, unknown);
         if cfg!(not(feature = "cuda")) {
-            let not_built = "without device `cuda`: build it with `--features cuda`; it has cpu";
+            let not_built = "without device `cuda`, allowed: cpu";
             check_refused(&mut torqued(&[command, "--device", "cuda"]), 2, not_built);
         }
     }
@@ -72,10 +72,10 @@ mod on_a_gpu {
     use super::*;
     use crate::product::{Product, member, small_pipeline};
 
-    /// `torqued` where no Vulkan driver is found.
+    /// `torqued` in an environment without a Vulkan driver.
     fn without_driver(arguments: &[&str]) -> Command {
         let mut command = torqued(arguments);
-        // The second is the name that loaders older than 1.3.207 look for.
+        // Loaders older than 1.3.207 use the second name.
         command.env("VK_DRIVER_FILES", "/dev/null").env("VK_ICD_FILENAMES", "/dev/null");
         command
     }

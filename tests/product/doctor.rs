@@ -1,4 +1,5 @@
-//! `torqued doctor` beside a running server: quiet when all is well, and a line with what to do when not.
+//! `torqued doctor` beside a running server: no output without problems, and otherwise a line with
+//! the remedy.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -10,7 +11,7 @@ fn doctor(data: &Path, more: &[&str]) -> (Option<i32>, String) {
     (code, output + &errors)
 }
 
-/// Some Parquet file of the store.
+/// A Parquet file of the store.
 fn shard(folder: &Path) -> Option<PathBuf> {
     fs::read_dir(folder).unwrap().flatten().map(|entry| entry.path()).find_map(|path| {
         if path.is_dir() {
@@ -50,7 +51,7 @@ async fn a_missing_and_a_damaged_file_are_found_beside_a_running_server() {
     fs::write(&path, &sound).unwrap();
     assert_eq!(doctor(&data, &with_bytes).0, Some(0));
 
-    // Nobody serves, and nothing is wrong.
+    // No server runs, and nothing is wrong.
     product.end_by("TERM");
     let (code, output) = doctor(&data, &server);
     assert!(code == Some(0) && output.contains("none answers"), "{output}");

@@ -1,4 +1,4 @@
-//! Server-sent events, as the program follows them.
+//! Server-sent events, followed by the program.
 
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
@@ -9,7 +9,7 @@ use serde_json::Value;
 
 use crate::product::{Product, small_pipeline, torqued};
 
-/// A command that prints a document a line while it goes on.
+/// A running command that prints one document per line.
 struct Follower {
     process: Child,
     output: BufReader<ChildStdout>,
@@ -29,7 +29,7 @@ impl Follower {
         serde_json::from_str(&line).unwrap_or_else(|error| panic!("{error}: {line:?}"))
     }
 
-    /// The rest of what it prints, and the code that it ends with.
+    /// The rest of its output, and its exit code.
     fn rest(mut self) -> (Vec<Value>, Option<i32>) {
         let mut text = String::new();
         self.output.read_to_string(&mut text).unwrap();
@@ -56,7 +56,7 @@ async fn watch_and_events_go_on_when_a_server_was_killed() {
     let first = events.next();
     assert_eq!((&first["event"], &first["state"]), (&"job".into(), &"queued".into()));
 
-    // While nothing happens nobody asks.
+    // During a pause no request is made.
     tokio::time::sleep(Duration::from_secs(2)).await;
     let metrics = String::from_utf8(product.download("/metrics").await).unwrap();
     let counted = metrics.lines().filter(|line| line.contains(r#"route="/v1/jobs/{id}""#));

@@ -1,4 +1,5 @@
-//! The same results on every database, by any number of workers, with servers and workers that are killed.
+//! The results are the same on every database, with any number of workers, and when servers and
+//! workers are killed.
 
 use std::cell::RefCell;
 use std::process::{Child, Command, Stdio};
@@ -14,7 +15,8 @@ use crate::s3_server::S3Server;
 /// Servers and workers that share a database, and a folder or a bucket for objects.
 struct Lab {
     database: TestDatabase,
-    /// Without a bucket all of them have the first folder, or else each has one of its own.
+    /// With a bucket, each server and worker has a separate folder. Without one, all share the
+    /// first.
     folders: RefCell<Vec<TempDir>>,
     bucket: Option<S3Server>,
 }
@@ -79,7 +81,7 @@ async fn when_under_way(product: &Product, pipeline: i64, finished: usize) -> Va
         .await
 }
 
-/// A pipeline of several workers, of which one is killed in the middle of it. A single one is replaced.
+/// Runs a pipeline on several workers and kills one in the middle. A single worker is replaced.
 async fn with_a_worker_killed(lab: &Lab, workers: usize) -> (Product, Value) {
     let expected = expected().await;
     let server = lab.server("0");
@@ -114,7 +116,7 @@ async fn a_pipeline_in_a_bucket_by_one_worker_that_is_killed_and_replaced() {
 async fn a_pipeline_in_a_bucket_by_four_workers_that_share_no_folder_of_which_one_is_killed() {
     let lab = Lab::with_a_bucket();
     let (_server, pipeline) = with_a_worker_killed(&lab, 4).await;
-    // Another server, which has no file of it, has the bytes that the row promises.
+    // Another server without the file gives the bytes of the row's digest.
     let other = lab.server("0");
     let job = other.get(&format!("/v1/jobs/{}", member(&pipeline, "train"))).await;
     let checkpoint = job["checkpoints"].as_array().unwrap().last().unwrap().as_i64().unwrap();
@@ -135,7 +137,7 @@ async fn two_servers_serve_one_queue_and_one_goes_on_when_the_other_is_killed() 
     signal("KILL", first.pid());
     let pipeline = second.succeeded(id).await;
     assert_eq!(results(&second, &pipeline).await, expected);
-    // Its worker ended with it, and is remembered as one that died.
+    // Its worker ended with it and is recorded as dead.
     let workers = second.get("/v1/workers").await;
     assert!(!workers["workers"].as_array().unwrap().is_empty(), "{workers:#}");
     let (status, health) = second.try_get("/healthz").await;

@@ -1,4 +1,5 @@
-//! The queue forgives people who did nothing wrong: who cancel, close a laptop, upgrade, lose a worker, and try again.
+//! The queue survives ordinary mishaps: cancellations, a laptop that sleeps, upgrades, lost
+//! workers, and retries.
 
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -8,7 +9,7 @@ use serde_json::{Value, json};
 
 use crate::product::{Product, is_alive, run_to_end, signal, small_pipeline, torqued};
 
-/// "Within two seconds", on a busy machine; what is interrupted takes minutes.
+/// "Within two seconds" on a busy machine. The interrupted work would take minutes.
 const SOON: Duration = Duration::from_secs(20);
 
 /// An evaluation of one cell whose one predictor takes minutes.
@@ -80,7 +81,7 @@ async fn a_machine_that_sleeps_again_and_again_fails_no_training() {
     for _ in 0..4 {
         let sleeping = [vec![product.pid()], product.workers()].concat();
         sleeping.iter().for_each(|pid| signal("STOP", *pid));
-        // Twice as long as leases last.
+        // Twice the length of a lease.
         tokio::time::sleep(Duration::from_secs(4)).await;
         sleeping.iter().for_each(|pid| signal("CONT", *pid));
         tokio::time::sleep(Duration::from_secs(1)).await;
@@ -94,7 +95,7 @@ async fn a_machine_that_sleeps_again_and_again_fails_no_training() {
 #[tokio::test]
 async fn a_dead_worker_is_not_waited_for() {
     let data = tempfile::tempdir().unwrap();
-    // Far longer than anybody waits here.
+    // A lease far longer than this test.
     let product =
         Product::start_with(data.path(), &["--worker-threads", "1", "--lease-seconds", "3600"]);
     let id = product.submit(&training(300)).await;
@@ -167,7 +168,7 @@ async fn shards_of_a_cancelled_simulation_are_not_simulated_again() {
     let job = product.succeeded(job["id"].as_i64().unwrap()).await;
     let again = product.get(&format!("/v1/datasets/{}", job["dataset"])).await;
     assert_eq!(files(&again)[..made.len()], made[..]);
-    // One file with two names is one that was not written again.
+    // A file with two names was linked and not written again.
     let linked = std::fs::read_dir(data.path().join(format!("objects/datasets/{}", job["id"])))
         .unwrap()
         .filter(|entry| links(&entry.as_ref().unwrap().path()) == 2)
@@ -355,7 +356,8 @@ async fn a_job_that_takes_too_long_fails_and_can_be_tried_again_from_where_it_wa
     assert!(further.contains(done.last().unwrap()) && further.last() > done.last(), "{further:?}");
 }
 
-/// Checkpoints of another version of torqued, as after an upgrade between two tries.
+/// The checkpoints are those of another version of torqued, as after an upgrade between two
+/// attempts.
 #[tokio::test]
 async fn a_training_that_is_tried_again_begins_anew_where_no_checkpoint_can_be_loaded() {
     use sqlx::{ConnectOptions, Connection, Row};

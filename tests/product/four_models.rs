@@ -1,4 +1,4 @@
-//! The preset of the paper's architectures, with less of everything and a flow beside them.
+//! The preset of the paper's architectures with smaller numbers, and with a flow in addition.
 
 use serde_json::json;
 
@@ -30,7 +30,7 @@ fn all_architectures_are_trained_and_compared_by_one_preset() {
     assert_eq!(code, Some(0), "{table}\n{progress}");
     for predictor in ["hold-last", "robomorph", "diffuser", "cdcnn", "cdt", "flow"] {
         let rows = table.lines().filter(|line| line.starts_with(&format!("{predictor} ")));
-        // Two tables, and of a model a sentence.
+        // Each occurs in two tables, and a model also in a sentence.
         assert!(rows.count() >= 2, "{predictor} is not in\n{table}");
     }
     for model in ["robomorph", "diffuser", "cdcnn", "cdt", "flow"] {

@@ -1,5 +1,4 @@
-//! A disk that runs full fails a job with one clear reason and damages nothing; nor does a file that
-//! may not grow.
+//! A full disk, or a file that may not grow, fails a job with one clear reason and damages nothing.
 
 use std::path::Path;
 use std::process::Command;
@@ -9,11 +8,11 @@ use serde_json::{Value, json};
 
 use crate::product::{Product, run_to_end, skip, small_pipeline, torqued};
 
-/// A small file system in memory, as long as this lives.
+/// A small file system in memory, which lives as long as this value.
 struct SmallDisk(tempfile::TempDir);
 
 impl SmallDisk {
-    /// `None`, and `test` is told to be skipped, where mounting is not permitted.
+    /// Mounts it. Gives `None`, and reports `test` as skipped, where mounting is not permitted.
     fn mount(size: &str, test: &str) -> Option<Self> {
         let folder = tempfile::tempdir().unwrap();
         let mounted = Command::new("mount")
@@ -38,7 +37,8 @@ impl Drop for SmallDisk {
     }
 }
 
-/// `torqued`, whose files may have so many MiB: a write beyond them is an error, as on a full disk.
+/// `torqued` with a limit on the size of its files. A write beyond the limit is an error, as on a
+/// full disk.
 fn torqued_with_small_files(mebibytes: u32, arguments: &[&str]) -> Command {
     let inner = torqued(arguments);
     let mut command = Command::new("bash");
@@ -64,7 +64,7 @@ fn large_simulation() -> Value {
     spec
 }
 
-/// A large simulation fails for `reason`, and a small one after it succeeds.
+/// Checks that a large simulation fails for `reason`, and that a small one after it succeeds.
 async fn check_fails_alone(product: &Product, reason: &str) {
     let mut spec = large_simulation();
     let large = product.submit(&spec).await;
@@ -93,7 +93,7 @@ async fn a_disk_that_is_full_for_a_while_holds_the_queue_up_and_fails_no_job() {
     let Some(disk) = SmallDisk::mount("64m", name) else { return };
     let product = Product::start(&disk.path().join("data"));
     product.when_worker_is_there().await;
-    // Less than a twentieth is left, and enough for the database.
+    // Less than a twentieth is left, which is enough for the database.
     std::fs::write(disk.path().join("filler"), vec![7; 123 << 19]).unwrap();
     let mut jobs = Vec::new();
     for seed in 0..4 {
@@ -121,13 +121,13 @@ async fn a_disk_that_is_full_for_a_while_holds_the_queue_up_and_fails_no_job() {
 async fn a_file_that_may_not_grow_fails_the_job_and_the_server_goes_on() {
     let data = tempfile::tempdir().unwrap();
     let arguments = ["serve", "--listen", "127.0.0.1:0", "--worker-threads", "1", "--data"];
-    // The database's log may grow to more than 4 MiB.
+    // The limit leaves room for the database's log, which may exceed 4 MiB.
     let mut serve = torqued_with_small_files(16, &arguments);
     let product = Product::spawn(serve.arg(data.path()));
     check_fails_alone(&product, "File too large").await;
 }
 
-/// 1000 trajectories a shard, in a file of some 3 MB.
+/// A simulation with 1000 trajectories in a shard, whose file has some 3 MB.
 fn folder_simulation(place: &Path) -> std::path::PathBuf {
     let spec = place.join("spec.json");
     let simulation = json!({
@@ -137,7 +137,7 @@ fn folder_simulation(place: &Path) -> std::path::PathBuf {
     spec
 }
 
-/// The files of a folder: no file that is not whole, each of which begins with a dot.
+/// Number of files in a folder. Incomplete files, whose names begin with a dot, must not occur.
 fn whole_files(folder: &Path) -> usize {
     let names: Vec<_> =
         std::fs::read_dir(folder).unwrap().map(|it| it.unwrap().file_name()).collect();
@@ -145,7 +145,8 @@ fn whole_files(folder: &Path) -> usize {
     names.len()
 }
 
-/// The simulation goes on where there is room, and its folder is as it should be.
+/// Checks that the simulation continues when there is space, and that its folder is correct at the
+/// end.
 fn check_goes_on(spec: &Path, out: &Path) {
     let mut simulate = torqued(&["simulate", "--spec"]);
     let (code, output, errors) = run_to_end(simulate.arg(spec).arg("--out").arg(out));

@@ -1,5 +1,5 @@
-//! Work that does not end when it is told to ends with its worker: here an import whose decoder stands still, as it
-//! would on a disk that hangs.
+//! Work that ignores a request to end must end with its worker. Here it is an import whose decoder
+//! is stopped, as on a disk that hangs.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -14,13 +14,13 @@ use crate::product::{
     until_gone,
 };
 
-/// Longer than work has from a cancellation to its end, and what a busy machine adds.
+/// Longer than the time between a cancellation and the end of its work, on a busy machine.
 const SOON: Duration = Duration::from_secs(40);
 
 /// Recordings that take seconds to decode.
 const ROWS: usize = 1_000_000;
 
-/// Submits the import of a large file, with its worker's decoder stopped in the middle of it.
+/// Submits the import of a large file, and stops its worker's decoder in the middle of it.
 async fn stuck_import(
     product: &Product,
     folder: &Path,
@@ -57,8 +57,8 @@ async fn stuck_import(
     (job, decoder)
 }
 
-/// Whether a process is a decoder that has limited its memory: it asked to end with its worker before that, and one
-/// that is stopped earlier would stay.
+/// Whether a process is a decoder that has limited its memory. It arranges to end with its worker
+/// before that. A decoder that is stopped earlier would stay.
 fn is_decoder(pid: u32) -> bool {
     let read = |what| std::fs::read(format!("/proc/{pid}/{what}")).unwrap_or_default();
     let (command, limits) = (read("cmdline"), read("limits"));
@@ -115,7 +115,7 @@ async fn a_task_that_takes_too_long_and_does_not_end_fails() {
     until_gone(decoder).await;
 }
 
-/// A worker on its own, and where its log lines go.
+/// A worker without a server, and the file of its log.
 fn worker_alone(data: &Path) -> (Child, PathBuf) {
     let log = data.join("worker.log");
     let mut command = torqued(&["worker", "--name", "alone", "--threads", "1", "--data"]);

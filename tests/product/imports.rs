@@ -1,5 +1,5 @@
-//! Recordings of somebody's own: sent from the command line and over HTTP, trained on, and refused
-//! where they are not as they should be.
+//! A user's own recordings: sent from the command line and over HTTP, used for training, and
+//! refused where they are invalid.
 
 use std::io::Write;
 use std::path::Path;
@@ -8,7 +8,8 @@ use serde_json::{Value, json};
 
 use crate::product::{Product, run_to_end, torqued};
 
-/// Recordings in the columns of the worked example in docs/import.md; the script beside it made it.
+/// Recordings with the columns of the example in docs/import.md. The script beside it made the
+/// file.
 const RECORDINGS: &str = "tests/data/like_isaac_ms1.parquet";
 
 fn mapping() -> Value {
@@ -49,7 +50,7 @@ async fn the_worked_example_becomes_a_dataset_that_trains() {
     assert_eq!(code, Some(0));
     assert!(output.contains("imported before"), "{output}");
 
-    // In another way, without sending the file again.
+    // Another import of the same file, which is not sent again.
     let mut shorter = product.get("/v1/jobs/1").await["spec"].clone();
     shorter["samples"] = json!(60);
     shorter["split"]["stride"] = json!(50);
@@ -138,7 +139,7 @@ async fn a_file_beyond_the_limit_is_refused_and_leaves_nothing() {
     assert!(uploads(data.path()).is_empty());
 }
 
-/// A file of kilobytes becomes gigabytes: a name of 4 MiB in each of 1000 rows.
+/// A file of kilobytes that decodes to gigabytes: a name of 4 MiB in each of 1000 rows.
 #[tokio::test]
 async fn a_file_that_takes_too_much_memory_ends_its_import_alone() {
     let data = tempfile::tempdir().unwrap();
@@ -162,7 +163,7 @@ async fn a_file_that_takes_too_much_memory_ends_its_import_alone() {
     assert_eq!(code, Some(0), "the worker went on: {output}");
 }
 
-/// Names of what lies among the uploads of a data folder.
+/// Names of the files among the uploads of a data folder.
 fn uploads(data: &Path) -> Vec<std::ffi::OsString> {
     match std::fs::read_dir(data.join("objects/uploads")) {
         Ok(entries) => entries.map(|entry| entry.unwrap().file_name()).collect(),

@@ -1,4 +1,4 @@
-//! A server that dies by SIGKILL leaves no worker behind, and the next one goes on.
+//! A server that dies by SIGKILL leaves no worker behind, and the next one continues.
 
 use crate::pipeline::results;
 use crate::product::{Product, member, small_pipeline, until_gone};

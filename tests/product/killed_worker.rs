@@ -1,4 +1,4 @@
-//! A worker that dies by SIGKILL, at any moment of any kind of job, changes no result.
+//! A worker that dies by SIGKILL at any moment of any kind of job changes no result.
 
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
@@ -7,7 +7,7 @@ use serde_json::Value;
 use crate::pipeline::results;
 use crate::product::{Product, member, small_pipeline};
 
-/// Kills per kind of job; `KILLS=10` for more.
+/// Number of kills for each kind of job. `KILLS=10` raises it.
 fn kills() -> u32 {
     std::env::var("KILLS").ok().and_then(|text| text.parse().ok()).unwrap_or(3)
 }
@@ -48,7 +48,7 @@ async fn a_job_that_kills_every_worker_fails_after_its_attempts() {
     let product = Product::start(data.path());
     let mut spec = small_pipeline();
     spec["jobs"]["train"]["steps"] = 1_000_000.into();
-    // No attempt gets on.
+    // No attempt keeps a checkpoint.
     spec["jobs"]["train"]["checkpoint_every_steps"] = 1_000_000.into();
     spec["jobs"]["train"]["validate_every_steps"] = 1_000_000.into();
     spec["jobs"]["train"]["execution"] = serde_json::json!({"max_attempts": 2});
@@ -81,7 +81,7 @@ fn duration(job: &Value) -> Duration {
     at("finished_at").duration_since(at("started_at")).unwrap()
 }
 
-/// 0 to 1; printed by its user, as a failure may depend on it.
+/// A random number from 0 to 1. The caller prints it, because a failure may depend on it.
 fn random_fraction() -> f64 {
     let nanoseconds = SystemTime::now().duration_since(UNIX_EPOCH).unwrap().subsec_nanos();
     f64::from(nanoseconds % 10_007) / 10_007.0

@@ -1,4 +1,4 @@
-//! Where a server listens, and who may connect.
+//! The addresses at which a server listens, and the clients that may connect.
 
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::TcpStream;
@@ -17,7 +17,7 @@ use crate::s3_server;
 const AUTHORITY: &str =
     concat!(env!("CARGO_MANIFEST_DIR"), "/testbed/tests/s3_server/authority.pem");
 
-/// A server that was told where to listen, and what it says of that.
+/// A server that listens at `address`, and its message about the address.
 fn listening(data: &std::path::Path, address: &str) -> (Child, String) {
     let mut command = torqued(&["serve", "--workers", "0", "--listen", address, "--data"]);
     let mut server = command.arg(data).stdout(Stdio::piped()).spawn().unwrap();
@@ -107,7 +107,7 @@ async fn a_server_that_may_open_few_files_answers_beside_four_hundred_half_reque
         .collect();
     let health = product.get("/healthz").await;
     assert!(health["status"].is_string(), "{health}");
-    // The last ones are still there.
+    // The newest ones are still there.
     let mut last = half.last().unwrap();
     last.write_all(b"Host: localhost\r\nConnection: close\r\n\r\n").unwrap();
     let mut answer = String::new();
@@ -115,7 +115,7 @@ async fn a_server_that_may_open_few_files_answers_beside_four_hundred_half_reque
     assert!(answer.starts_with("HTTP/1.1 200"), "{answer}");
 }
 
-/// Runs a command of tokens on the data folder itself.
+/// Runs a command for tokens directly on the data folder.
 fn directly(data: &std::path::Path, arguments: &[&str]) -> (Option<i32>, String, String) {
     run_to_end(torqued(&["token"]).args(arguments).arg("--data").arg(data))
 }
@@ -136,7 +136,7 @@ fn the_first_token_is_made_beside_the_server_and_closes_it() {
     let (code, output, errors) = ask(&["token", "list"], token);
     assert_eq!(code, Some(0), "{errors}");
     assert!(output.contains("ana"), "{output}");
-    // The server looks for tokens that others made every few seconds.
+    // The server reads tokens of other processes every few seconds.
     let asked = Instant::now();
     let errors = loop {
         let (code, _, errors) = ask(&["jobs"], "");
@@ -161,7 +161,7 @@ fn the_first_token_is_made_beside_the_server_and_closes_it() {
     signal("TERM", server.id());
     server.wait().unwrap();
 
-    // From now on other machines may be let in; no machine has this address.
+    // From now on other machines may connect. No machine has this address.
     let listen_elsewhere = || {
         let mut command = torqued(&["serve", "--listen", "192.0.2.1:0", "--data"]);
         let (code, _, errors) = run_to_end(command.arg(&data));

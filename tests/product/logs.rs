@@ -1,4 +1,5 @@
-//! What a task logged is kept, followed and downloaded, and commands end quietly when nobody reads them.
+//! A task's log is stored, followed and downloaded, and commands end quietly when the reader of
+//! their output ends.
 
 use std::process::Stdio;
 
@@ -24,7 +25,7 @@ async fn a_training_is_followed_line_by_line_to_its_end() {
     let id = product.submit(&training(200)).await;
     let (code, output, errors) = logs(&product, &["-f", "--task", "train", &id.to_string()]);
     assert_eq!(code, Some(0), "{errors}");
-    // Whoever follows to the end has seen the end.
+    // A command that follows to the end ends after the job.
     assert_eq!(product.get(&format!("/v1/jobs/{id}")).await["state"], "succeeded");
     let job = product.get(&format!("/v1/jobs/{id}")).await;
     let digest = format!("digest={}", job["digest"].as_str().unwrap());
@@ -50,14 +51,14 @@ async fn a_training_is_followed_line_by_line_to_its_end() {
     assert!(last.lines().count() == 2 && last.contains("done seconds="), "{last}");
     let download = product.get("/v1/attempts/1/log").await;
     assert_eq!(output.split_once('\n').unwrap().1, download.as_str().unwrap());
-    // The worker's own lines belong to no attempt.
+    // Lines of the worker itself belong to no attempt.
     assert!(!output.contains("device works"), "{output}");
 }
 
 #[tokio::test]
 async fn the_lines_of_a_killed_worker_are_there_and_the_next_goes_on() {
     let data = tempfile::tempdir().unwrap();
-    // What stderr is told does not matter.
+    // The log level of stderr does not matter.
     let product = Product::start_with(data.path(), &["--worker-threads", "1", "--log", "error"]);
     let id = product.submit(&training(1500)).await;
     let path = format!("/v1/jobs/{id}/logs?attempt=1");

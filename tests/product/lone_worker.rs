@@ -1,4 +1,5 @@
-//! A worker on its own: it ends when it finds nothing to do, and puts its task down however often it is told to.
+//! A worker without a server: it ends when it finds nothing to do, and releases its task even if it
+//! is told to end twice.
 
 use std::process::Command;
 
@@ -24,7 +25,7 @@ async fn a_worker_ends_when_it_found_no_task_for_long_enough() {
     assert_eq!(product.get("/v1/workers").await["workers"], json!([]));
 }
 
-/// Slurm sends SIGTERM when a worker is to be gone soon, and again when its time is over.
+/// Slurm sends SIGTERM some time before a worker's end, and again at its end.
 #[tokio::test]
 async fn a_worker_that_is_told_twice_to_end_puts_its_task_down_all_the_same() {
     let data = tempfile::tempdir().unwrap();

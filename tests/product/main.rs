@@ -1,4 +1,4 @@
-//! The whole product from outside: the shipped program, its HTTP API, signals and full disks.
+//! The whole product from outside: the released program, its HTTP API, signals and full disks.
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod archives;

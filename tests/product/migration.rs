@@ -1,4 +1,4 @@
-//! `torqued migrate`: a data folder goes on in PostgreSQL and a bucket, and back.
+//! `torqued migrate`: a data folder moves to PostgreSQL and a bucket, and back.
 
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -23,7 +23,7 @@ impl Lab {
         Self { database: Cluster::shared().database(), bucket: S3Server::start() }
     }
 
-    /// The move of a folder to here, with a folder for copies.
+    /// A command that moves a folder to this lab, with a folder for copies.
     fn migrate_here(&self, from: &Path, to: &Path) -> Command {
         let mut command = torqued(&["migrate", "--data"]);
         command.arg(from).arg("--to-data").arg(to).envs(self.bucket.variables());
@@ -32,7 +32,7 @@ impl Lab {
         command
     }
 
-    /// With this as the store of a command.
+    /// Makes this lab the store of a command.
     fn as_store<'a>(&self, command: &'a mut Command, folder: &Path) -> &'a mut Command {
         command.arg("--data").arg(folder).envs(self.bucket.variables());
         command.args(["--objects", &S3Server::url("arm").to_string()]);
@@ -45,15 +45,15 @@ impl Lab {
         command
     }
 
-    /// Has the bucket take some objects and then none, and kills the command when that is so.
+    /// Lets the bucket accept some objects and then no more, and then kills the command.
     async fn kill_in_the_middle(&self, mut command: Command) {
-        // Two probes, two marks and three objects; an answer without a body drips unnoticed.
+        // Two probes, two marks and three objects. Answers without a body are not delayed.
         const TAKEN: usize = 7;
         self.bucket.fail(Asked::Put, [Fault::DripAnswer; TAKEN]);
         self.bucket.fail(Asked::Put, [Fault::Busy; 60]);
         let mut process = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
         let started = Instant::now();
-        // The marks are the first two of them.
+        // The marks are the first two files.
         let copied = || files(&self.bucket.file("arm")) > 2;
         while self.bucket.count(Asked::Put) <= TAKEN || !copied() {
             assert!(started.elapsed() < PATIENCE && process.try_wait().unwrap().is_none());
@@ -61,7 +61,7 @@ impl Lab {
         }
         process.kill().unwrap();
         process.wait().unwrap();
-        // Requests without a key meet the rest of the faults.
+        // Requests without a key use up the remaining faults.
         let http = reqwest::Client::builder().no_proxy().build().unwrap();
         while self.bucket.faults_left(Asked::Put) > 0 {
             let url = format!("{}/{BUCKET}/nobody", self.bucket.endpoint());
@@ -70,21 +70,21 @@ impl Lab {
     }
 }
 
-/// The files in a folder and in those within it.
+/// Number of files in a folder and its subfolders.
 fn files(folder: &Path) -> usize {
     let entries =
         std::fs::read_dir(folder).into_iter().flatten().map(|entry| entry.unwrap().path());
     entries.map(|path| if path.is_dir() { files(&path) } else { 1 }).sum()
 }
 
-/// Runs a command that must succeed; returns its output and its errors.
+/// Runs a command that must succeed, and gives its output and its errors.
 fn succeed(command: &mut Command) -> (String, String) {
     let (code, output, errors) = run_to_end(command);
     assert_eq!(code, Some(0), "{errors}");
     (output, errors)
 }
 
-/// The lists of everything that a server has.
+/// The lists of everything on a server.
 async fn listings(product: &Product) -> Vec<Value> {
     let mut listings = Vec::new();
     for list in ["jobs", "datasets", "checkpoints", "evaluations"] {
@@ -93,7 +93,7 @@ async fn listings(product: &Product) -> Vec<Value> {
     listings
 }
 
-/// The answers of a server about a pipeline that was done elsewhere, which it must reuse.
+/// The answers of a server about a pipeline that ran elsewhere, which the server must reuse.
 async fn answers(product: &Product, id: i64) -> (Vec<Value>, Results) {
     let listings = listings(product).await;
     let pipeline = product.get(&format!("/v1/jobs/{id}")).await;

@@ -1,4 +1,4 @@
-//! Measurement noise from data to report.
+//! Measurement noise, from data to report.
 
 use serde_json::{Value, json};
 
@@ -62,7 +62,7 @@ async fn levels_of_noise_stand_beside_each_other_and_the_noise_of_the_data() {
     let rms = (1e-3_f64.powi(2) + 1e-8 / 12.0).sqrt();
     assert!((report["data_noise"]["position_rad"].as_f64().unwrap() - rms).abs() < 1e-12);
     assert_eq!(report["data_noise"]["torque_nm"], 0.05);
-    // Held positions err by the noise of the last one, 0.57 degrees at 0.01 rad, smoothed.
+    // The error of held positions is the smoothed noise of the last one, 0.57 degrees at 0.01 rad.
     let cell = |number: usize| report["cells"][number].clone();
     let held = |number: usize| cell(number)["rmse_deg"][0]["mean"].as_f64().unwrap();
     assert_ne!(held(0), held(2));

@@ -1,4 +1,4 @@
-//! An arm of six joints that no code knows: from its description to closed loops.
+//! An arm of six joints without code of its own: from its description to closed loops.
 
 use reqwest::StatusCode;
 use serde_json::{Value, json};
@@ -80,7 +80,7 @@ async fn an_arm_of_six_goes_from_simulation_to_control() {
     }
 }
 
-/// What was simulated, sent as if it had been recorded.
+/// The recording is a simulation, sent as an upload.
 #[tokio::test]
 async fn a_recording_of_an_arm_of_six_is_trained_on_evaluated_and_verified() {
     let data = tempfile::tempdir().unwrap();

@@ -1,4 +1,4 @@
-//! One pipeline from submission to result, and what its results are equal by.
+//! Runs a pipeline from submission to result, and compares results.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -8,7 +8,7 @@ use serde_json::Value;
 
 use crate::product::{Product, member, small_pipeline};
 
-/// What a pipeline computed, without ids and times: equal for equal specs.
+/// The results of a pipeline without ids and times. They are equal for equal specs.
 #[derive(Debug, PartialEq)]
 pub struct Results {
     /// SHA-256 of every dataset file, by member and file name.
@@ -105,7 +105,8 @@ async fn a_cancelled_job_ends_cancelled_and_what_needs_it_never_runs() {
         .await;
     let (status, _) = product.post(&format!("/v1/jobs/{id}/cancel"), "").await;
     assert_eq!(status, StatusCode::OK);
-    // Far more than a heartbeat and a checkpoint take, far less than reading on to the last step.
+    // Far longer than a heartbeat and a checkpoint take, and far shorter than reading to the last
+    // step.
     let ended = tokio::time::timeout(Duration::from_secs(20), product.finished(id)).await;
     let pipeline = ended.expect("a cancelled training ends soon");
     assert_eq!(pipeline["state"], "cancelled", "{pipeline:#}");

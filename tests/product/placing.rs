@@ -1,4 +1,4 @@
-//! Which worker takes which job, and when.
+//! The choice of a worker for each job, and its time.
 
 use std::time::{Duration, SystemTime};
 
@@ -76,7 +76,7 @@ async fn a_job_begins_at_the_moment_that_was_asked_for() {
     let now = product.submit(&simulation(2, json!({}))).await;
     let job = product.get(&format!("/v1/jobs/{later}")).await;
     let waits_for = job["waits_for"].as_str();
-    // A machine may be so busy that the moment has come.
+    // On a busy machine the moment may have passed already.
     assert!(waits_for.is_none_or(|it| it == format!("from {moment} on")), "{job:#}");
     product.succeeded(now).await;
     let job = product.succeeded(later).await;

@@ -1,4 +1,4 @@
-//! A checkpoint that predicts while its server runs.
+//! A checkpoint predicts while its server runs.
 
 use std::io::{Seek as _, Write as _};
 
@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 
 use crate::product::{Product, run_to_end, torqued};
 
-/// The code and the answers of `torqued stream` to messages on its standard input.
+/// Runs `torqued stream` with messages on its standard input, and gives its exit code and answers.
 fn stream(product: &Product, checkpoint: &Value, messages: &[Value]) -> (Option<i32>, Vec<Value>) {
     let mut file = tempfile::tempfile().unwrap();
     messages.iter().for_each(|message| writeln!(file, "{message}").unwrap());

@@ -1,4 +1,4 @@
-//! The program under test: a server with its workers on a data folder of its own.
+//! The program under test: a server with its workers on a separate data folder.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::path::Path;
@@ -8,10 +8,10 @@ use std::time::{Duration, Instant};
 use reqwest::StatusCode;
 use serde_json::{Value, json};
 
-/// The most that anything small may take on a busy machine.
+/// A time limit for small work on a busy machine.
 pub const PATIENCE: Duration = Duration::from_secs(180);
 
-/// `torqued` with this test's arguments and nothing from the environment.
+/// `torqued` with this test's arguments and an empty environment.
 pub fn torqued(arguments: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_torqued"));
     for (name, _) in std::env::vars().filter(|(name, _)| name.starts_with("TORQUED_")) {
@@ -29,7 +29,7 @@ pub struct Product {
 }
 
 impl Product {
-    /// Serves `data` on a free port with one worker, whose death is noticed soon.
+    /// Serves `data` on a free port with one worker. Its death is noticed soon.
     pub fn start(data: &Path) -> Self {
         Self::start_with(data, &["--worker-threads", "1", "--lease-seconds", "2"])
     }
@@ -39,7 +39,7 @@ impl Product {
         Self::spawn(command.arg(data).args(arguments))
     }
 
-    /// Runs a prepared `serve` and waits until it says where it listens.
+    /// Runs a prepared `serve` and waits until it prints its address.
     pub fn spawn(command: &mut Command) -> Self {
         let mut process = command.stdout(Stdio::piped()).spawn().unwrap();
         let mut line = String::new();
@@ -55,26 +55,26 @@ impl Product {
         self.process.id()
     }
 
-    /// GET of something that must be there.
+    /// GET of a resource that must exist.
     pub async fn get(&self, path: &str) -> Value {
         let (status, body) = self.ask(self.http.get(self.address(path))).await;
         assert_eq!(status, StatusCode::OK, "GET {path}: {body}");
         body
     }
 
-    /// GET of something that need not be there.
+    /// GET of a resource that need not exist.
     pub async fn try_get(&self, path: &str) -> (StatusCode, Value) {
         self.ask(self.http.get(self.address(path))).await
     }
 
-    /// The bytes of a file that must be there.
+    /// The bytes of a file that must exist.
     pub async fn download(&self, path: &str) -> Vec<u8> {
         let response = self.http.get(self.address(path)).send().await.unwrap();
         assert_eq!(response.status(), StatusCode::OK, "GET {path}");
         response.bytes().await.unwrap().to_vec()
     }
 
-    /// POST of a body, as it is.
+    /// POST of a body without changes.
     pub async fn post(&self, path: &str, body: impl Into<String>) -> (StatusCode, Value) {
         let request = self.http.post(self.address(path)).header("content-type", "application/json");
         self.ask(request.body(body.into())).await
@@ -102,17 +102,17 @@ impl Product {
         job
     }
 
-    /// Waits until a job is as it should be, and returns it.
+    /// Waits until a job fulfils a condition, and returns it.
     pub async fn job_when(&self, id: i64, reached: impl Fn(&Value) -> bool) -> Value {
         self.when(&format!("/v1/jobs/{id}"), reached).await
     }
 
-    /// Waits until a job's only task is as it should be.
+    /// Waits until a job's only task fulfils a condition.
     pub async fn task_when(&self, job: i64, reached: impl Fn(&Value) -> bool) {
         self.when(&format!("/v1/jobs/{job}/tasks"), |tasks| reached(&tasks["tasks"][0])).await;
     }
 
-    /// Waits until an answer is as it should be, and returns it.
+    /// Waits until an answer fulfils a condition, and returns it.
     pub async fn when(&self, path: &str, reached: impl Fn(&Value) -> bool) -> Value {
         let started = Instant::now();
         loop {
@@ -125,7 +125,7 @@ impl Product {
         }
     }
 
-    /// Waits until a worker has shown itself.
+    /// Waits until a worker has registered.
     pub async fn when_worker_is_there(&self) {
         self.when("/v1/workers", |answer| !answer["workers"].as_array().unwrap().is_empty()).await;
     }
@@ -139,7 +139,7 @@ impl Product {
     pub async fn kill_worker(&self) {
         let started = Instant::now();
         loop {
-            // A child that only tries the device may have ended since it was listed.
+            // A child that only tries the device may have ended since the list was read.
             if self.workers().first().is_some_and(|worker| sent("KILL", *worker)) {
                 return;
             }
@@ -181,18 +181,18 @@ pub fn signal(name: &str, pid: u32) {
     assert!(sent(name, pid), "kill -{name} {pid}");
 }
 
-/// Whether there was a process to send the signal to.
+/// Sends a signal, and tells whether the process existed.
 fn sent(name: &str, pid: u32) -> bool {
     let command = format!("kill -{name} {pid}");
     Command::new("sh").args(["-c", &command]).status().unwrap().success()
 }
 
-/// Whether a process is there and is no zombie.
+/// Whether a process exists and is no zombie.
 pub fn is_alive(pid: u32) -> bool {
     stat(pid).is_some_and(|(state, _)| state != 'Z')
 }
 
-/// Waits for the end of a process that the system kills when its parent ends, which is not at once.
+/// Waits until a process is gone. The system kills it when its parent ends, but not at once.
 pub async fn until_gone(pid: u32) {
     let started = Instant::now();
     while is_alive(pid) {
@@ -217,7 +217,8 @@ fn stat(pid: u32) -> Option<(char, u32)> {
     Some((fields.next()?.chars().next()?, fields.next()?.parse().ok()?))
 }
 
-/// Runs a command that must end by itself; returns exit code, standard output and error.
+/// Runs a command that must end by itself, and gives its exit code, standard output and standard
+/// error.
 pub fn run_to_end(command: &mut Command) -> (Option<i32>, String, String) {
     let mut process = command.stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
     let mut stderr = process.stderr.take().unwrap();
@@ -232,7 +233,7 @@ pub fn run_to_end(command: &mut Command) -> (Option<i32>, String, String) {
     (status.code(), output, errors.join().unwrap())
 }
 
-/// Says that a test cannot run here, and tells `cargo xtask test`, which counts what was skipped.
+/// Reports that a test cannot run here. `cargo xtask test` counts skipped tests.
 pub fn skip(test: &str, reason: &str) {
     let line = format!("{test}: {reason}");
     eprintln!("SKIPPED {line}");
@@ -242,7 +243,7 @@ pub fn skip(test: &str, reason: &str) {
     }
 }
 
-/// A pipeline with everything in it that takes seconds.
+/// A pipeline with every kind of job, which takes seconds.
 pub fn small_pipeline() -> Value {
     json!({
         "kind": "pipeline",

@@ -1,4 +1,4 @@
-//! The one command of the README, as a user types it, and typed again.
+//! The README's command, run as a user types it, and then a second time.
 
 use std::time::{Duration, Instant};
 

@@ -1,4 +1,4 @@
-//! Files that a bucket sends itself.
+//! Files that the bucket serves directly.
 
 use reqwest::header::{ETAG, LOCATION, RANGE};
 use reqwest::redirect::Policy;
@@ -9,7 +9,7 @@ use sha2::{Digest as _, Sha256};
 use crate::product::{Product, torqued};
 use crate::s3_server::{Asked, S3Server};
 
-/// A server with a dataset, and the files of that.
+/// A server with a dataset, and the dataset's files.
 async fn files_of(mut command: std::process::Command) -> (Product, Vec<Value>) {
     let product = Product::spawn(&mut command);
     let spec = json!({"preset": "D1-chirp", "trajectories": 8, "samples": 60});
@@ -28,7 +28,7 @@ async fn a_bucket_sends_a_file_to_whoever_asks_to_be_redirected() {
     command.env("TORQUED_OBJECTS", S3Server::url("arm").to_string());
     let (product, files) = files_of(command).await;
     let http = Client::builder().redirect(Policy::none()).build().unwrap();
-    // dataset.json is made when it is asked for, and lies in no bucket.
+    // The server makes dataset.json on request, so it is not in a bucket.
     let (stored, made): (Vec<Value>, Vec<Value>) =
         files.into_iter().partition(|file| file["name"] != "dataset.json");
     assert_eq!((stored.len(), made.len()), (2, 1));

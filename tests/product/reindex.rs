@@ -1,4 +1,4 @@
-//! A database that is lost, and made again from the files of datasets and checkpoints.
+//! A lost database is rebuilt from the files of datasets and checkpoints.
 
 use std::path::Path;
 use std::process::Command;
@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use crate::product::{Product, run_to_end, torqued};
 use crate::s3_server::S3Server;
 
-/// A data folder, whose objects lie in a bucket if there is one.
+/// A data folder, and a bucket for its objects if there is one.
 struct Place<'a> {
     folder: &'a Path,
     bucket: Option<&'a S3Server>,
@@ -52,7 +52,7 @@ fn training(dataset: &Value) -> Value {
     })
 }
 
-/// Everything that is known of datasets and checkpoints, but for when they were made.
+/// All properties of datasets and checkpoints, except their times.
 async fn listings(product: &Product) -> Value {
     let mut listings = json!({});
     for list in ["datasets", "checkpoints"] {
@@ -114,20 +114,20 @@ async fn loses_its_database_and_gets_it_again(place: &Place<'_>) {
     assert_eq!(found["job"], trained["id"]);
     assert_eq!(found["run"], trained["run"]);
     assert_eq!(prediction(&product, &found["id"]).await, predicted);
-    // What was done is not done again.
+    // Finished jobs do not run again.
     for (spec, job) in [(simulation(2), &jobs[1]), (training(&dataset), &trained)] {
         let (status, answer) = product.post("/v1/jobs", spec.to_string()).await;
         assert_eq!((status, &answer["id"]), (StatusCode::OK, &job["id"]), "{answer}");
         assert_eq!((&answer["state"], &answer["digest"]), (&json!("succeeded"), &job["digest"]));
     }
-    // What is done from now on lies beside it.
+    // New results lie beside the recovered ones.
     let job = product.submit(&simulation(3)).await;
     assert!(job > trained["id"].as_i64().unwrap());
     product.succeeded(job).await;
     assert_eq!(product.end_by("TERM").0, Some(0));
 }
 
-/// Checkpoints get new ids: those that were deleted have left gaps.
+/// Checkpoints get new ids, because deleted ones have left gaps.
 fn without_ids(listings: &Value) -> Value {
     let mut listings = listings.clone();
     for checkpoint in listings["checkpoints"].as_array_mut().unwrap() {
@@ -179,7 +179,7 @@ async fn what_is_lost_is_made_again_and_what_is_damaged_is_named() {
     let (code, output, errors) = run_to_end(&mut place.command(&["reindex", "--leave-out"]));
     assert_eq!(code, Some(0), "{errors}");
     assert!(output.contains(&format!("missing parts of jobs {job}")), "{output}");
-    // Its training waits for it, so that nobody can say that its checkpoints are any good.
+    // The training waits for its data, so its checkpoints cannot be judged.
     assert!(errors.contains("waits for data"), "{errors}");
 
     let product = place.server();

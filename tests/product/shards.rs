@@ -1,5 +1,5 @@
-//! Shards that anybody can make again: with a server or without, by any number of workers, one of
-//! them killed, and verified afterwards.
+//! Shards can be made again: with or without a server, by any number of workers, one of them
+//! killed, and verified afterwards.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -146,7 +146,7 @@ async fn a_damaged_or_missing_shard_fails_its_verification_for_good_and_harms_no
     assert_eq!(verification(&product, id).await["state"], "succeeded");
 }
 
-/// The job that verifies a dataset, ended.
+/// The finished job that verifies a dataset.
 async fn verification(product: &Product, dataset: i64) -> Value {
     let (status, job) = product.post(&format!("/v1/datasets/{dataset}/verify"), "").await;
     assert!(status.is_success(), "{job}");
@@ -182,7 +182,7 @@ fn an_interrupted_simulation_leaves_whole_shards_and_goes_on_from_them() {
     assert_eq!(code, Some(1));
     assert!(errors.contains("is not complete"), "{errors}");
 
-    // Killed the hard way, it goes on just the same, and nothing hidden stays.
+    // After a SIGKILL it continues as well, and no hidden files stay.
     let mut process = torqued(&["simulate", "--spec", &path, "--out"])
         .arg(&out)
         .stderr(Stdio::null())

@@ -1,4 +1,4 @@
-//! Workers that a real Slurm places: it starts, preempts, cancels and loses them, and is away for a while.
+//! Workers on a real Slurm: it starts, preempts, cancels and loses them, and is down for a while.
 
 use std::time::{Duration, Instant};
 
@@ -9,7 +9,7 @@ use crate::product::{
 };
 use crate::slurm_cluster::Cluster;
 
-/// A cluster, or `None` where there can be none and the test is told to be skipped.
+/// A cluster, or `None` where there can be none, after reporting the test as skipped.
 fn cluster(test: &str) -> Option<Cluster> {
     if let Some(obstacle) = Cluster::obstacle() {
         skip(test, &obstacle);
@@ -48,7 +48,7 @@ async fn first_ended_attempt(product: &Product, job: i64) -> Value {
     ended(&product.when(&path, |attempts| ended(attempts).is_some()).await).unwrap()
 }
 
-/// Waits until the engine says of a worker that it ended, and returns what it says.
+/// Waits until the engine reports the end of a worker, and gives the report.
 async fn ended_placement(product: &Product, worker: &Value) -> Value {
     let placement = |answer: &Value| {
         let lists = [answer["placements"].as_array(), answer["workers"].as_array()];
@@ -60,7 +60,7 @@ async fn ended_placement(product: &Product, worker: &Value) -> Value {
     placement(&product.when("/v1/workers", |answer| placement(answer).is_some()).await).unwrap()
 }
 
-/// The number of times that a job's only task was begun.
+/// Number of attempts at a job's only task.
 async fn attempts_that_count(product: &Product, job: i64) -> Value {
     product.get(&format!("/v1/jobs/{job}/tasks")).await["tasks"][0]["attempt"].clone()
 }
@@ -153,7 +153,7 @@ async fn a_worker_that_dies_or_loses_its_node_is_not_waited_for() {
     let test = "a_worker_that_dies_or_loses_its_node_is_not_waited_for";
     let Some(cluster) = cluster(test) else { return };
     let data = tempfile::tempdir().unwrap();
-    // Far longer than anybody waits here.
+    // A lease far longer than this test.
     let product = cluster.serve(data.path(), &["--lease-seconds", "3600"]);
     let id = product.submit(&training()).await;
     when_it_gets_on(&product, id).await;
@@ -324,7 +324,7 @@ async fn workers_that_cannot_begin_are_not_asked_for_again_and_again() {
     drop(product);
 
     let product = cluster.serve(data.path(), &["--slurm-option=--partition=nowhere"]);
-    // The database remembers what the server before had to say, until this one looks.
+    // The database keeps the last server's message until this one asks.
     let is_refused = |health: &Value| {
         let mut reasons = health["reasons"].as_array().into_iter().flatten();
         reasons.any(|reason| {
@@ -333,6 +333,6 @@ async fn workers_that_cannot_begin_are_not_asked_for_again_and_again() {
         })
     };
     product.when("/healthz", is_refused).await;
-    // Pauses double: a handful in the time that this took.
+    // Pauses double, so there were only a few in this time.
     assert!(cluster.jobs("all").len() < 10);
 }

@@ -1,4 +1,4 @@
-//! A Slurm cluster of one node on loopback, with daemons, keys and folders of its own.
+//! A Slurm cluster of one node on loopback, with its own daemons, keys and folders.
 
 use std::ffi::OsString;
 use std::fmt::Write as _;
@@ -12,9 +12,9 @@ use testbed::TestDatabase;
 
 use crate::product::{PATIENCE, Product, torqued};
 
-/// Ends its daemons and jobs when it goes.
+/// A cluster whose daemons and jobs end when it is dropped.
 pub struct Cluster {
-    /// Of the servers that ask it for workers.
+    /// The database of the servers that ask it for workers.
     database: TestDatabase,
     folder: tempfile::TempDir,
     munged: Option<Child>,
@@ -22,7 +22,7 @@ pub struct Cluster {
     slurmd: Option<Child>,
 }
 
-/// The programs that it takes, and the packages of Debian that they are in.
+/// The programs of a cluster, and their packages in Debian.
 const PROGRAMS: [(&str, &str); 4] = [
     ("munged", "munge"),
     ("slurmctld", "slurm-wlm"),
@@ -31,7 +31,7 @@ const PROGRAMS: [(&str, &str); 4] = [
 ];
 
 impl Cluster {
-    /// Why there can be no cluster on this machine.
+    /// The reason why this machine can have no cluster.
     pub fn obstacle() -> Option<String> {
         let missing = PROGRAMS.iter().find(|(program, _)| find(program).is_none());
         missing.map(|(program, package)| {
@@ -39,11 +39,11 @@ impl Cluster {
         })
     }
 
-    /// A node of 8 processors (more than the machine has; nobody binds them) in the partitions `low` and `high`, whose
-    /// jobs preempt those of `low` after a grace of 20 s.
+    /// A node of 8 processors in the partitions `low` and `high`. The machine may have fewer, since
+    /// no job is bound to one. Jobs of `high` preempt those of `low` after a grace time of 20 s.
     pub fn start() -> Self {
         let folder = tempfile::tempdir().unwrap();
-        // Munge refuses to keep its socket where others may not look.
+        // Munge refuses a socket in a folder that other users cannot read.
         std::fs::set_permissions(folder.path(), std::fs::Permissions::from_mode(0o755)).unwrap();
         for name in ["state", "spool"] {
             std::fs::create_dir(folder.path().join(name)).unwrap();
@@ -100,7 +100,7 @@ impl Cluster {
             ("SlurmdPidFile", self.path("slurmd.pid").display().to_string()),
             ("SlurmctldLogFile", self.path("slurmctld.log").display().to_string()),
             ("SlurmdLogFile", self.path("slurmd.log").display().to_string()),
-            // Neither control groups nor accounting are to be had everywhere.
+            // Not every machine has control groups and accounting.
             ("ProctrackType", "proctrack/linuxproc".to_owned()),
             ("TaskPlugin", "task/none".to_owned()),
             ("SwitchType", "switch/none".to_owned()),
@@ -134,7 +134,7 @@ impl Cluster {
         text
     }
 
-    /// Starts the controller, which finds the state that one before it left.
+    /// Starts the controller with the state of the one before.
     pub fn start_controller(&mut self) {
         self.slurmctld = Some(self.daemon("slurmctld", &["-D".to_owned(), "-i".to_owned()]));
         wait_until("the controller answers", || {
@@ -144,7 +144,7 @@ impl Cluster {
         });
     }
 
-    /// Kills the controller; jobs go on.
+    /// Kills the controller. Jobs continue.
     pub fn kill_controller(&mut self) {
         end(&mut self.slurmctld);
     }
@@ -168,12 +168,12 @@ impl Cluster {
         [("SLURM_CONF", configuration), ("TORQUED_DATABASE", self.database.url().into())]
     }
 
-    /// The name of the database that workers are told.
+    /// The name of the workers' database.
     pub fn database(&self) -> &str {
         self.database.name()
     }
 
-    /// Runs a command of Slurm that must succeed; returns what it printed.
+    /// Runs a command of Slurm that must succeed, and gives its output.
     pub fn run(&self, program: &str, arguments: &[&str]) -> String {
         let Output { status, stdout, stderr } = self.command(program, arguments).output().unwrap();
         let said = String::from_utf8_lossy(&stderr).into_owned();
@@ -181,7 +181,7 @@ impl Cluster {
         String::from_utf8(stdout).unwrap()
     }
 
-    /// States of the jobs that are there, by number.
+    /// States of the jobs, by number.
     pub fn jobs(&self, states: &str) -> Vec<(String, String)> {
         let states = format!("--states={states}");
         let printed = self.run("squeue", &["--noheader", &states, "--format=%i %T"]);
@@ -195,7 +195,7 @@ impl Cluster {
         command
     }
 
-    /// Starts a program that ends with this process, however that ends.
+    /// Starts a program that ends with this process in all cases.
     fn daemon(&self, program: &str, arguments: &[String]) -> Child {
         let log = std::fs::File::create(self.path(&format!("{program}.out"))).unwrap();
         Command::new("setpriv")
@@ -240,7 +240,7 @@ fn end(daemon: &mut Option<Child>) {
     }
 }
 
-/// On the path, or where daemons lie.
+/// Finds a program on the PATH or in the folders of daemons.
 fn find(program: &str) -> Option<PathBuf> {
     let path = std::env::var_os("PATH").unwrap_or_default();
     let folders =

@@ -1,4 +1,4 @@
-//! One Ctrl-C puts everything down in order; the next start takes it up.
+//! One Ctrl-C releases all tasks in order, and the next start continues them.
 
 use std::time::Duration;
 

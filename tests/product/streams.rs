@@ -1,4 +1,4 @@
-//! Trainings and evaluations on robots that are simulated when they are needed.
+//! Trainings and evaluations on robots that are simulated on demand.
 
 use serde_json::{Value, json};
 
@@ -86,7 +86,7 @@ async fn an_evaluation_on_a_stream_equals_the_one_on_its_dataset() {
     }
     assert_eq!(reports[0], reports[1]);
 
-    // A model that was trained on a stream knows what it was trained on.
+    // A model that was trained on a stream knows its data.
     let digest = product.get(&format!("/v1/jobs/{trained}")).await["digest"].clone();
     let learned = json!({
         "kind": "evaluate", "data": {"stream": grid()}, "context": 40,
@@ -114,7 +114,7 @@ async fn a_stream_and_a_dataset_of_the_same_robots_have_the_same_ranges() {
     let data = tempfile::tempdir().unwrap();
     let product = Product::start(data.path());
     let robots = json!({"preset": "D1-multisine", "samples": 60, "trajectories": 160});
-    // Ten batches of 16 are all of them once.
+    // Ten batches of 16 use each of them once.
     let train = |data: Value| {
         let mut training = training();
         training["data"] = data;

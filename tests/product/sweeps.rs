@@ -1,11 +1,11 @@
-//! Evaluations over samplers and frequencies: named, paired, repeatable, and made again where a cell is
-//! missing.
+//! Evaluations over samplers and frequencies: named, paired, repeatable, and repeated where a cell
+//! is missing.
 
 use serde_json::{Value, json};
 
 use crate::product::{PATIENCE, Product, member, run_to_end, torqued};
 
-/// A denoiser of ten levels that learns nothing to speak of.
+/// A denoiser of ten levels that learns almost nothing.
 fn training(seed: u64) -> Value {
     json!({
         "kind": "train",
@@ -62,7 +62,7 @@ async fn report(product: &Product, evaluation: i64) -> Value {
     report
 }
 
-/// Digests of all artifacts that do not tell of latencies, by name.
+/// Digests of all artifacts without latencies, by name.
 async fn artifacts(product: &Product, evaluation: i64) -> Vec<(String, String)> {
     let evaluation = product.get(&format!("/v1/evaluations/{evaluation}")).await;
     let text = |value: &Value| value.as_str().unwrap().to_owned();
@@ -157,10 +157,10 @@ async fn a_cell_that_failed_is_named_and_a_retry_evaluates_nothing_but_what_is_m
     let product = Product::start(data.path());
     let mut spec = sweep();
     let evaluate = &mut spec["jobs"]["evaluate"];
-    // The first kill is the end of the cell it hits.
+    // The first kill ends the cell.
     evaluate["execution"]["max_attempts"] = 1.into();
     evaluate["latency"] = Value::Null;
-    // So long that the kill hits the second.
+    // Cells are so long that the kill hits the second one.
     evaluate["samples"] = 200.into();
     let pipeline = product.submit(&spec).await;
     let members = product.get(&format!("/v1/jobs/{pipeline}")).await;
@@ -195,14 +195,14 @@ async fn a_cell_that_failed_is_named_and_a_retry_evaluates_nothing_but_what_is_m
     let tasks = product.get(&format!("/v1/jobs/{again}/tasks")).await["tasks"].clone();
     let attempts: Vec<&Value> =
         tasks.as_array().unwrap().iter().map(|task| &task["attempt"]).collect();
-    // Until the death was noticed, the next worker may have evaluated the third.
+    // The next worker may have evaluated the third one before the death was noticed.
     let third = u32::from(files(&product, again).await.contains(&"cell-002.parquet".to_owned()));
     assert_eq!(json!(attempts), json!([0, 1, third, 1]));
     let files = files(&product, again).await;
     let has = |name: &str| files.iter().any(|file| file == name);
     assert!(!has("cell-000.parquet") && has("cell-001.parquet"), "{files:?}");
 
-    // The same as evaluated in one go, whatever was taken over.
+    // The result equals that of one evaluation without interruption.
     let mut whole = product.get(&format!("/v1/jobs/{again}")).await["spec"].clone();
     whole["execution"] = json!({});
     let (_, whole) = product.post("/v1/jobs?force=true", whole.to_string()).await;

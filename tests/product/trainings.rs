@@ -1,4 +1,4 @@
-//! What a training promises to whoever watches it: how it ends, what it keeps, what it says.
+//! The end, the results and the messages of a training.
 
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
@@ -13,8 +13,8 @@ fn stream() -> Value {
     json!({"stream": {"preset": "D1-multisine", "samples": 48}})
 }
 
-/// A denoiser with averaged weights that is stopped early: nothing in 60 steps makes it better by
-/// a hundred degrees.
+/// A denoiser with averaged weights that is stopped early, because 60 steps never improve it by a
+/// hundred degrees.
 fn stopped_early() -> Value {
     json!({
         "kind": "train",
@@ -109,7 +109,7 @@ async fn the_best_the_last_and_the_newest_checkpoints_are_kept_and_any_can_be_ev
     let mut train = stopped_early();
     train.as_object_mut().unwrap().remove("early_stop");
     train["steps"] = 40.into();
-    // So large that it does not stay at its best.
+    // The learning rate is so large that the model does not stay at its best.
     train["optimizer"] = json!({"learning_rate": 0.3});
     let pipeline = json!({
         "kind": "pipeline", "name": "best", "jobs": {
@@ -170,7 +170,7 @@ fn cells(evaluation: &Value) -> Vec<Value> {
 async fn a_training_that_diverges_fails_with_its_numbers_its_batch_and_its_last_checkpoint() {
     let data = tempfile::tempdir().unwrap();
     let product = Product::start(data.path());
-    // Adam without memory of the gradients' size, at the highest rate: it explodes.
+    // Adam without memory of the gradients' size, at the highest rate, diverges.
     let spec = json!({
         "kind": "train",
         "data": stream(),
@@ -223,7 +223,7 @@ async fn cancelling_in_a_long_validation_ends_soon_with_a_checkpoint() {
     assert_eq!(kept.iter().map(|it| &it["step"]).collect::<Vec<_>>(), [15]);
 }
 
-/// 0 to 1; printed by its user, as a failure may depend on it.
+/// A random number from 0 to 1. The caller prints it, because a failure may depend on it.
 fn random_fraction() -> f64 {
     let now = SystemTime::now().duration_since(UNIX_EPOCH).unwrap();
     f64::from(now.subsec_nanos() % 10_007) / 10_007.0

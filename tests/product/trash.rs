@@ -1,4 +1,5 @@
-//! `torqued delete`, `undelete`, `trash` and `gc`, and servers that are killed while they empty the trash.
+//! `torqued delete`, `undelete`, `trash` and `gc`, and servers that are killed while they empty the
+//! trash.
 
 use std::path::Path;
 use std::time::Duration;
@@ -36,7 +37,7 @@ fn gc(data: &Path, more: &[&str]) -> String {
     output
 }
 
-/// Every file that a row names is there with its digest.
+/// Checks that every file of a row exists with its digest.
 fn assert_whole(data: &Path) {
     let nobody = ["--bytes", "--server", "http://127.0.0.1:1"];
     let (code, output, errors) = run_to_end(torqued(&["doctor", "--data"]).arg(data).args(nobody));
@@ -47,7 +48,7 @@ fn assert_whole(data: &Path) {
 async fn a_server_that_is_killed_while_it_empties_the_trash_leaves_no_row_without_its_bytes() {
     let folder = tempfile::tempdir().unwrap();
     let data = folder.path().join("data");
-    // Everything is ripe at once, and a server looks when it starts.
+    // Everything may be purged at once, and a server purges when it starts.
     let flags = ["--workers", "0", "--trash-days", "0"];
     let product = Product::start(&data);
     let id = product.submit(&simulations(12)).await;

@@ -1,4 +1,4 @@
-"""Torqued servers for these tests: an empty one, and one with a quickstart whose training is cut short."""
+"""Torqued servers for these tests: an empty one, and one with a quickstart whose training is shortened."""
 
 import json
 import os
@@ -12,7 +12,7 @@ import urllib.request
 REPOSITORY = pathlib.Path(__file__).resolve().parents[2]
 TORQUED = os.environ.get("TORQUED", str(REPOSITORY / "target/release/torqued"))
 
-# Seconds of training, with the ids of a quickstart in a fresh data folder: as many checkpoints.
+# Seconds of training with a fresh quickstart's ids, which depend on the number of checkpoints.
 SPEC = {
     "preset": "quickstart",
     "jobs": {
@@ -33,7 +33,7 @@ def usual_port_is_free():
 
 
 class Server:
-    """Serves an empty data folder until `stop`; `url` is where."""
+    """A server on an empty data folder until `stop`. `url` is its address."""
 
     def __init__(self, *options):
         self.folder = tempfile.TemporaryDirectory(prefix="torqued-readers-")
@@ -91,7 +91,7 @@ class Server:
 
 
 class Product(Server):
-    """A server where the quickstart `pipeline` has succeeded."""
+    """A server on which the quickstart `pipeline` has succeeded."""
 
     def __init__(self):
         super().__init__()

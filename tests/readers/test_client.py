@@ -1,4 +1,4 @@
-"""A Python client that is generated from the OpenAPI document submits, watches and downloads."""
+"""A Python client, generated from the OpenAPI document, submits, watches and downloads."""
 
 import pathlib
 import subprocess
@@ -60,7 +60,7 @@ class GeneratedClient(unittest.TestCase):
 
         dataset = get_dataset.sync(client=self.client, id=job.dataset)
         for file in dataset.files:
-            # The generator knows one media type for each operation, and files have several.
+            # The generator supports one media type for each operation, and files have several.
             answer = self.client.get_httpx_client().get(file.url)
             self.assertEqual(answer.status_code, 200)
             self.assertEqual(len(answer.content), file.size)

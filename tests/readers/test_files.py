@@ -1,4 +1,4 @@
-"""What torqued writes, read by the libraries that notebooks use."""
+"""Reads torqued's files with the libraries that notebooks use."""
 
 import hashlib
 import io
@@ -24,7 +24,7 @@ CHANNELS = [f"u{k}" for k in range(1, 8)] + [f"q{k}" for k in range(1, 8)]
 
 
 class Remote(io.RawIOBase):
-    """A file behind an address, of which only the ranges are fetched that somebody reads."""
+    """A file behind an address. Only the ranges that somebody reads are fetched."""
 
     def __init__(self, url, size):
         self.url, self.size, self.position, self.read_bytes = url, size, 0, 0
@@ -86,7 +86,7 @@ class Files(unittest.TestCase):
         self.assertEqual(frame["trajectory"].n_unique(), 2048)
         values = frame.select(CHANNELS).to_numpy()
         self.assertTrue(numpy.isfinite(values).all())
-        # Joint limits of the arm: no position may lie beyond the widest of them.
+        # Joint limits of the arm. No position may lie beyond the widest of them.
         self.assertLess(frame.select(polars.col("^q.$").abs().max()).to_numpy().max(), 3.8)
 
     def test_polars_scans_shards_by_url(self):

@@ -1,4 +1,5 @@
-"""`torqued export --lerobot`, read as LeRobot's format v3.0 is documented, and the layout of the Hugging Face hub."""
+"""Reads `torqued export --lerobot` by the documentation of LeRobot's format v3.0, and checks the layout of the
+Hugging Face hub."""
 
 import json
 import pathlib

@@ -1,4 +1,4 @@
-"""The unmodified client of MLflow: docs/mlflow.md as printed, and what its snippets leave out."""
+"""The unmodified client of MLflow: the snippets of docs/mlflow.md, and other calls."""
 
 import json
 import math
@@ -15,7 +15,7 @@ os.environ.update(
     MLFLOW_DISABLE_TELEMETRY="true",
     MLFLOW_ENABLE_ARTIFACTS_PROGRESS_BAR="false",
     GIT_PYTHON_REFRESH="quiet",
-    # An answer that is a fault is a fault at once.
+    # The client does not retry: an error answer fails the test at once.
     MLFLOW_HTTP_REQUEST_MAX_RETRIES="0",
 )
 

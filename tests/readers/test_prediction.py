@@ -1,4 +1,4 @@
-"""The example of docs/prediction.md and the command on a checkpoint's page, run as printed."""
+"""Runs the example of docs/prediction.md and the command on a checkpoint's page, as printed."""
 
 import html
 import json

@@ -1,4 +1,4 @@
-"""The commands and snippets of README.md, run as they are printed."""
+"""Runs the commands and snippets of README.md, as printed."""
 
 import os
 import re
@@ -24,7 +24,7 @@ class Readme(unittest.TestCase):
         cls.addClassCleanup(cls.folder.cleanup)
 
     def here(self, text):
-        """The port is the printed one unless another server has it."""
+        """The printed port, unless another server has it."""
         return text.replace("http://127.0.0.1:7070", self.product.url)
 
     def test_the_five_curl_lines_work(self):

@@ -1,7 +1,7 @@
-"""Requests that schemathesis makes from the OpenAPI document, good ones and bad ones: none breaks the server, and each is answered
-as the document says.
+"""Requests that schemathesis makes from the OpenAPI document, valid and invalid: none breaks the server, and each
+answer agrees with the document.
 
-CASES=300 makes so many random ones for each operation, beside those that cover every bound."""
+CASES=300 sets the number of random ones for each operation, in addition to those that cover every bound."""
 
 import os
 import re
@@ -14,7 +14,8 @@ from product import Product
 
 CASES = os.environ.get("CASES", "15")
 
-# Without a token the first that a case creates would close the server to all others.
+# A token must exist. Otherwise the first one that a case creates would close the server to all
+# others.
 TOKEN = "a token for this test"
 
 CHECKS = (
@@ -22,7 +23,7 @@ CHECKS = (
     "response_headers_conformance,response_schema_conformance"
 )
 
-# A stream is no HTTP after its handshake, and events end when their job does, if at all.
+# After its handshake, a stream is not HTTP. Events end when their job ends, or never.
 STREAMS = [
     "GET /v1/checkpoints/{id}/stream",
     "GET /v1/events",
@@ -30,7 +31,7 @@ STREAMS = [
     "GET /v1/runs/{id}/events",
 ]
 
-# Bounds in all combinations of a pipeline's jobs are more than anybody waits for; random ones are not.
+# All combinations of bounds of a pipeline's jobs would take too long. Random ones do not.
 SUBMISSION = "POST /v1/jobs"
 
 
@@ -39,7 +40,7 @@ class Schemathesis(unittest.TestCase):
     def setUpClass(cls):
         cls.product = Product()
         cls.addClassCleanup(cls.product.stop)
-        # What a case submits is queued and never run.
+        # Submitted jobs of a case are queued and never run.
         cls.product.restart(
             *("--workers", "0", "--log", "error", "--token", TOKEN, "--max-requests-per-second", "1000000")
         )

@@ -1,4 +1,4 @@
-//! The machine that numbers are from, in a line.
+//! A line that describes the machine of a measurement.
 
 use std::fs;
 use std::process::Command;
@@ -6,8 +6,8 @@ use std::thread::available_parallelism;
 
 use simd::InstructionSet;
 
-/// Processor, the vector instructions in use, cores, memory, kernel, compiler, commit, and how busy the machine was
-/// before.
+/// Processor, the vector instructions in use, cores, memory, kernel, compiler, commit, and the load
+/// of the machine before the measurement.
 pub fn description() -> String {
     let read = |path| fs::read_to_string(path).unwrap_or_default();
     let processors = read("/proc/cpuinfo");
@@ -36,7 +36,7 @@ pub fn said_by(program: &str, arguments: &[&str]) -> String {
     text.lines().next().map_or_else(|| format!("{program} unknown"), str::to_owned)
 }
 
-/// The value of the first `name : value` in a file of the kernel's.
+/// The value of the first line `name : value` in a file of the kernel.
 pub fn field<'a>(text: &'a str, name: &str) -> Option<&'a str> {
     text.lines().find_map(|line| {
         let (key, value) = line.split_once(':')?;
@@ -44,7 +44,7 @@ pub fn field<'a>(text: &'a str, name: &str) -> Option<&'a str> {
     })
 }
 
-/// From `N kB`, which in these files means kibibytes.
+/// Gibibytes from `N kB`. In these files kB means kibibytes.
 pub fn gibibytes(value: &str) -> Option<f64> {
     let kibibytes: f64 = value.strip_suffix("kB")?.trim().parse().ok()?;
     Some(kibibytes / (1024.0 * 1024.0))

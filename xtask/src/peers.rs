@@ -15,11 +15,11 @@ use crate::{product, python};
 
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Robots to rebuild of each dataset
+    /// Number of robots to rebuild from each dataset
     #[arg(long, default_value_t = 50)]
     robots: u32,
 
-    /// Only the datasets of these specs of tests/peers/specs, by name
+    /// Names of the specs in tests/peers/specs whose datasets are used
     #[arg(value_name = "SPEC")]
     only: Vec<String>,
 }
@@ -61,44 +61,44 @@ fn specs(folder: &Path, only: &[String]) -> anyhow::Result<Vec<PathBuf>> {
     Ok(all)
 }
 
-/// Where what belongs to peers lies.
+/// The folder for the files of peers.
 fn folder() -> anyhow::Result<PathBuf> {
     let folder = target().join("peers");
     fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
     Ok(folder)
 }
 
-/// A Python that has MuJoCo, Pinocchio, pyarrow and polars.
+/// A Python with MuJoCo, Pinocchio, pyarrow and polars.
 pub fn python() -> anyhow::Result<PathBuf> {
     environment("venv", "tests/peers/requirements.txt")
 }
 
-/// A Python that has PyTorch; our networks are imported from the repository.
+/// A Python with PyTorch. Our networks are imported from the repository.
 pub fn pytorch() -> anyhow::Result<PathBuf> {
     environment("pytorch", "models/tests/peers/requirements.txt")
 }
 
-/// A Python that has frax, with the JAX that it is fastest with.
+/// A Python with frax, and the JAX version with which it is fastest.
 pub fn frax() -> anyhow::Result<PathBuf> {
     environment("frax", "tests/peers/frax-requirements.txt")
 }
 
-/// A Python that has MLflow's server.
+/// A Python with MLflow's server.
 pub fn mlflow() -> anyhow::Result<PathBuf> {
     environment("mlflow", "tests/peers/mlflow-requirements.txt")
 }
 
-/// A Python that has MuJoCo's simulator on JAX.
+/// A Python with MuJoCo's simulator on JAX.
 pub fn mjx() -> anyhow::Result<PathBuf> {
     environment("mjx", "tests/peers/mjx-requirements.txt")
 }
 
-/// A Python with these requirements, in an environment of its own.
+/// A Python with these requirements, in a separate environment.
 fn environment(name: &str, requirements: &str) -> anyhow::Result<PathBuf> {
     python::environment(&folder()?.join(name), requirements)
 }
 
-/// Flags that Pinocchio's own CMake files set, without which its headers do not compile.
+/// Flags that Pinocchio's own CMake files set. Its headers do not compile without them.
 const PINOCCHIO_DEFINITIONS: [&str; 4] = [
     "-DBOOST_MPL_LIMIT_LIST_SIZE=30",
     "-DBOOST_MPL_LIMIT_VECTOR_SIZE=30",
@@ -106,7 +106,8 @@ const PINOCCHIO_DEFINITIONS: [&str; 4] = [
     "-DBOOST_FUSION_INVOKE_MAX_ARITY=12",
 ];
 
-/// The optimisation that Pinocchio is measured with: the most that there is for the instructions that are measured.
+/// The flags with which Pinocchio is compiled: the highest optimisation for the measured
+/// instruction set.
 pub fn cxx_flags() -> [&'static str; 4] {
     let is_less = InstructionSet::available().first() != Some(&InstructionSet::best());
     let target = match is_less && isa::is_avx2(InstructionSet::best()) {
@@ -116,8 +117,8 @@ pub fn cxx_flags() -> [&'static str; 4] {
     ["-std=c++20", "-O3", target, "-DNDEBUG"]
 }
 
-/// The program that measures Pinocchio from C++, compiled for this machine with the headers that
-/// the Python package brings. Takes a minute the first time.
+/// The program that measures Pinocchio from C++. It is compiled for this machine with the headers
+/// of the Python package, which takes a minute the first time.
 pub fn aba_rates() -> anyhow::Result<PathBuf> {
     let python = python()?;
     let headers = "import cmeel, pathlib; \
@@ -133,14 +134,14 @@ pub fn aba_rates() -> anyhow::Result<PathBuf> {
         return Ok(program);
     }
     let mut compile = Command::new("g++");
-    // Warnings of other people's headers are not ours to mend.
+    // Warnings in other projects' headers are suppressed.
     compile.args(flags).args(PINOCCHIO_DEFINITIONS).args(["-w", "-pthread"]);
     compile.arg("-isystem").arg(&headers).arg("-isystem").arg(headers.join("eigen3"));
     succeed(compile.arg(source).arg("-o").arg(&program))?;
     Ok(program)
 }
 
-/// A program of apalis' queue, built apart from ours: its own project with its own locked crates.
+/// A program with the queue of apalis. It is a separate project with its own locked crates.
 pub fn apalis() -> anyhow::Result<PathBuf> {
     let built = folder()?.join("apalis");
     let manifest = "tests/peers/apalis/Cargo.toml";
@@ -150,7 +151,7 @@ pub fn apalis() -> anyhow::Result<PathBuf> {
     Ok(built.join("release/apalis_queue"))
 }
 
-/// A script of Graphile Worker's queue, beside what it imports.
+/// A script with the queue of Graphile Worker, beside its dependencies.
 pub fn graphile() -> anyhow::Result<PathBuf> {
     let installed = folder()?.join("graphile");
     fs::create_dir_all(&installed)?;

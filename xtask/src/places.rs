@@ -1,4 +1,4 @@
-//! Where the repository and its builds lie.
+//! The folders of the repository and of its builds.
 
 use std::path::PathBuf;
 

@@ -1,4 +1,4 @@
-//! Running other programs: shown as they go, and kept to be read afterwards.
+//! Runs other programs, shows their output and keeps it.
 
 use std::io::{BufRead, BufReader, Read};
 use std::process::{Command, Stdio};
@@ -9,18 +9,19 @@ use anyhow::{Context, ensure};
 
 use crate::places::repository;
 
-/// What a program that ran to its end printed, and whether it succeeded.
+/// The output of a program that ended, and whether it succeeded.
 #[derive(Debug)]
 pub struct Finished {
     pub success: bool,
-    /// Lines of standard output and standard error, in the order they came.
+    /// Lines of standard output and standard error, in order of arrival.
     pub text: String,
 }
 
-/// A program run from the repository's folder.
+/// A command that runs in the repository's folder.
 ///
-/// It does not get what cargo says of this one: some build scripts read that, and a build by hand would compile them, and all
-/// that is made of them, again.
+/// It does not inherit the variables that cargo sets for this program. Some build scripts read
+/// these, so that a build by hand would compile such crates, and everything that depends on them,
+/// again.
 pub fn command(program: &str, arguments: &[&str]) -> Command {
     let mut command = Command::new(program);
     command.args(arguments).current_dir(repository()).stdin(Stdio::null());
@@ -37,10 +38,10 @@ fn is_of_this_package(variable: &str) -> bool {
     variable.starts_with("CARGO_PKG_") || variable.starts_with("CARGO_MANIFEST_")
 }
 
-/// Runs to the end, passing every line on to our own standard error.
+/// Runs a command to its end and copies every line to standard error.
 ///
 /// # Errors
-/// When the program cannot be started.
+/// The program cannot be started.
 pub fn run(command: &mut Command) -> anyhow::Result<Finished> {
     let program = command.get_program().to_string_lossy().into_owned();
     let mut child = command
@@ -71,7 +72,7 @@ pub fn run(command: &mut Command) -> anyhow::Result<Finished> {
 /// Runs a command that must succeed.
 ///
 /// # Errors
-/// When it cannot be started or fails, with the line that was to run.
+/// The command cannot be started or fails. The error has the command line.
 pub fn succeed(command: &mut Command) -> anyhow::Result<()> {
     let words = std::iter::once(command.get_program()).chain(command.get_args());
     let line = words.map(|word| word.to_string_lossy()).collect::<Vec<_>>().join(" ");

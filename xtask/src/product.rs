@@ -1,4 +1,4 @@
-//! The program, built and run as a user runs it.
+//! Builds the program and runs it like a user.
 
 use std::fs;
 use std::io::ErrorKind;
@@ -12,14 +12,14 @@ use anyhow::{Context, ensure};
 use crate::places::{repository, target};
 use crate::process::{self, command};
 
-/// Builds the program in the profile it is shipped in.
+/// Builds the program in its release profile.
 pub fn build() -> anyhow::Result<PathBuf> {
     let built = process::run(&mut command("cargo", &["build", "--release", "--bin", "torqued"]))?;
     ensure!(built.success, "torqued does not build");
     Ok(target().join("release/torqued"))
 }
 
-/// Builds an example of a crate of ours, with the dependencies that tests are built with.
+/// Builds an example of one of our crates, with the dependencies of the tests.
 pub fn build_example(example: &str) -> anyhow::Result<PathBuf> {
     let arguments = ["build", "--release", "--workspace", "--example", example];
     let built = process::run(&mut command("cargo", &arguments))?;
@@ -27,17 +27,18 @@ pub fn build_example(example: &str) -> anyhow::Result<PathBuf> {
     Ok(target().join("release/examples").join(example))
 }
 
-/// What a simulation without a server took.
+/// The cost of a simulation without a server.
 #[derive(Clone, Copy, Debug)]
 pub struct Cost {
     pub seconds: f64,
-    /// Of all threads on all cores, s: what it would take one core that nobody else uses.
+    /// Processor time of all threads on all cores, s. A single core without other load would take
+    /// this long.
     pub processor_seconds: f64,
-    /// The most memory that was resident at once, GiB.
+    /// The largest resident memory, GiB.
     pub peak_gib: f64,
 }
 
-/// Simulates `spec` into `folder`, which is emptied before.
+/// Simulates `spec` into `folder`, which is emptied first.
 pub fn simulate_anew(torqued: &Path, spec: &Path, folder: &Path) -> anyhow::Result<Cost> {
     match fs::remove_dir_all(folder) {
         Err(error) if error.kind() != ErrorKind::NotFound => {
@@ -75,21 +76,21 @@ pub fn simulate_anew(torqued: &Path, spec: &Path, folder: &Path) -> anyhow::Resu
     Ok(Cost { seconds, processor_seconds, peak_gib })
 }
 
-/// The high-water mark of a process's resident memory, while it lives.
+/// The largest resident memory of a running process so far.
 fn peak_memory_gib(process: u32) -> Option<f64> {
     let status = fs::read_to_string(format!("/proc/{process}/status")).ok()?;
     crate::machine::gibibytes(crate::machine::field(&status, "VmHWM")?)
 }
 
-/// Time that a process has spent on processors, in user and kernel mode, while it lives.
+/// The processor time of a running process so far, in user and kernel mode.
 fn processor_time_s(process: u32) -> Option<f64> {
-    /// Of the kernel's clock for this file, on every architecture that Linux is common on.
+    /// Ticks of the kernel's clock in this file, on all common architectures of Linux.
     const TICKS_PER_S: f64 = 100.0;
     let stat = fs::read_to_string(format!("/proc/{process}/stat")).ok()?;
     Some(ticks(&stat)? / TICKS_PER_S)
 }
 
-/// Fields 14 and 15 of `/proc/PID/stat`; the second is a name that may hold anything.
+/// Fields 14 and 15 of `/proc/PID/stat`. The second field is a name that may contain anything.
 fn ticks(stat: &str) -> Option<f64> {
     let (_, after_name) = stat.rsplit_once(')')?;
     let mut fields = after_name.split_whitespace().skip(11);
@@ -97,7 +98,7 @@ fn ticks(stat: &str) -> Option<f64> {
     Some(next()? + next()?)
 }
 
-/// Bytes of all files of a folder that lie directly in it.
+/// Bytes of all files directly in a folder.
 pub fn folder_bytes(folder: &Path) -> anyhow::Result<u64> {
     let mut bytes = 0;
     for entry in fs::read_dir(folder)? {

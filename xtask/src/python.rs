@@ -1,4 +1,4 @@
-//! Environments of Python, each with the packages of one file of requirements.
+//! Python environments, each with the packages of one file of requirements.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -7,7 +7,8 @@ use std::process::Command;
 use crate::places::repository;
 use crate::process::{command, succeed};
 
-/// The Python of an environment in `folder` with these requirements, made or brought up to date where needed.
+/// The Python of the environment in `folder` with these requirements. It is created or updated if
+/// necessary.
 pub fn environment(folder: &Path, requirements: &str) -> anyhow::Result<PathBuf> {
     let python = folder.join("bin/python");
     let wanted = fs::read_to_string(repository().join(requirements))?;

@@ -1,4 +1,4 @@
-//! The crates that this program is built from: licences, sources, and the crates that must be there only once.
+//! Checks the crates in the program: licences, sources, and crates that must occur only once.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -6,7 +6,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::process::Command;
 
-/// Under any of these, alone or together, a dependency may come.
+/// The allowed licences of a dependency, alone or together.
 const LICENCES: [&str; 9] = [
     "Apache-2.0",
     "Apache-2.0 WITH LLVM-exception",
@@ -19,23 +19,25 @@ const LICENCES: [&str; 9] = [
     "Zlib",
 ];
 
-/// A second version of these would double the build, or split a type in two.
+/// A second version of these would double the build, or split a type into two.
 const ONCE: [&str; 9] =
     ["arrow-array", "axum", "burn", "parquet", "ring", "rustls", "serde", "sqlx", "tokio"];
 
-/// TLS is spoken to databases and object stores, by rustls and computed by `ring`. In front of the server a proxy does.
+/// rustls with `ring` computes TLS to databases and object stores. In front of the server a proxy
+/// does.
 const ABSENT: [&str; 4] = ["aws-lc-rs", "aws-lc-sys", "native-tls", "openssl-sys"];
 
-/// A package that the program, or what builds it, is made from.
+/// A package that is part of the program or of its build.
 struct Package {
     name: String,
     version: String,
-    /// Where it comes from, unless that is the registry.
+    /// Its source, if it does not come from the registry.
     place: Option<String>,
     licence: String,
 }
 
-/// As `cargo tree` resolves this platform's build; `cargo metadata` adds what is never compiled.
+/// The packages by `cargo tree` for this platform. `cargo metadata` would also list packages that
+/// are never compiled.
 fn packages() -> Vec<Package> {
     let output = Command::new(env!("CARGO"))
         .args(["tree", "--workspace", "--offline", "--locked", "--edges", "normal,build"])
@@ -51,7 +53,7 @@ fn packages() -> Vec<Package> {
     packages
 }
 
-/// `NAME vVERSION (PLACE)|LICENCE (*)`, where `(proc-macro)` may stand before the place.
+/// Parses `NAME vVERSION (PLACE)|LICENCE (*)`. There may be a `(proc-macro)` before the place.
 fn package(line: &str) -> Package {
     let (package, licence) = line.rsplit_once('|').unwrap();
     let mut words = package.split_whitespace().filter(|word| *word != "(proc-macro)");
@@ -98,7 +100,7 @@ fn large_crates_come_once_and_tls_in_one_way() {
     }
 }
 
-/// Whether an SPDX expression can be met by [`LICENCES`].
+/// Whether [`LICENCES`] satisfy an SPDX expression.
 fn is_fine(expression: &str) -> bool {
     // Old manifests write "MIT/Apache-2.0".
     let expression = expression.replace('/', " OR ");
@@ -109,7 +111,7 @@ fn is_fine(expression: &str) -> bool {
 
 type Words<'a> = std::iter::Peekable<std::str::SplitWhitespace<'a>>;
 
-/// Every side is read, whatever the others are.
+/// Reads every side, even if an earlier one is satisfied.
 fn any(words: &mut Words<'_>) -> bool {
     let mut fine = all(words);
     while words.next_if_eq(&"OR").is_some() {
@@ -151,7 +153,7 @@ fn features(what: &[&str]) -> BTreeMap<String, BTreeSet<String>> {
     let text = String::from_utf8(output.stdout).unwrap();
     let mut found: BTreeMap<String, BTreeSet<String>> = BTreeMap::new();
     for line in text.lines().filter(|line| !line.is_empty()) {
-        // Headings stand between the kinds of dependencies.
+        // There are headings between the kinds of dependencies.
         let Some((package, features)) = line.split_once('|') else { continue };
         let features = features.trim_end_matches("(*)").trim().split(',').map(str::to_owned);
         found.entry(package.to_owned()).or_default().extend(features);
@@ -159,8 +161,8 @@ fn features(what: &[&str]) -> BTreeMap<String, BTreeSet<String>> {
     found
 }
 
-/// A dependency of tests that asks for a feature which the program does without has arrow, parquet or burn built a second
-/// time. Such features are listed among the dependencies of `torqued`.
+/// If a dependency of tests enables a feature that the program does not use, arrow, parquet or burn
+/// are built a second time. Such features are listed among the dependencies of `torqued`.
 #[test]
 fn the_program_and_its_tests_are_made_from_one_build() {
     let tests = features(&["--workspace", "--edges", "all"]);

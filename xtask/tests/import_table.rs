@@ -1,4 +1,4 @@
-//! The table of crates in ARCHITECTURE.md against the manifests.
+//! Compares the table of crates in ARCHITECTURE.md with the manifests.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -70,7 +70,8 @@ fn rooms() -> BTreeMap<String, Room> {
         .collect()
 }
 
-/// Every crate but this one, with the crates of ours that its code uses; tests may use more.
+/// Every crate except this one, with the crates of this repository that its code uses. Tests may
+/// use more.
 fn imports() -> BTreeMap<String, BTreeSet<String>> {
     let output = Command::new(env!("CARGO"))
         .args(["metadata", "--no-deps", "--offline", "--format-version", "1"])

@@ -1,4 +1,5 @@
-//! The pages on jobs against the OpenAPI document: each names every field that a job of its kind can have.
+//! Compares the pages on jobs with the OpenAPI document: each page names every field of its kind of
+//! job.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -13,7 +14,7 @@ const SHARED: [&str; 2] = ["kind", "execution"];
 /// Its fields are in docs/queue.md.
 const EXECUTION: &str = "Execution";
 
-/// A schema, its page, and parts that have pages of their own.
+/// A schema, its page, and its parts that have their own pages.
 const PAGES: [(&str, &str, &[&str]); 5] = [
     ("SimulateJob", "simulate.md", &["initial_state", "RobotDescription"]),
     ("TrainJob", "training.md", &["model", "data"]),
@@ -42,7 +43,7 @@ fn a_page_names_every_field_of_its_job() {
     assert!(missing.is_empty(), "{missing:#?}");
 }
 
-/// Whether a page has the field as code: alone, or as the last part of a path.
+/// Whether a page has the field as code, alone or as the last part of a path.
 fn names(page: &str, field: &str) -> bool {
     page.split('`').skip(1).step_by(2).any(|code| {
         code.split(|c: char| !(c.is_alphanumeric() || c == '_' || c == '-'))
@@ -50,7 +51,8 @@ fn names(page: &str, field: &str) -> bool {
     })
 }
 
-/// All fields of a schema and of the schemas that it refers to, except below those of `elsewhere`.
+/// Collects all fields of a schema and of the schemas to which it refers, except those below
+/// `elsewhere`.
 fn collect(document: &Value, schema: &Value, elsewhere: &[&str], fields: &mut BTreeSet<String>) {
     match schema {
         Value::Object(members) => {

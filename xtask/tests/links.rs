@@ -1,4 +1,4 @@
-//! Links between the documents: the files and headings that they name.
+//! Checks links between the documents: their files and headings exist.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -66,7 +66,7 @@ fn links(text: &str) -> Vec<String> {
         .collect()
 }
 
-/// The anchors of a document's headings, as the sites make them that host repositories.
+/// The anchors of a document's headings, as hosting sites for repositories generate them.
 fn anchors(text: &str) -> BTreeSet<String> {
     let mut anchors = BTreeSet::new();
     let mut heading: Option<String> = None;

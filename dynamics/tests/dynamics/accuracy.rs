@@ -1,4 +1,4 @@
-//! How far the default integrator in f32 is from the solution, over whole trajectories.
+//! Checks the error of the default integrator in f32 over whole trajectories.
 
 use serde_json::{Value, json};
 

@@ -1,8 +1,8 @@
-//! How far simulated arms move, which sets the scale of every RMSE reported on them.
+//! Checks how far simulated arms move, which sets the scale of every RMSE on them.
 //!
-//! Expected values are of an independent simulation of the same laws (robots ±10 %, no gravity, last
-//! 80 of 400 samples, RMSE over time per joint, then averaged over joints and robots), 40 robots per
-//! row; the statistical error of those is about 15 %.
+//! The expected values come from an independent simulation of the same laws (robots ±10 %, no
+//! gravity, last 80 of 400 samples, RMSE over time per joint, then averaged over joints and
+//! robots). They use 40 robots per row, so their statistical error is about 15 %.
 
 use serde_json::Value;
 
@@ -12,7 +12,8 @@ use crate::JOINTS;
 
 const CONTEXT: usize = 320;
 
-/// Mean RMSE in degrees of a prediction of the horizon from (context's last position, torques).
+/// Mean RMSE in degrees over the horizon. `predict` gets the context's last position and the
+/// torques.
 fn rmse_deg(excitation: &Value, predict: impl Fn(f64, &[f64]) -> Vec<f64>) -> f64 {
     let spec = spec(excitation, &serde_json::json!({}));
     let trajectories = run(&spec, 0..400);
@@ -38,7 +39,7 @@ fn hold_last(last: f64, u: &[f64]) -> Vec<f64> {
     vec![last; u.len() - 1]
 }
 
-/// q̇ = u / 10, from the torque that follows the last known position.
+/// Predicts by q̇ = u / 10 from the last known position on.
 fn damped_integrator(last: f64, u: &[f64]) -> Vec<f64> {
     let mut q = last;
     let step = |torque: &f64| {

@@ -1,8 +1,9 @@
 //! The same spec gives the same bytes.
 //!
-//! The digests below are of the values themselves. They change only when the science does (draws,
-//! parameters, integrator) and then the change belongs into the changelog: datasets are looked up by
-//! the digest of their spec, and an old one would no longer be what its spec produces.
+//! The digests below are of the values themselves. They change only when the science changes
+//! (draws, parameters, integrator), and such a change belongs into the changelog. Datasets are
+//! found by the digest of their spec, and an old one would no longer be the one that its spec
+//! produces.
 
 use std::ops::ControlFlow;
 

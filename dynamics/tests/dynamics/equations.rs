@@ -1,8 +1,9 @@
-//! The equation of motion of random arms against Newton's and Euler's laws, written down plainly.
+//! Compares the equation of motion of random arms with Newton's and Euler's laws in their plain
+//! form.
 //!
-//! The kernels work in link frames with spatial inertias, composite bodies and a factorization. Here
-//! every body is followed in the base's frame, and every torque is a sum of moments over all bodies
-//! beyond the joint.
+//! The kernels work in link frames with spatial inertias, composite bodies and a factorization.
+//! Here every body is described in the base's frame, and every torque is a sum of moments over all
+//! bodies behind the joint.
 
 use dynamics::{
     Angle, Joints, Kinematics, RigidBody, Robot, bias_forces, forward_dynamics, gravity,
@@ -19,7 +20,7 @@ use crate::JOINTS;
 
 /// A link in the base's frame.
 struct Body {
-    /// Of the joint that carries it.
+    /// Axis of the joint that carries the link.
     axis: Vector3<f64>,
     origin: Vector3<f64>,
     mass: f64,
@@ -74,7 +75,7 @@ fn bodies(robot: &Robot, q: Joints<f64>, qd: Joints<f64>, qdd: Joints<f64>) -> V
     bodies
 }
 
-/// Torques that make the arm accelerate by `qdd`, without damping and friction.
+/// Torques for the acceleration `qdd`, without damping and friction.
 fn inverse_dynamics(
     robot: &Robot,
     q: Joints<f64>,
@@ -92,7 +93,7 @@ fn inverse_dynamics(
     })
 }
 
-/// Kinetic and potential energy, that of the rotors included, J.
+/// Kinetic energy with that of the rotors, and potential energy, J.
 fn energies(robot: &Robot, q: Joints<f64>, qd: Joints<f64>) -> (f64, f64) {
     let (mut kinetic, mut potential) = (0.0, 0.0);
     for body in bodies(robot, q, qd, Joints::splat(q.len(), 0.0)) {
@@ -136,8 +137,8 @@ fn row(
     (place, body(), 0.0..30.0f64, 0.0..0.05f64)
 }
 
-/// A robot of any structure or of the one that kernels are compiled for, its positions, velocities and
-/// two more sets of values of its joints.
+/// A robot of any structure or of the compiled one, its positions, velocities and two more sets of
+/// values of its joints.
 fn moving_robot() -> impl Strategy<Value = (Robot, [Joints<f64>; 3])> {
     let any = row(
         (0.5, 0.5, 0.0),
@@ -207,7 +208,8 @@ proptest! {
         let needed = inverse_dynamics(&robot, q, qd, qdd);
         let applied: Joints<f64> =
             Joints::from_fn(q.len(), |joint| torque[joint] - robot.damping[joint] * qd[joint]);
-        // Inertial and bias torques cancel down to the applied one, and are the measure of rounding.
+        // Inertial and bias torques cancel down to the applied one, so they set the scale of
+        // rounding errors.
         let bias = bias_forces(&robot, q, qd);
         let scale = largest(&applied) + largest(&bias);
         let residual: Vec<f64> = needed.iter().zip(&applied).map(|(a, b)| a - b).collect();
@@ -219,7 +221,7 @@ proptest! {
         (robot, [q, qd, _]) in moving_robot(),
     ) {
         let expected = inverse_dynamics(&robot, q, qd, Joints::splat(q.len(), 0.0));
-        // Torques of a short chain may cancel: what they are made of is of the order of 1 N·m and more.
+        // Torques of a short chain may cancel. Their terms are at least of the order of 1 N·m.
         let bias = bias_forces(&robot, q, qd);
         let differences: Vec<f64> = bias.iter().zip(&expected).map(|(a, b)| a - b).collect();
         prop_assert!(largest(&differences) < 1e-12 * (1.0 + largest(&expected)));
@@ -266,8 +268,7 @@ proptest! {
     }
 }
 
-/// The largest change of the energy of arms that nothing drives or brakes, relative to what moves,
-/// over half a second.
+/// The largest relative change of the energy over half a second, for arms without drive and brake.
 fn energy_drift(integrator: &Value, gravity: &str) -> f64 {
     let still = json!({"multisine": {
         "frequency_hz": {"fixed": 0.1}, "amplitude_nm_per_hz": [0, 0],
@@ -279,7 +280,8 @@ fn energy_drift(integrator: &Value, gravity: &str) -> f64 {
             "precision": "f64",
             "integrator": integrator,
             "robot": {"damping_nm_s_rad": vec![0.0; JOINTS], "gravity": gravity, "geometry_fraction": 0.1},
-            // Fast, so that the errors of the schemes stand out from the rounding of what is recorded.
+            // The arms are fast, so that errors of the schemes exceed the rounding of the recorded
+            // values.
             "initial_state": {"velocity_scale": [1, 1], "joint1_velocity_rad_s": 5, "velocity_rad_s": 8},
             "observations": {"joint_velocities": true},
             "rejection": {"position_margin_rad": null},

@@ -1,4 +1,4 @@
-//! What the crate promises to its users, through its public interface.
+//! Tests of the crate's public interface.
 
 #![expect(
     clippy::unwrap_used,
@@ -46,7 +46,7 @@ fn multisine(frequency_hz: f64) -> Value {
     json!({"multisine": {"frequency_hz": {"fixed": frequency_hz}}})
 }
 
-/// Both families, chirps of low frequency, which are rejected often.
+/// Both excitation families, with chirps of low frequency, which are often rejected.
 fn mixed() -> Value {
     json!({
         "chirp": {"frequency_hz": {"uniform": [0.05, 0.15]}},

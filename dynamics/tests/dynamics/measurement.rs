@@ -1,4 +1,4 @@
-//! Measurements: noise of a purpose of its own, beside a truth that it does not change.
+//! Measurement noise has a purpose of its own and leaves the true values as they are.
 
 use dynamics::add_position_noise;
 use serde_json::json;

@@ -1,4 +1,5 @@
-//! What is recorded besides the paper's torques and positions, and what acts besides its excitation.
+//! Quantities that are recorded besides the paper's torques and positions, and torques besides its
+//! excitation.
 
 use std::ops::ControlFlow;
 
@@ -13,7 +14,7 @@ use super::{mixed, run, spec};
 
 use crate::JOINTS;
 
-/// Everything that can be asked for.
+/// A spec that asks for every quantity.
 fn complete(precision: &str) -> SimulateSpec {
     spec(
         &mixed(),
@@ -67,7 +68,7 @@ fn the_bytes_of_everything_that_can_be_asked_for_are_pinned() {
     );
 }
 
-/// Position and velocity one period later, by Runge-Kutta steps of a 64th of it.
+/// Position and velocity one period later, by 64 steps of Runge-Kutta.
 fn one_period_later(
     robot: &Robot,
     mut q: [f64; 7],
@@ -109,7 +110,7 @@ fn each_sample_follows_from_the_one_before_under_the_recorded_torque() {
             let [later_q, later_qd] =
                 one_period_later(&scenario.robot, at(q, k), at(qd, k), at(u, k));
             for joint in 0..JOINTS {
-                // What is recorded is rounded to f32.
+                // The recorded values are rounded to f32.
                 assert!((later_q[joint] - at(q, k + 1)[joint]).abs() < 1e-6, "q {row} {k} {joint}");
                 assert!(
                     (later_qd[joint] - at(qd, k + 1)[joint]).abs() < 2e-5,

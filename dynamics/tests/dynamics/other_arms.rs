@@ -1,4 +1,4 @@
-//! Arms that no kernel is specialized for, on every kind of lanes.
+//! Arms without compiled kernels, on every kind of lanes.
 
 use std::ops::ControlFlow;
 
@@ -75,7 +75,7 @@ fn single_precision_follows_double_precision() {
     assert!(largest < 1e-4, "{largest}");
 }
 
-/// The Panda with a length that the compiled structure has not, as good as zero.
+/// The arm is a Panda with a length of almost zero that the compiled structure does not have.
 #[test]
 fn the_general_kernel_moves_the_panda_as_the_specialized_one_does() {
     let panda: Value =
@@ -97,7 +97,7 @@ fn the_general_kernel_moves_the_panda_as_the_specialized_one_does() {
     assert!(largest < 1e-5, "{largest}");
 }
 
-/// Catches a change of the laws or of the arithmetic of robots by description.
+/// Catches a change of the laws or of the arithmetic for robots by description.
 #[test]
 fn the_bytes_of_an_arm_of_six_are_pinned() {
     let spec = spec_of(&arm_of_six(), &json!({}));
@@ -122,7 +122,8 @@ fn one_joint_is_a_pendulum() {
     let robot = Robot::nominal(&spec.robot);
     let inertia = mass_matrix(&robot, [0.3])[0][0];
     assert!((inertia - (0.02 + 2.0 * 0.25)).abs() < 1e-12, "{inertia}");
-    // The axis is horizontal: gravity pulls the centre down, which at angle 0 is level with the axis.
+    // The axis is horizontal. Gravity pulls the centre down, which is level with the axis at angle
+    // 0.
     let torque = dynamics::gravity(&robot, [0.3])[0];
     assert!((torque.abs() - 2.0 * 9.81 * 0.5 * 0.3_f64.cos()).abs() < 1e-12, "{torque}");
 }

@@ -1,4 +1,4 @@
-//! Robots that were drawn, moved again outside their simulation.
+//! Moves drawn robots again outside their simulation.
 
 use dynamics::{Anchor, InstructionSet, Joints, Motion, Replay, Robot, Trajectories};
 use serde_json::json;

@@ -77,7 +77,7 @@ fn a_trajectory_whose_every_draw_is_rejected_is_an_error_that_names_it() {
 #[test]
 fn a_diverging_integration_is_an_error_that_names_the_trajectory() {
     let unlimited = json!({"rejection": {"position_margin_rad": null}});
-    // Such a spec is refused when it is parsed.
+    // The parser refuses such a spec.
     let spec = SimulateSpec {
         integrator: Integrator::Rk4 { substeps: 1 },
         ..spec(&multisine(0.1), &unlimited)
@@ -129,7 +129,7 @@ fn steps_stay_within_their_levels_and_are_held() {
         let steps = torques.chunks(joints).zip(torques.chunks(joints).skip(1));
         jumps += steps.map(|(a, b)| a.iter().zip(b).filter(|(a, b)| a != b).count()).sum::<usize>();
     }
-    // Levels are held for 1 s in the mean, from the first sample on.
+    // Levels are held for 1 s on average, from the first sample on.
     let seconds = series.samples() as f64 / 60.0;
     let of_each = jumps as f64 / (50 * joints) as f64;
     assert!((of_each - (seconds - 0.5)).abs() < 0.5, "{of_each} in {seconds} s");
@@ -147,7 +147,7 @@ fn a_family_more_changes_nothing_of_the_others() {
     let many = run(&spec(&more, &json!({"trajectories": 12, "samples": 20})), 0..12);
     assert_eq!(many.scenarios[..9], few.scenarios[..]);
     assert_eq!(many.series.u()[..few.series.u().len()], *few.series.u());
-    // The family decides over torques alone.
+    // The family changes only torques.
     let robots = |trajectories: &Trajectories| -> Vec<Robot> {
         trajectories.scenarios.iter().map(|it| it.robot.clone()).collect()
     };

@@ -1,4 +1,4 @@
-//! Where explicit damping diverges, which the spec refuses on the word of the robot's description.
+//! Tests where explicit damping diverges. The spec refuses these cases by the robot's description.
 
 use std::ops::ControlFlow;
 
@@ -34,7 +34,7 @@ fn the_least_inertias_that_stability_is_judged_by_are_those_of_the_nominal_arm()
             let inverse = m.try_inverse().unwrap();
             let mut least = least_found.borrow_mut();
             for joint in 0..JOINTS {
-                // What a joint accelerates by per torque of its own while the others are free.
+                // The acceleration of a joint per torque of its own while the others are free.
                 least[joint] = least[joint].min(1.0 / inverse[(joint, joint)]);
             }
             Ok(())
@@ -47,7 +47,7 @@ fn the_least_inertias_that_stability_is_judged_by_are_those_of_the_nominal_arm()
     }
 }
 
-/// Whether some of 64 trajectories leave the finite numbers.
+/// Whether some of 64 trajectories are not finite.
 fn diverges(damping: f64, substeps: u32) -> bool {
     let fields = json!({
         "robot": {"damping_nm_s_rad": vec![damping; JOINTS], "damping_fraction": 0},

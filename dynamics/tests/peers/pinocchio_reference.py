@@ -1,10 +1,10 @@
-"""Writes the numbers that the dynamics are tested against, computed with Pinocchio.
+"""Writes reference numbers for tests of the dynamics, computed with Pinocchio.
 
     python3 -m venv /tmp/pinocchio && /tmp/pinocchio/bin/pip install pin==4.1.0
     /tmp/pinocchio/bin/python dynamics/tests/peers/pinocchio_reference.py
 
-Nothing here is shared with the Rust code: the arm is entered anew from its sources, bodies are
-welded by Pinocchio, and trajectories are integrated with Pinocchio's articulated-body algorithm.
+Nothing here is shared with the Rust code: the arm is entered again from its sources, Pinocchio welds the bodies,
+and Pinocchio's articulated-body algorithm integrates the trajectories.
 """
 
 import json
@@ -73,7 +73,7 @@ def physical(body):
 
 
 def scaled_lengths(spread):
-    """a4, a5, a7, d1, d3, d5 and the flange's, each about the Panda's."""
+    """The lengths a4, a5, a7, d1, d3, d5 and the flange's, each drawn around the Panda's."""
     return np.array([0.0825, -0.0825, 0.088, 0.333, 0.316, 0.384, FLANGE]) * rng.uniform(1 - spread, 1 + spread, 7)
 
 
@@ -112,12 +112,12 @@ def panda(lengths=NOMINAL, payload=None):
 
 
 def rounded(values, digits=7):
-    """Inputs need few digits; they are rounded before use, so that both sides use the same."""
+    """Rounds inputs to a few digits before use, so that both sides use the same numbers."""
     return [float(f"{value:.{digits}g}") for value in np.ravel(values)]
 
 
 def random_links(spread):
-    """Masses and centres around the Panda's, second moments of its size along random axes."""
+    """Random links: masses and centres around the Panda's, with second moments of its size along random axes."""
     links = []
     for mass, com, tensor in LINKS:
         axes, _ = np.linalg.qr(rng.normal(size=(3, 3)))
@@ -205,7 +205,7 @@ def multisine(t, c):
 
 
 def integrate(model, damping, phi, compensated, q, qd, law, coefficients, substeps):
-    """Positions at 400 samples, 60 Hz, with the torque held and rounded to f32 as it is stored."""
+    """Positions at 400 samples, 60 Hz. The torque is held, and rounded to f32 as in the stored file."""
     data = model.createData()
     h = 1 / 60 / substeps
     samples = []

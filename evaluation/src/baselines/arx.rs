@@ -12,25 +12,27 @@ use crate::{EvaluationError, Predictor};
 /// periods, fitted to each robot's context by ridge regression (Ljung 1999, "System Identification",
 /// section 4.2).
 ///
-/// Order, ridge, and whether a joint listens to the torques of all joints or its own are chosen for
-/// each joint by what predicts the last quarter of the context best, rolled out freely from the first
-/// three; then all of the context is fitted with them.
+/// Each joint chooses the order, the ridge, and whether the torques of all joints or only its own
+/// are inputs. It takes the choice that best predicts the last quarter of the context, rolled out
+/// freely after a fit to the first three quarters. Then this law is fitted to all of the context.
 ///
-/// With noise, predictions begin with the position and the velocities of the smoothed context. Smoothing
-/// takes from fast motions what a fit could have used, and leaves to slow ones what a fit takes for motion:
-/// laws are fitted to the velocities as they were measured and to smoothed ones, and the choice is made among all.
+/// With noise, predictions begin with the position and the velocities of the smoothed context.
+/// Smoothing removes some of the fast motions, and without it a fit mistakes noise for slow motion.
+/// So laws are fitted both to the measured velocities and to smoothed ones, and the choice is made
+/// among all of them.
 ///
-/// A fit with poles outside the circle of radius [`LARGEST_POLE`] has them all moved in, in proportion
-/// (a_i times the i-th power of one factor): a damped arm does not run away.
+/// If a fit has poles outside the circle of radius [`LARGEST_POLE`], all its poles are scaled into
+/// the circle: a_i is multiplied by the i-th power of one factor. The reason is that a damped arm
+/// does not run away.
 #[derive(Clone, Copy, Debug)]
 pub struct Arx;
 
 const ORDERS: [usize; 5] = [1, 2, 3, 4, 6];
-/// Of the mean square of a regressor.
+/// Ridges relative to the mean square of a regressor.
 const RIDGES: [f64; 6] = [1e-8, 1e-6, 1e-4, 1e-2, 1e-1, 1.0];
-/// Time constant of 1000 samples.
+/// It corresponds to a time constant of 1000 samples.
 const LARGEST_POLE: f64 = 0.999;
-/// What is held out of the context to choose by.
+/// The share of the context that is held out for the choice.
 const HELD_OUT: f64 = 0.25;
 
 impl Predictor for Arx {
@@ -72,12 +74,12 @@ impl Predictor for Arx {
     }
 }
 
-/// What is known of one joint.
+/// The data of one joint.
 #[derive(Clone, Copy)]
 struct JointSeries<'a> {
-    /// Over each period of the context.
+    /// Mean velocities over each period of the context.
     velocities: &'a [f64],
-    /// Of all samples.
+    /// Torques of all samples.
     torques: Track<'a>,
     joint: usize,
 }
@@ -97,8 +99,8 @@ struct Law {
 }
 
 impl JointSeries<'_> {
-    /// The law that predicts the end of the context best, fitted to all of one of `sources`. `None`, which
-    /// holds the joint, when the context is too short or too still to tell.
+    /// The law that best predicts the end of the context, fitted to all of one of `sources`. `None`
+    /// if the context is too short or has too little motion. The joint is then held.
     fn choose(&self, sources: &[JointSeries<'_>]) -> Option<Law> {
         let known = self.velocities.len();
         let held_out = share(known);
@@ -122,7 +124,8 @@ impl JointSeries<'_> {
         Normal::of(source, order, inputs, known)?.solve(ridge)
     }
 
-    /// Of positions, with velocities known up to `first`, in periods of 1 s.
+    /// Sum of the squared position errors. Velocities are known up to `first`, and a period counts
+    /// as 1 s.
     fn squared_error(&self, law: Option<&Law>, first: usize, count: usize) -> f64 {
         let mut distance = 0.0;
         let mut sum = 0.0;
@@ -133,7 +136,7 @@ impl JointSeries<'_> {
         sum
     }
 
-    /// Velocities over `count` periods from period `first` on, those before it being known.
+    /// Velocities over `count` periods from period `first` on. Those before it are known.
     fn rollout(&self, law: Option<&Law>, first: usize, count: usize) -> Vec<f64> {
         let Some(law) = law else { return vec![0.0; count] };
         let mut velocities = self.velocities[first - law.order..first].to_vec();
@@ -146,8 +149,8 @@ impl JointSeries<'_> {
         velocities.split_off(law.order)
     }
 
-    /// v[k-1], .. v[k-order] of `past`, which ends at k - 1; then for each input u[k], .. u[k+1-order];
-    /// then 1.
+    /// Writes the regressors into `row`: v[k-1], .. v[k-order] of `past`, which ends at k - 1, then
+    /// u[k], .. u[k+1-order] of each input, then 1.
     fn regressors(&self, order: usize, inputs: Inputs, past: &[f64], k: usize, row: &mut Vec<f64>) {
         row.clear();
         row.extend(past.iter().rev().take(order));
@@ -172,7 +175,7 @@ fn share(known: usize) -> usize {
     held_out
 }
 
-/// Normal equations of a fit, to be solved with several ridges.
+/// Normal equations of a fit, which can be solved for several ridges.
 struct Normal {
     order: usize,
     inputs: Inputs,
@@ -181,7 +184,7 @@ struct Normal {
 }
 
 impl Normal {
-    /// Of periods 0 to `end`. `None` with fewer equations than twice the unknowns.
+    /// The equations of periods 0 to `end`. `None` with fewer equations than twice the unknowns.
     fn of(series: &JointSeries<'_>, order: usize, inputs: Inputs, end: usize) -> Option<Self> {
         let torques = match inputs {
             Inputs::Own => 1,
@@ -204,7 +207,7 @@ impl Normal {
         Some(Self { order, inputs, matrix, right })
     }
 
-    /// With `ridge` times the mean square of each regressor, the constant's left alone.
+    /// Solves with `ridge` times the mean square of each regressor. The constant has no ridge.
     fn solve(&self, ridge: f64) -> Option<Law> {
         let mut matrix = self.matrix.clone();
         let constant = self.right.len() - 1;
@@ -217,10 +220,10 @@ impl Normal {
     }
 }
 
-/// Moves the poles of v[k] = Σ a_i v[k-i] into the circle of radius [`LARGEST_POLE`].
+/// Scales the poles of v[k] = Σ a_i v[k-i] into the circle of radius [`LARGEST_POLE`].
 fn damp(a: &mut [f64]) {
     let order = a.len();
-    // The companion matrix, whose eigenvalues are the poles.
+    // The eigenvalues of the companion matrix are the poles.
     let companion = DMatrix::from_fn(order, order, |row, column| match row {
         0 => a[column],
         _ => f64::from(u8::from(row == column + 1)),
@@ -249,7 +252,7 @@ mod tests {
     const JOINTS: usize = 7;
 
     fn largest_pole(a: &[f64]) -> f64 {
-        // Power iteration in the plain: how much the free response grows over many steps.
+        // Plain power iteration: the growth of the free response over many steps.
         let mut past = vec![0.0; a.len()];
         past[0] = 1.0;
         let (steps, mut log) = (20_000, 0.0);
@@ -283,7 +286,7 @@ mod tests {
         }
     }
 
-    /// One joint moved by its own torque and that of its neighbour, with two poles each.
+    /// A joint that its own torque and that of its neighbour move, with two poles each.
     fn coupled_robot() -> Series {
         let mut scenarios = first_order_robot(0.0, 0.0);
         let mut velocity = [[0.0; JOINTS]; 2];

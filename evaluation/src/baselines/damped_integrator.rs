@@ -3,10 +3,10 @@ use series::Observed;
 use super::rollout::rollout;
 use crate::{EvaluationError, Predictor};
 
-/// q̇ = u / D: the arm as seven dampers, from the last context position.
+/// q̇ = u / D: every joint is a damper, from the last position of the context on.
 #[derive(Clone, Debug)]
 pub struct DampedIntegrator {
-    /// Nominal, not each robot's own. A joint without damping is held.
+    /// The nominal damping, which is not each robot's own. A joint without damping is held.
     pub damping_nm_s_rad: Vec<f64>,
 }
 

@@ -4,11 +4,11 @@ use smoothing::Smoother;
 
 use crate::{EvaluationError, Predictor};
 
-/// A baseline that is told positions without their noise, as far as smoothing takes it out.
+/// A baseline that gets smoothed positions.
 ///
-/// The positions of the context are smoothed joint by joint by a filter that knows their noise
-/// ([`smoothing`]). Velocities, the fit and the position that the prediction starts from are then
-/// those of the smoothed motion. Positions without noise are handed on as they are.
+/// A filter that knows the noise of the positions smooths the context joint by joint
+/// ([`smoothing`]). Velocities, the fit and the start of the prediction then follow from the
+/// smoothed motion. Positions without noise are passed on unchanged.
 pub(super) struct Filtered(pub Box<dyn Predictor>);
 
 impl Predictor for Filtered {
@@ -24,8 +24,8 @@ impl Predictor for Filtered {
     }
 }
 
-/// The window of `observed` with smoothed positions over its context, which are the last that it knows.
-/// `None` where positions have no noise.
+/// The window of `observed` with smoothed positions over its context. It has no later positions.
+/// `None` if the positions have no noise.
 pub(super) fn smoothed(observed: &Observed<'_>) -> Result<Option<Series>, ShapeError> {
     let deviation_rad = observed.noise().position_rad;
     if deviation_rad <= 0.0 {
@@ -60,7 +60,8 @@ mod tests {
         robot
     }
 
-    /// Root mean square of the first predicted position less the last true one of the context, rad.
+    /// Root mean square of the first predicted position minus the last true one of the context,
+    /// rad.
     fn error_at_start(predictor: &dyn Predictor) -> f64 {
         let squares = (0..20).map(|seed| {
             let robot = noisy(seed);
@@ -88,7 +89,7 @@ mod tests {
         assert_eq!(filtered, FittedDamping.predict(&observed).unwrap());
     }
 
-    /// Nothing after the context is smoothed into it.
+    /// Samples after the context must not influence the smoothed context.
     #[test]
     fn the_filter_ends_with_the_context() {
         let robot = noisy(3);

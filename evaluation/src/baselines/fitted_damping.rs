@@ -3,8 +3,8 @@ use series::Observed;
 use super::rollout::rollout;
 use crate::{EvaluationError, Predictor};
 
-/// q̇ = u / D with D of each joint of each robot fitted to its context: what is left of
-/// identification when all but the damping is thrown away.
+/// q̇ = u / D with D of each joint of each robot fitted to its context. It is an identification of
+/// the damping alone.
 #[derive(Clone, Copy, Debug)]
 pub struct FittedDamping;
 
@@ -21,10 +21,10 @@ impl Predictor for FittedDamping {
     }
 }
 
-/// 1 / D of y[k] = c + Σ u / D · period, least squares over the context, c free.
+/// 1 / D of y[k] = c + Σ u / D · period, by least squares over the context, with a free c.
 ///
 /// Sums of torques are fitted to positions, and not torques to velocities, because a prediction is
-/// such a sum; on simulated arms it predicts better at nearly every frequency. A joint that moves
+/// such a sum. On simulated arms this predicts better at nearly every frequency. A joint that moves
 /// against its torque is held.
 fn fit_gain(observed: &Observed<'_>, scenario: usize, joint: usize) -> f64 {
     let period = 1.0 / observed.rate_hz();
@@ -33,7 +33,7 @@ fn fit_gain(observed: &Observed<'_>, scenario: usize, joint: usize) -> f64 {
     let (mut impulses, mut squares) = (0.0, 0.0);
     let (mut travels, mut products) = (0.0, 0.0);
     for (position, torque) in positions.iter().zip(observed.u(scenario)) {
-        // From the first, so that nothing large cancels.
+        // Distances are from the first position, so that no large numbers cancel.
         let travel = f64::from(position[joint]) - f64::from(positions[0][joint]);
         impulses += impulse;
         squares += impulse * impulse;

@@ -24,7 +24,7 @@ pub(crate) fn first_order_robot(a: f64, g: f64) -> Series {
     Series::new(Shape { robots: 1, samples, joints: JOINTS }, rate_hz, u, y).unwrap()
 }
 
-/// After 320 samples of context.
+/// The error after a context of 320 samples.
 pub(crate) fn error_of(predictor: &dyn Predictor, scenarios: &Series) -> f64 {
     let predicted = predictor.predict(&scenarios.observed(320)).unwrap();
     rmse_deg(&scenarios.view(), 320, &predicted)[0]

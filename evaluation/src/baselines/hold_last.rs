@@ -3,7 +3,7 @@ use series::Observed;
 use super::rollout::rollout;
 use crate::{EvaluationError, Predictor};
 
-/// The last context position, held.
+/// Holds the last position of the context.
 #[derive(Clone, Copy, Debug)]
 pub struct HoldLast;
 

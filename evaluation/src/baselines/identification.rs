@@ -1,4 +1,4 @@
-//! Classical identification: what an expert would do with a model of the arm at hand.
+//! Classical identification: an expert's fit of a model of the arm.
 
 use dynamics::{Anchor, InstructionSet, Joints, Motion, Replay, RigidBody, Robot};
 use models::Interrupt;
@@ -10,41 +10,42 @@ use spec::{Integrator, RobotSpec};
 use super::NominalArm;
 use crate::{EvaluationError, Predictor};
 
-/// Gauss-Newton on each robot's dynamic parameters through our own simulator, fitted to the
-/// positions of the context; the horizon is then simulated.
+/// Fits each robot's dynamic parameters by Gauss-Newton through the simulator of this project, to
+/// the positions of the context. Then it simulates the horizon.
 ///
-/// The estimate is the maximum a posteriori of some numbers ([`Layout`]): of every link the mass, the three
-/// coordinates of its centre and the stretch along its three axes (so that every robot that is tried
-/// is physical), of every joint the damping and the velocity at the first sample. The position there
-/// is the measured one. A priori each parameter lies around the nominal arm's as far as
-/// [`RobotSpec`] draws it, in logarithms (of centres in proportion); hand, fingers and payload count as
-/// part of the last link. Gravity, friction, armature and lengths are the nominal arm's.
+/// The estimate is the maximum a posteriori of these parameters ([`Layout`]). Every link has its
+/// mass, the three coordinates of its centre and the stretch along its three axes, so that every
+/// candidate is physical. Every joint has its damping and its velocity at the first sample. The
+/// position there is the measured one. A priori each parameter lies around the nominal arm's, with
+/// the spread of [`RobotSpec`], in logarithms (centres in proportion). Hand, fingers and payload
+/// count as part of the last link. Gravity, friction, armature and lengths are the nominal arm's.
 ///
-/// Residuals are measured minus simulated positions, [`COMPARED_HZ`] times a second. The simulation is put
-/// back to the measured position at the end of the context and every [`STRETCH_S`] before it, and keeps its
-/// velocity (multiple shooting, with velocities that damping makes forget): over longer stretches an arm
-/// that gravity makes unstable depends on its parameters too sharply to be fitted. Residuals are taken to be
-/// as noisy as they are at the moment, at least [`NOISE`]: far from the robot the prior keeps steps short.
+/// Residuals are measured minus simulated positions, [`COMPARED_HZ`] times a second. The simulation
+/// is set to the measured position at the end of the context and every [`STRETCH_S`] before it, and
+/// keeps its velocity. This is multiple shooting, with velocities that damping soon forgets. Over
+/// longer stretches, an arm that gravity makes unstable depends too sharply on its parameters to be
+/// fitted. The assumed noise of the residuals is their current size, at least [`NOISE`], so that
+/// the prior keeps steps short far from the robot.
 ///
-/// Derivatives are forward differences: the arm and its neighbours in every parameter are lanes of one
-/// simulation, of order [`ORDER_OF_DERIVATIVES`] at most: its errors are nearly the same for all of them.
-/// The steps of all [`DAMPINGS`] that are tried (Levenberg and Marquardt) are lanes of one of full order, and
-/// the best is taken. It ends when none lowers the cost by the share [`LEAST_DECREASE`], and
-/// after [`ITERATIONS`].
+/// Derivatives are forward differences. The arm and its neighbours in every parameter are lanes of
+/// one simulation, of order [`ORDER_OF_DERIVATIVES`] at most, because its errors are nearly the
+/// same for all of them. The steps for all [`DAMPINGS`] (Levenberg and Marquardt) are lanes of one
+/// simulation of full order, and the best step is taken. The fit ends when no step lowers the cost
+/// by the share [`LEAST_DECREASE`], and after [`ITERATIONS`].
 ///
-/// Where the fitted arm's simulation leaves the finite numbers, the nominal arm's is the answer, and
-/// if that does so too, the last position.
+/// If the simulation of the fitted arm is not finite, the answer is that of the nominal arm. If
+/// that is not finite either, the answer is the last position.
 #[derive(Clone, Debug)]
 pub struct Identification {
     nominal: Robot,
     spread: Spread,
     replay: Replay,
-    /// The simulation that derivatives come from.
+    /// The simulation for derivatives.
     coarse: Replay,
     freedom: Freedom,
 }
 
-/// The parameters of the nominal arm that are fitted.
+/// The fitted parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Freedom {
     Nothing,
@@ -53,7 +54,7 @@ enum Freedom {
     Everything,
 }
 
-/// Standard deviation of each parameter a priori: that of a uniform law is its half-width / √3.
+/// Standard deviation of each parameter a priori. For a uniform law it is its half-width / √3.
 #[derive(Clone, Copy, Debug)]
 struct Spread {
     mass: f64,
@@ -62,12 +63,12 @@ struct Spread {
     damping: f64,
 }
 
-/// One number per standard deviation of the prior.
+/// Parameters in standard deviations of the prior.
 type Parameters = DVector<f64>;
 
 const PER_LINK: usize = 7;
 
-/// Where the parameters of an arm are: those of links, then dampings, then velocities.
+/// The order of an arm's parameters: those of links, then dampings, then velocities.
 #[derive(Clone, Copy, Debug)]
 struct Layout {
     joints: usize,
@@ -89,7 +90,8 @@ impl Layout {
         }
     }
 
-    /// With seven joints, all fitted, and the arm itself, 64 robots: a whole number of vectors.
+    /// With seven joints, all parameters and the arm itself make 64 robots, a whole number of
+    /// vectors.
     fn parameters(self) -> usize {
         match self.freedom {
             Freedom::Everything | Freedom::Dampings => self.velocity() + self.joints,
@@ -98,42 +100,44 @@ impl Layout {
     }
 }
 
-/// About the estimate from the first three samples, rad/s. A light joint forgets its velocity within
-/// a sample or two, so that these cannot tell.
+/// Spread of the velocity around the estimate from the first three samples, rad/s. A light joint
+/// forgets its velocity within a sample or two, so that these samples do not determine it.
 const VELOCITY_SPREAD: f64 = 1.0;
-/// Least deviation of measured from simulated positions, rad: about what encoders resolve. Less would fit rounding, with twice the
-/// steps and no better predictions.
+/// Least standard deviation of measured from simulated positions, rad, about the resolution of
+/// encoders. A smaller one would fit rounding errors, with twice the steps and no better
+/// predictions.
 const NOISE: f64 = 1e-4;
-/// Between two measured positions that the simulation is put back to, s.
+/// Time between two measured positions to which the simulation is set, s.
 const STRETCH_S: f64 = 1.0 / 3.0;
-/// Rate at which positions are compared, Hz: more often, slow arms say the same again.
+/// Rate at which positions are compared, Hz. At higher rates, neighbouring positions of slow arms
+/// add no information.
 const COMPARED_HZ: f64 = 15.0;
-/// Root mean square of the change of positions that a forward difference is to make, rad: far above
-/// rounding, and little enough to be linear.
+/// Root mean square of the change of positions that a forward difference aims at, rad. It is far
+/// above rounding, and small enough to be linear.
 const CHANGE: f64 = 1e-3;
-/// Forward differences, in standard deviations of the prior.
+/// Bounds of forward differences, in standard deviations of the prior.
 const LEAST_DIFFERENCE: f64 = 1e-3;
-/// The order of extrapolation: 2 takes 3 evaluations of the dynamics, and 4 takes 10.
+/// The order of extrapolation. Order 2 takes 3 evaluations of the dynamics, and order 4 takes 10.
 const ORDER_OF_DERIVATIVES: u32 = 2;
 const LARGEST_DIFFERENCE: f64 = 0.3;
 const ITERATIONS: usize = 20;
 const LEAST_DECREASE: f64 = 0.03;
-/// Multiples of the curvature's diagonal that are added to it.
+/// Factors of the curvature's diagonal that are added to it.
 const DAMPINGS: [f64; 8] = [0.0, 1e-5, 1e-4, 1e-3, 1e-2, 0.1, 1.0, 100.0];
 
 impl Identification {
-    /// All of the arm is fitted.
+    /// Fits all parameters of the arm.
     pub fn new(arm: &NominalArm) -> Self {
         Self::with(arm, Freedom::Everything)
     }
 
-    /// The nominal arm, of which nothing is fitted. It has the velocity at the end of the context that the
-    /// context's torques give it.
+    /// Fits nothing: the nominal arm. Its velocity at the end of the context follows from the
+    /// context's torques.
     pub fn nothing(arm: &NominalArm) -> Self {
         Self::with(arm, Freedom::Nothing)
     }
 
-    /// Dampings alone are fitted.
+    /// Fits only dampings.
     pub fn dampings(arm: &NominalArm) -> Self {
         Self::with(arm, Freedom::Dampings)
     }
@@ -197,7 +201,7 @@ impl Identification {
     }
 }
 
-/// The last measured position and every `stride`th before it.
+/// The last measured position and every `stride`th position before it.
 fn anchors(positions: &[f32], joints: usize, stride: usize) -> Vec<Anchor> {
     let measured = positions.chunks_exact(joints).enumerate().rev().step_by(stride);
     let anchor = |(sample, q): (usize, &[f32])| Anchor {
@@ -227,7 +231,7 @@ impl Predictor for Identification {
     }
 }
 
-/// Samples, at least one.
+/// The nearest whole number of samples, at least one.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
@@ -249,7 +253,7 @@ impl Spread {
     }
 }
 
-/// State at the first sample, velocities as far as positions tell.
+/// State at the first sample, with the velocities that follow from the positions.
 struct Start {
     q: Joints<f64>,
     qd: Joints<f64>,
@@ -261,7 +265,7 @@ impl Start {
         let at = |k: usize, joint: usize| f64::from(positions[k.min(samples - 1) * joints + joint]);
         Self {
             q: Joints::from_fn(joints, |joint| at(0, joint)),
-            // The parabola through three samples.
+            // The slope of the parabola through three samples.
             qd: Joints::from_fn(joints, |joint| {
                 0.5 * rate_hz * (4.0 * at(1, joint) - 3.0 * at(0, joint) - at(2, joint))
             }),
@@ -269,14 +273,14 @@ impl Start {
     }
 }
 
-/// A robot that is tried.
+/// A candidate robot.
 struct Arm {
     robot: Robot,
-    /// Beyond what positions tell.
+    /// Velocity in addition to that of [`Start`].
     extra_velocity: Joints<f64>,
 }
 
-/// Parameters that are tried.
+/// Candidate parameters with their residuals and cost.
 struct Candidate {
     parameters: Parameters,
     residuals: DVector<f64>,
@@ -286,17 +290,17 @@ struct Candidate {
 /// The estimation for one scenario.
 struct Fit<'a> {
     arm: &'a Identification,
-    /// `[sample, joint]` of the context, as are positions.
+    /// `[sample, joint]` of the context, like the positions.
     torques: &'a [f32],
     positions: &'a [f32],
     start: Start,
     anchors: Vec<Anchor>,
-    /// Samples between two that are compared.
+    /// Samples between two compared positions.
     stride: usize,
 }
 
 impl Fit<'_> {
-    /// As far as it gets; zeros, the nominal arm, when that cannot be simulated.
+    /// Iterates to the end. Gives zeros, the nominal arm, if that cannot be simulated.
     fn solve(&self, interrupt: &Interrupt) -> Parameters {
         let parameters = self.arm.layout().parameters();
         let mut estimate = Parameters::zeros(parameters);
@@ -339,7 +343,8 @@ impl Fit<'_> {
         estimate
     }
 
-    /// `[parameter, residual]`: how the simulated positions change. `None` when a simulation diverges.
+    /// The change of the simulated positions, `[parameter, residual]`. `None` if a simulation
+    /// diverges.
     fn jacobian(&self, at: &Parameters, differences: &[f64]) -> Option<DMatrix<f64>> {
         let parameters = differences.len();
         let neighbours = (0..parameters).map(|k| {
@@ -362,7 +367,7 @@ impl Fit<'_> {
         Some(jacobian)
     }
 
-    /// The candidate of least cost. `None` when none has a finite one.
+    /// The candidate of least cost. `None` if no cost is finite.
     fn cheapest(&self, candidates: Vec<Parameters>, weight: f64) -> Option<Candidate> {
         let simulated = self.simulate(&self.arm.replay, &candidates);
         candidates
@@ -377,13 +382,13 @@ impl Fit<'_> {
             .min_by(|a, b| a.cost.total_cmp(&b.cost))
     }
 
-    /// Measured less simulated positions.
+    /// Measured minus simulated positions.
     fn residuals(&self, simulated: &[f32]) -> DVector<f64> {
         let pairs = self.kept(self.positions).zip(self.kept(simulated));
         DVector::from_vec(pairs.map(|(y, q)| y - q).collect())
     }
 
-    /// The positions that are compared: the last sample and every [`Fit::stride`]th before it.
+    /// The compared positions: the last sample and every [`Fit::stride`]th one before it.
     fn kept<'q>(&self, positions: &'q [f32]) -> impl Iterator<Item = f64> + use<'q> {
         let samples = positions.chunks_exact(self.arm.nominal.joints());
         samples.rev().step_by(self.stride).flatten().map(|q| f64::from(*q))

@@ -4,10 +4,11 @@ use series::Observed;
 use super::rollout::{mean_velocities, rollout};
 use crate::{EvaluationError, Predictor};
 
-/// v' = a·v + g·u + b per joint, with a, g and b of each robot fitted to its context: ARX of order 1.
+/// v' = a·v + g·u + b per joint, with a, g and b of each robot fitted to its context. It is ARX of
+/// order 1.
 ///
-/// v is the mean velocity over a sampling period, so a first-order lag (the joint's own inertia
-/// and damping) is represented exactly and coupling between joints is not.
+/// v is the mean velocity over a sampling period. So a first-order lag (the joint's own inertia and
+/// damping) is represented exactly, and coupling between joints is left out.
 #[derive(Clone, Copy, Debug)]
 pub struct LeastSquares;
 
@@ -24,9 +25,9 @@ impl Predictor for LeastSquares {
     }
 }
 
-/// Least squares of v[k] on (v[k-1], u[k], 1) over the context, with a ridge far below the data.
+/// Least squares of v[k] on (v[k-1], u[k], 1) over the context, with a very small ridge.
 ///
-/// A context too short or too still to tell gives the law of a held joint.
+/// If the context is too short or has too little motion, the law is that of a held joint.
 fn fit_first_order(observed: &Observed<'_>, scenario: usize, joint: usize) -> [f64; 3] {
     let torques = observed.u(scenario);
     let period = 1.0 / observed.rate_hz();
@@ -43,7 +44,7 @@ fn fit_first_order(observed: &Observed<'_>, scenario: usize, joint: usize) -> [f
     match normal.cholesky() {
         Some(factor) => {
             let [a, g, b] = factor.solve(&right).into();
-            // Beyond 1 the rollout would grow without bound, which no damped joint does.
+            // With a beyond 1 the rollout would grow without bound. No damped joint does that.
             [a.clamp(-1.0, 1.0), g, b]
         }
         None => [0.0; 3],

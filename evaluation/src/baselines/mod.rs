@@ -1,4 +1,4 @@
-//! Predictors that learn nothing from other robots: what a learned model has to beat.
+//! Predictors that learn nothing from other robots. A learned model has to beat them.
 
 mod arx;
 mod damped_integrator;
@@ -24,8 +24,8 @@ pub use identification::Identification;
 pub use least_squares::LeastSquares;
 pub(crate) use rollout::to_f32;
 
-/// What baselines may know of the arms they are asked about: the one that robots are drawn around,
-/// how far, and how it is simulated.
+/// The knowledge that baselines may have of the arms: the nominal arm around which robots are
+/// drawn, the ranges of the draws, and the simulation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NominalArm {
     pub robot: RobotSpec,
@@ -35,8 +35,8 @@ pub struct NominalArm {
 }
 
 impl NominalArm {
-    /// The arm that a simulation draws robots around. For recordings it is the one that their import names, by
-    /// default the Panda of the default spec, ±10 %.
+    /// The arm around which a simulation draws robots. For recordings, the import names it. By
+    /// default it is the Panda of the default spec, ±10 %.
     pub fn of(data: &DataSpec) -> Self {
         match data {
             DataSpec::Simulation(spec) => Self {
@@ -55,8 +55,8 @@ impl NominalArm {
     }
 }
 
-/// The predictor that `baseline` names. With noise, all but `least-squares` look at smoothed positions; `arx`
-/// looks at both.
+/// The predictor with the name `baseline`. With noise, all but `least-squares` use smoothed
+/// positions. `arx` uses both.
 pub fn baseline(baseline: Baseline, arm: &NominalArm) -> Box<dyn Predictor> {
     match baseline {
         Baseline::Arx => Box::new(Arx),

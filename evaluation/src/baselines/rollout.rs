@@ -1,10 +1,10 @@
-//! From laws of velocity to positions.
+//! Converts between positions and mean velocities.
 
 use models::Interrupt;
 use series::{Observed, Track};
 
-/// Mean velocity of a joint over each sampling period, in rad/s: one fewer than positions. That
-/// over period k ends at sample k + 1 and is what torque k did.
+/// Mean velocity of a joint over each sampling period, in rad/s. There is one period fewer than
+/// positions. Period k ends at sample k + 1 and shows the effect of torque k.
 pub(super) fn mean_velocities(
     positions: Track<'_>,
     joint: usize,
@@ -14,9 +14,10 @@ pub(super) fn mean_velocities(
     pairs.map(move |(before, after)| (f64::from(after) - f64::from(before)) / period)
 }
 
-/// Integrates each joint's velocity law over the horizon, starting at the last context sample.
+/// Integrates each joint's velocity law over the horizon, starting at the last sample of the
+/// context.
 ///
-/// `law(scenario, joint)` gives the velocity over a period from the one before and the torque.
+/// `law(scenario, joint)` gives the velocity over a period from the velocity before and the torque.
 pub(super) fn rollout<Velocity: Fn(f64, f64) -> f64>(
     observed: &Observed<'_>,
     law: impl Fn(usize, usize) -> Velocity,

@@ -13,7 +13,7 @@ use crate::{EvaluationError, Predictor};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CellResult {
     pub cell: usize,
-    /// `None` of data without a frequency grid, as the frequency.
+    /// The excitation family. It is `None`, like the frequency, for data without a frequency grid.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub family: Option<Family>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -26,17 +26,18 @@ pub struct CellResult {
     /// Joints of every robot.
     pub joints: usize,
     pub predictors: Vec<PredictorErrors>,
-    /// What the measured motions themselves have above the band, see [`measured_jitter_deg`].
+    /// The jitter of the measured motions, see [`measured_jitter_deg`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub measured_jitter_deg: Option<f64>,
-    /// Share of the scenarios whose measured motions leave the joints' limits themselves.
+    /// Share of the scenarios in which the measured motion leaves the joints' limits.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub measured_left_limits: Option<f64>,
-    /// Whether the torques of each scenario, context and horizon, stay within the rated ones of every joint; empty
-    /// where those are not known.
+    /// Whether the torques of each scenario, context and horizon, stay within the rated torques of
+    /// every joint. Empty where these are not known.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub within_torque_limits: Vec<bool>,
-    /// Data that checkpoints were not trained on, and contexts that tell nothing.
+    /// Warnings about data unlike that of the checkpoints' trainings, and about contexts that
+    /// identify nothing.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<Warning>,
 }
@@ -45,13 +46,14 @@ pub struct CellResult {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PredictorErrors {
     pub predictor: String,
-    /// Mean over joints. `None` where there is no answer.
+    /// Mean over joints. `None` without an answer.
     pub rmse_deg: Vec<Option<f64>>,
-    /// `None` where there is no answer. They lie in the table of [`Row`]s and not in the JSON of a
-    /// result.
+    /// `None` without an answer. The table of [`Row`]s stores these errors, the JSON of a result
+    /// does not.
     #[serde(skip)]
     pub scenarios: Vec<Option<ScenarioErrors>>,
-    /// Squared error of each step of the horizon and each joint, summed over the scenarios with an answer.
+    /// Squared error of each step of the horizon and each joint, summed over the scenarios with an
+    /// answer.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub step_squares_deg2: Vec<Vec<f64>>,
     /// Mean of [`crate::SampleErrors::calibration`] over the scenarios with an answer.
@@ -62,13 +64,13 @@ pub struct PredictorErrors {
     /// `None` where the predictor failed on the cell as a whole.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rollouts: Option<Rollouts>,
-    /// The scenarios that [`has_diverged`] is said of, counted from 0 in the cell.
+    /// The scenarios that diverged by [`has_diverged`], counted from 0 in the cell.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub diverged: Vec<usize>,
 }
 
 impl CellResult {
-    /// `None` where limits of torques are not known.
+    /// The share of scenarios within the torque limits. `None` where the limits are not known.
     pub fn share_within_torque_limits(&self) -> Option<f64> {
         let within = self.within_torque_limits.iter().filter(|within| **within).count();
         let all = self.within_torque_limits.len();
@@ -76,36 +78,37 @@ impl CellResult {
     }
 }
 
-/// Where the predictions of a cell went; those that are not finite count.
+/// Where the predictions of a cell lead. Predictions that are not finite count, too.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Rollouts {
-    /// Scenarios in which some joint leaves its limits; `None` where they are not known.
+    /// Number of scenarios in which some joint leaves its limits. `None` where limits are not
+    /// known.
     pub left_limits: Option<usize>,
-    /// Scenarios that [`has_diverged`] is said of.
+    /// Number of scenarios that diverged by [`has_diverged`].
     pub diverged: usize,
 }
 
-/// Scenarios of a cell that a predictor has no answer to.
+/// Scenarios of a cell without an answer of a predictor.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Failure {
-    /// How many.
+    /// Number of such scenarios.
     pub scenarios: usize,
     /// The first of them, counted from 0 in the cell.
     pub first: usize,
     pub reason: String,
 }
 
-/// How predictors are asked and scored.
+/// The settings of questions and scores.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Scoring {
-    /// Samples of the recording before the window that is asked about. Only predictors that go on from
-    /// predictions of their own, made earlier, use them.
+    /// Samples of the recording before the window. Only predictors that continue their own earlier
+    /// predictions use them.
     pub pre_roll: usize,
     pub context: usize,
-    /// Samples asked of every predictor that has several; below 2 none are.
+    /// Samples that are drawn from every generative predictor. Below 2 none are drawn.
     pub samples: usize,
-    /// Above which a prediction's power is jitter, see [`crate::metrics::band_edge_hz`]; `None`
-    /// measures none.
+    /// The frequency above which a prediction's power is jitter, see
+    /// [`crate::metrics::band_edge_hz`]. With `None` jitter is not measured.
     pub band_edge_hz: Option<f64>,
     /// Limits of each joint's position; empty where they are not known.
     pub limits_rad: Vec<Range>,
@@ -113,11 +116,11 @@ pub struct Scoring {
 
 /// Asks each predictor the same question and scores the answers.
 ///
-/// A predictor that fails, or has no finite answer to some scenarios, says so in its
-/// [`PredictorErrors::failure`]; the others are scored all the same.
+/// If a predictor fails, or has no finite answer to some scenarios, its
+/// [`PredictorErrors::failure`] says so. The other predictors are scored all the same.
 ///
 /// # Panics
-/// As [`SeriesView::observed`].
+/// Like [`SeriesView::observed`].
 pub fn evaluate_cell(
     scenarios: &SeriesView<'_>,
     scoring: &Scoring,
@@ -134,11 +137,11 @@ pub fn evaluate_cell(
     predictors.iter().map(|predictor| scorer.errors(&**predictor, &observed, scoring)).collect()
 }
 
-/// Root mean square above the band's edge of the measured horizon, mean over joints and scenarios:
-/// below this no predictor's jitter is its own doing.
+/// Root mean square above the band's edge in the measured horizon, as a mean over joints and
+/// scenarios. The jitter of a predictor below this value has its origin in the measurement.
 ///
 /// # Panics
-/// As [`SeriesView::observed`].
+/// Like [`SeriesView::observed`].
 pub fn measured_jitter_deg(scenarios: &SeriesView<'_>, scoring: &Scoring) -> Option<f64> {
     let observed = scenarios.observed(scoring.pre_roll, scoring.context);
     let meter = meter(&observed, scoring)?;
@@ -152,10 +155,11 @@ pub fn measured_jitter_deg(scenarios: &SeriesView<'_>, scoring: &Scoring) -> Opt
     (scenarios.robots() > 0).then(|| total / (scenarios.robots() * joints) as f64)
 }
 
-/// The share of scenarios whose measured horizon leaves the joints' limits: no predictor's doing.
+/// The share of scenarios whose measured horizon leaves the joints' limits, whatever a predictor
+/// answers.
 ///
 /// # Panics
-/// As [`SeriesView::observed`].
+/// Like [`SeriesView::observed`].
 pub fn measured_left_limits(scenarios: &SeriesView<'_>, scoring: &Scoring) -> Option<f64> {
     if scoring.limits_rad.is_empty() || scenarios.robots() == 0 {
         return None;
@@ -166,7 +170,8 @@ pub fn measured_left_limits(scenarios: &SeriesView<'_>, scoring: &Scoring) -> Op
     Some(left as f64 / scenarios.robots() as f64)
 }
 
-/// Whether the torques of each scenario stay within `limits_nm`, one per joint; empty where those are not known.
+/// Whether the torques of each scenario stay within `limits_nm`, one per joint. Empty without
+/// limits.
 pub fn within_torque_limits(scenarios: &SeriesView<'_>, limits_nm: &[f64]) -> Vec<bool> {
     if limits_nm.is_empty() {
         return Vec::new();
@@ -292,7 +297,7 @@ impl Scorer<'_> {
         diverged.map(|(scenario, _)| scenario)
     }
 
-    /// `None` where something that was answered is not finite.
+    /// The errors of each scenario. `None` if a value of the answer is not finite.
     fn score(
         &self,
         answer: &Answer,
@@ -323,7 +328,7 @@ impl Scorer<'_> {
     }
 }
 
-/// Mean over the scenarios with an answer; empty without samples.
+/// Mean over the scenarios with an answer. Empty without samples.
 fn calibration(scenarios: &[Option<ScenarioErrors>]) -> Vec<f64> {
     let of_each: Vec<&[f32]> = scenarios
         .iter()

@@ -21,7 +21,7 @@ fn scenarios() -> Series {
     Series::new(shape, 60.0, y.clone(), y).unwrap()
 }
 
-/// Holds the last position, but for one value.
+/// Holds the last position, except for one value.
 struct Broken {
     value: f32,
     at: usize,
@@ -103,7 +103,8 @@ fn a_value_that_is_not_finite_is_reported_with_its_scenario_and_not_averaged_awa
 #[test]
 fn rollouts_that_leave_the_limits_and_those_that_diverge_are_counted() {
     let row = 40 * JOINTS;
-    // In range of the measured position, and not: of the second scenario, and of the third.
+    // The first value is within 180° of the measured position of the second scenario. The next one
+    // is further away from that of the third scenario.
     let found = result(&[
         Box::new(Broken { value: 2.5, at: row + 5 }),
         Box::new(Broken { value: 7.0, at: 2 * row + 5 }),
@@ -126,7 +127,7 @@ fn a_predictor_that_fails_leaves_the_others_of_the_cell_alone() {
     let found = result(&[Box::new(TooShort), Box::new(HoldLast)]);
     let failure = found.predictors[0].failure.as_ref().unwrap();
     assert_eq!((failure.scenarios, failure.first), (3, 0));
-    assert!(failure.reason.contains("3 values, 840 were asked for"), "{}", failure.reason);
+    assert!(failure.reason.contains("3 values, expected 840"), "{}", failure.reason);
     assert!(found.predictors[1].rmse_deg.iter().all(Option::is_some));
 }
 
@@ -142,7 +143,7 @@ fn the_table_has_a_row_per_scenario_joint_and_predictor() {
     let mean = of_scenario.iter().map(|row| f64::from(row.rmse_deg.unwrap())).sum::<f64>();
     assert!((mean / 7.0 - found.predictors[0].rmse_deg[2].unwrap()).abs() < 1e-6);
     assert!(last.crps_deg.is_some() && last.coverage_50.is_some() && last.jitter_deg.is_some());
-    // Four samples reach no further.
+    // Four samples are too few for this interval.
     assert_eq!(last.coverage_90, None);
     assert_eq!(rows[3 * JOINTS].crps_deg, None);
 }
@@ -159,7 +160,7 @@ fn the_rows_of_a_scenario_hold_its_errors() {
     for (read, made) in read.predictors.iter().zip(&found.predictors) {
         let mut made = made.scenarios.clone();
         for samples in made.iter_mut().flatten().filter_map(|it| it.samples.as_mut()) {
-            // Kept for the cell as a whole.
+            // The cell stores the calibration as a whole.
             samples.calibration.clear();
         }
         assert_eq!(read.scenarios, made);

@@ -1,11 +1,11 @@
-//! How robots followed their paths, drawn.
+//! Figures of robots that follow their paths.
 
 use figures::{Axis, Figure, FigureError, Mark, Point, Series, Size, Stroke, stacked};
 use wire::{ControlReport, PredictorKind};
 
 use super::trial::{RobotTrials, Trace};
 
-/// Tracking error over time: at each sample the mean over robots, of controllers that did not fail.
+/// Tracking error over time: at each sample, the mean over robots of controllers that did not fail.
 pub fn tracking_figure(report: &ControlReport, robots: &[RobotTrials]) -> Figure {
     let series = report.controllers.iter().filter(|it| it.failed == 0).map(|controller| {
         let name = &controller.info.name;
@@ -41,10 +41,11 @@ pub fn tracking_figure(report: &ControlReport, robots: &[RobotTrials]) -> Figure
     }
 }
 
-/// The positions of the first joint, one in the middle and the last beside their path, one panel each;
-/// `traces` by controller.
+/// The positions of the first joint, of one in the middle and of the last, with their path, one
+/// panel each. `traces` has one trace for each controller.
 ///
 /// # Errors
+/// Those of [`figures::stacked`].
 /// As [`figures::stacked`].
 pub fn robot_figure(
     robot: u64,
@@ -73,7 +74,7 @@ pub fn robot_figure(
             title: format!("Joint {}", joint + 1),
             x: Axis::linear("Time since control began").in_unit("s"),
             y: Axis::linear("Position").in_unit("deg"),
-            // The path lies on top, as whoever follows it well hides it.
+            // The path lies on top, because a trace that follows it well would hide it.
             series: followed.chain(path).collect(),
             bands: Vec::new(),
         }

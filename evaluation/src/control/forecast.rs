@@ -1,4 +1,4 @@
-//! What controllers foresee.
+//! Forecasts that controllers use.
 
 use dynamics::{ArmState, Joints, Motion, Replay, Robot};
 use series::{Series, Shape};
@@ -7,24 +7,25 @@ use spec::{ControlBaseline, SimulateSpec};
 use crate::baselines::to_f32;
 use crate::{DampedIntegrator, EvaluationError, Predictor};
 
-/// Everything that is known when a plan is made.
+/// The knowledge at the moment of planning.
 #[derive(Clone, Copy, Debug)]
 pub struct Now<'a> {
-    /// Torques that acted so far, N·m.
+    /// Torques so far, N·m.
     pub u: &'a [Joints<f32>],
-    /// Positions so far, rad: one more than torques, the last of which is now.
+    /// Positions so far, rad. There is one more than torques, and the last one is the present
+    /// position.
     pub y: &'a [Joints<f32>],
-    /// The true state, velocities included, which only simulators make use of.
+    /// The true state with velocities, which only simulators use.
     pub state: &'a ArmState,
 }
 
-/// Says where torques would lead.
+/// Predicts the positions that torques lead to.
 pub trait Forecast {
-    /// Positions `[plan, step]` (rad) after each torque of `plans` `[plan, step]` (N·m), of which each
-    /// has `steps`.
+    /// Positions `[plan, step]` (rad) after each torque of `plans` `[plan, step]` (N·m). Each plan
+    /// has `steps` torques.
     ///
     /// # Errors
-    /// When there is no answer at all; single ones may have values that are not finite.
+    /// There is no answer. Single plans may have positions that are not finite.
     fn foresee(
         &self,
         now: &Now<'_>,
@@ -33,15 +34,15 @@ pub trait Forecast {
     ) -> Result<Vec<Joints<f32>>, EvaluationError>;
 }
 
-/// One of those that are compared.
+/// One of the compared controllers.
 pub struct Controller<'a> {
     pub name: String,
-    /// `None` lets no torque act.
+    /// The forecast. With `None` no torque acts.
     pub forecast: Option<Box<dyn Forecast + 'a>>,
 }
 
 impl Controller<'_> {
-    /// The controller that `baseline` names, for `robot`.
+    /// The controller of `baseline`, for `robot`.
     pub fn baseline(baseline: ControlBaseline, simulation: &SimulateSpec, robot: &Robot) -> Self {
         let replay = Replay::of(simulation);
         let forecast: Option<Box<dyn Forecast>> = match baseline {
@@ -61,7 +62,7 @@ impl Controller<'_> {
     }
 }
 
-/// A simulator of an arm, from the true state; plans are its lanes.
+/// A simulator of an arm that starts from the true state. Plans are its lanes.
 #[derive(Clone, Debug)]
 pub struct Simulated {
     pub robot: Robot,
@@ -90,13 +91,13 @@ impl Forecast for Simulated {
     }
 }
 
-/// A predictor, asked about the latest samples and what would come next.
+/// A forecast by a predictor, from the latest samples and the torques of a plan.
 pub struct Foreseen<P> {
     pub predictor: P,
-    /// Samples it is given.
+    /// Samples of the predictor's context.
     pub context: usize,
-    /// Samples it has to be asked for; `None` if as many as a plan has. The torques after a plan are its
-    /// last ones.
+    /// Samples of the predictor's horizon. `None` if it can be as long as a plan. The last torques
+    /// of a plan are held after its end.
     pub horizon: Option<usize>,
     pub rate_hz: f64,
 }
@@ -109,7 +110,8 @@ impl<P: Predictor> Forecast for Foreseen<P> {
         steps: usize,
     ) -> Result<Vec<Joints<f32>>, EvaluationError> {
         let horizon = self.horizon.unwrap_or(steps).max(steps);
-        // The context ends now, and the first torque of a plan is that of its last sample.
+        // The context ends with the present sample. The first torque of a plan belongs to this
+        // sample.
         let past = &now.u[now.u.len() - (self.context - 1)..];
         let known = &now.y[now.y.len() - self.context..];
         let joints = known[0].len();

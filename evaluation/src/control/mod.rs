@@ -1,8 +1,9 @@
 //! Closed loop: how well a robot follows a path when a predictor plans its torques.
 //!
-//! A [`Plant`] is a simulated robot that was excited for a while. A [`Controller`] has a [`Forecast`];
-//! [`Experiment::run`] lets it plan by [`mppi`], carry out the beginning of the plan, look where the
-//! robot is, and plan again. Planning takes no time in the simulation; what it takes is recorded.
+//! A [`Plant`] is a simulated robot that was excited for a while. A [`Controller`] has a
+//! [`Forecast`]. [`Experiment::run`] lets it plan by [`mppi`], applies the first torques of the
+//! plan, observes the robot, and plans again. In the simulation planning takes no time. The actual
+//! time is recorded.
 
 mod figure;
 mod forecast;

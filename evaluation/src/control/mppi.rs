@@ -1,4 +1,4 @@
-//! Model predictive path integral control; the law is that of [`spec::Planner`].
+//! Model predictive path integral control by the law of [`spec::Planner`].
 
 use dynamics::Joints;
 use random::ChaCha8Rng;
@@ -7,19 +7,21 @@ use spec::{PlanWeights, Planner};
 use crate::EvaluationError;
 use crate::baselines::to_f32;
 
-/// The key of a plan's random numbers. Controllers do not show in it, so that all draw the same.
+/// The key of a plan's random numbers. It does not depend on the controller, so that all draw the
+/// same numbers.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Key {
     pub seed: u64,
     pub robot: u64,
-    /// Sample of control that the plan begins at.
+    /// Sample of control at which the plan begins.
     pub step: u64,
 }
 
-/// Improves `plan` (N·m, one per step, none beyond `limits_nm`) so that what `foresee` says of it comes nearer to `path` (rad).
+/// Improves `plan` (N·m, one torque per step, within `limits_nm`) so that the forecast of `foresee`
+/// comes closer to `path` (rad).
 ///
 /// # Errors
-/// When `foresee` fails, or says something that is not finite.
+/// `foresee` fails, or gives a value that is not finite.
 pub(super) fn improve(
     planner: &Planner,
     limits_nm: &Joints<f64>,
@@ -59,7 +61,7 @@ pub(super) fn improve(
     Ok(())
 }
 
-/// Torque sequences `[candidate, step]`, within the torques that the joints can have.
+/// Torque sequences `[candidate, step]` within the limits of the joints.
 fn candidates(
     planner: &Planner,
     limits_nm: &Joints<f64>,
@@ -91,7 +93,7 @@ fn candidates(
     candidates
 }
 
-/// Of each joint.
+/// The cost of each joint.
 fn cost(
     planner: &Planner,
     torques: &[Joints<f32>],
@@ -110,7 +112,7 @@ fn cost(
     cost.map(|cost| cost / path.len() as f64)
 }
 
-/// Of each candidate and joint; those of a joint add up to 1.
+/// The weight of each candidate and joint. The weights of a joint add up to 1.
 fn weights(planner: &Planner, costs: &[Joints<f64>]) -> Vec<Joints<f64>> {
     let joints = costs[0].len();
     let mut weights = vec![Joints::splat(joints, 0.0); costs.len()];
@@ -132,7 +134,7 @@ fn weights(planner: &Planner, costs: &[Joints<f64>]) -> Vec<Joints<f64>> {
 fn softmin(costs: &[f64], temperature: f64) -> Vec<f64> {
     let least = costs.iter().copied().fold(f64::INFINITY, f64::min);
     let excess = costs.iter().map(|cost| cost - least).sum::<f64>() / costs.len() as f64;
-    // Candidates that cost the same weigh the same.
+    // Candidates of equal cost get equal weights.
     let rate = if excess > 0.0 { 1.0 / (temperature * excess) } else { 0.0 };
     let weights: Vec<f64> = costs.iter().map(|cost| (-(cost - least) * rate).exp()).collect();
     let sum: f64 = weights.iter().sum();
@@ -154,7 +156,7 @@ mod tests {
         [87.0, 87.0, 87.0, 87.0, 12.0, 12.0, 12.0].into()
     }
 
-    /// Positions that follow the sum of torques so far, as a massless arm's would.
+    /// The positions of a massless arm, which follow the sum of torques so far.
     fn integrate(plans: &[Joints<f32>], steps: usize) -> Vec<Joints<f32>> {
         let followed = |plan: &[Joints<f32>]| {
             let mut q = Joints::splat(JOINTS, 0.0);
@@ -178,7 +180,8 @@ mod tests {
                 weights,
                 ..Planner::default()
             };
-            // Ever further at 0.7 N·m for joint 1, at 0.1 N·m more for each that follows.
+            // The path moves steadily at 0.7 N·m for joint 1, and at 0.1 N·m more for each later
+            // joint.
             let torque = Joints::from_fn(JOINTS, |joint| 0.7 + 0.1 * joint as f64);
             let path: Vec<Joints<f64>> =
                 (1..=12).map(|step| torque.map(|torque| torque * f64::from(step))).collect();

@@ -6,7 +6,7 @@ use spec::SimulateSpec;
 use super::forecast::Now;
 use crate::baselines::to_f32;
 
-/// A simulated robot with everything that was recorded of it.
+/// A simulated robot with its recording.
 #[derive(Clone, Debug)]
 pub struct Plant {
     robot: Robot,
@@ -17,10 +17,10 @@ pub struct Plant {
 }
 
 impl Plant {
-    /// The robot of trajectory `index`, moved by the first `samples` torques of its excitation.
+    /// The robot of trajectory `index` after the first `samples` torques of its excitation.
     ///
     /// # Errors
-    /// As [`dynamics::simulate`].
+    /// Those of [`dynamics::simulate`].
     pub fn excited(
         simulation: &SimulateSpec,
         index: u64,
@@ -54,12 +54,12 @@ impl Plant {
         &self.state
     }
 
-    /// What can be known at this moment.
+    /// The knowledge at this moment.
     pub fn now(&self) -> Now<'_> {
         Now { u: &self.u, y: &self.y, state: &self.state }
     }
 
-    /// Lets torques act one after the other, N·m.
+    /// Applies torques one after the other, N·m.
     pub fn apply(&mut self, torques: &[Joints<f32>]) {
         let ArmState { q: q0, qd: qd0 } = self.state;
         let u: Vec<f32> = torques.iter().flatten().copied().collect();

@@ -1,17 +1,17 @@
 use dynamics::Joints;
 use spec::{ControlPath, Range};
 
-/// Where a robot is to be, from the moment control begins.
+/// The path that a robot should follow, from the beginning of control on.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Reference {
     path: ControlPath,
     start: Joints<f64>,
-    /// 1 or -1, to where there is more room.
+    /// The direction of each joint, 1 or -1, towards the farther limit.
     side: Joints<f64>,
 }
 
 impl Reference {
-    /// `start` and `limits` of the joints in rad.
+    /// A path from `start` within `limits`, both in rad.
     pub fn new(path: &ControlPath, start: Joints<f64>, limits: &[Range]) -> Self {
         let sides = start.iter().zip(limits).map(|(start, limits)| {
             if *start <= 0.5 * (limits.min + limits.max) { 1.0 } else { -1.0 }

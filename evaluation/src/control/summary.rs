@@ -1,4 +1,4 @@
-//! All trials together: means over robots with their intervals.
+//! The summary of all trials: means over robots with their intervals.
 
 use spec::{Bootstrap, ControlSpec};
 use wire::{
@@ -9,8 +9,8 @@ use wire::{
 use super::trial::{RobotTrials, Tracking, Trial};
 use crate::stratified_mean;
 
-/// Puts the robots of a job together; `controllers` in the order of its tables, in which every robot
-/// has its trials.
+/// Summarizes the robots of a job. `controllers` has the order of the tables, and every robot has
+/// their trials.
 pub fn summarize(
     spec: &ControlSpec,
     rate_hz: f64,
@@ -78,7 +78,7 @@ fn of(info: ControllerInfo, robots: &[RobotTrials], bootstrap: Bootstrap) -> Con
     }
 }
 
-/// Of all plans of all robots.
+/// The time of all plans of all robots.
 fn plan_time(trials: &[(&Trial, usize)]) -> Option<PlanTime> {
     let mut times: Vec<f64> =
         trials.iter().flat_map(|(trial, _)| trial.plan_ms.iter().copied()).collect();
@@ -89,7 +89,7 @@ fn plan_time(trials: &[(&Trial, usize)]) -> Option<PlanTime> {
     Some(PlanTime { median_ms: *at(50)?, p99_ms: *at(99)?, threads: threads as u64 })
 }
 
-/// `None` when either failed on a robot.
+/// The difference of two controllers. `None` if either failed on a robot.
 fn difference(
     robots: &[RobotTrials],
     ours: &str,

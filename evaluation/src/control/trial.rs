@@ -14,25 +14,25 @@ use super::reference::Reference;
 use crate::EvaluationError;
 use crate::baselines::to_f32;
 
-/// What all controllers are asked to do.
+/// The task of all controllers.
 #[derive(Clone, Debug)]
 pub struct Experiment<'a> {
     spec: &'a ControlSpec,
     simulation: &'a SimulateSpec,
-    /// Of each joint: 99 % of the excitation's torques are no larger, N·m.
+    /// For each joint, the 99th percentile of the excitation's absolute torques, N·m.
     excited_nm: Joints<f64>,
 }
 
 /// All trials of one robot.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RobotTrials {
-    /// Its trajectory in the simulation.
+    /// Index of the robot's trajectory in the simulation.
     pub robot: u64,
     pub joints: usize,
-    /// That computed.
+    /// Number of threads that computed.
     pub threads: usize,
     pub trials: Vec<Trial>,
-    /// Ranges of the motions that lie outside those of the checkpoints' trainings.
+    /// Ranges of the motions that lie outside of those of the checkpoints' trainings.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<Warning>,
 }
@@ -41,57 +41,57 @@ pub struct RobotTrials {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Trial {
     pub controller: String,
-    /// `None` when it failed.
+    /// `None` if the controller failed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tracking: Option<Tracking>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub failure: Option<String>,
-    /// Root mean square over joints at each sample from the first on that a torque had an effect on,
-    /// degrees; up to where it failed.
+    /// Root mean square over joints in degrees, at each sample from the first one after a torque.
+    /// It ends where the controller failed.
     pub error_deg: Vec<f64>,
     /// Time that each plan took, ms.
     pub plan_ms: Vec<f64>,
 }
 
-/// How well a robot followed its path, and by what torques.
+/// How well a robot followed its path, and with which torques.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Tracking {
     /// Mean over joints of `joint_rms_deg`.
     pub rms_deg: f64,
     /// Root mean square over time.
     pub joint_rms_deg: Vec<f64>,
-    /// The largest of any joint.
+    /// The largest error of any joint.
     pub peak_deg: f64,
     /// Root mean square over time and joints.
     pub torque_rms_nm: f64,
-    /// Share of torques larger than 99 % of those of the same joint in the excitation.
+    /// Share of torques above the 99th percentile of the same joint's torques in the excitation.
     pub beyond_excitation: f64,
-    /// Least distance of a joint to one of its limits, rad; below 0 when it was beyond. The simulated
-    /// arm has no stops.
+    /// Least distance of a joint to one of its limits, rad. It is negative beyond a limit, since
+    /// the simulated arm has no stops.
     pub clearance_rad: f64,
 }
 
-/// What became of the robot while it was controlled.
+/// The recording of the robot during control.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Trace {
-    /// Of control, N·m.
+    /// Torques of control, N·m.
     pub torques: Vec<Joints<f32>>,
-    /// After each torque, rad.
+    /// Positions after each torque, rad.
     pub positions: Vec<Joints<f32>>,
-    /// Where they should have been, rad.
+    /// Positions of the path, rad.
     pub path: Vec<Joints<f64>>,
 }
 
 impl<'a> Experiment<'a> {
-    /// `spec` was checked to fit `simulation`.
+    /// The experiment of a `spec` that was checked to fit `simulation`.
     pub fn new(spec: &'a ControlSpec, simulation: &'a SimulateSpec) -> Self {
         Self { spec, simulation, excited_nm: excited_nm(simulation) }
     }
 
-    /// The robot of trajectory `index` at the moment that control begins.
+    /// The robot of trajectory `index` at the beginning of control.
     ///
     /// # Errors
-    /// As [`dynamics::simulate`].
+    /// Those of [`dynamics::simulate`].
     pub fn plant(&self, index: u64) -> Result<Plant, dynamics::DynamicsError> {
         Plant::excited(self.simulation, index, self.spec.context as usize)
     }
@@ -101,8 +101,8 @@ impl<'a> Experiment<'a> {
         self.spec.steps(self.simulation.rate_hz)
     }
 
-    /// Lets a controller have the robot of trajectory `index`. `progress` is told how many samples are
-    /// done, and ends the trial by breaking, which then has no result.
+    /// Lets a controller control the robot of trajectory `index`. `progress` gets the number of
+    /// finished samples. If it breaks, the trial ends without a result.
     pub fn run(
         &self,
         index: u64,
@@ -140,7 +140,7 @@ impl<'a> Experiment<'a> {
             plant.apply(&torques);
             step += count;
             if !plant.is_finite() {
-                failure = Some(format!("the robot left the finite numbers by sample {step}"));
+                failure = Some(format!("the robot's state is not finite at sample {step}"));
             }
             advance(&mut plan, count);
         }
@@ -214,13 +214,12 @@ impl<'a> Experiment<'a> {
 }
 
 impl Trace {
-    /// Torques and positions from the excitation that `plant` went through before on; `None` where they left
-    /// the finite numbers.
+    /// The torques and positions since the excitation of `plant`. `None` if some are not finite.
     pub fn recorded_after(&self, plant: &Plant, rate_hz: f64) -> Option<Series> {
         let before = plant.now();
         let u: Vec<f32> = before.u.iter().chain(&self.torques).flatten().copied().collect();
         let mut y: Vec<f32> = before.y.iter().chain(&self.positions).flatten().copied().collect();
-        // There is a position after the last torque as well.
+        // There is one position more than torques.
         y.truncate(u.len());
         let joints = before.y.first()?.len();
         let shape = Shape { robots: 1, samples: u.len() / joints, joints };
@@ -228,7 +227,7 @@ impl Trace {
         Series::new(shape, rate_hz, u, y).ok().filter(|_| is_finite)
     }
 
-    /// Positions less the path, rad.
+    /// Positions minus the path, rad.
     fn errors(&self) -> impl Iterator<Item = Joints<f64>> {
         self.positions.iter().zip(&self.path).map(|(positions, path)| {
             Joints::from_fn(path.len(), |joint| f64::from(positions[joint]) - path[joint])
@@ -236,7 +235,7 @@ impl Trace {
     }
 }
 
-/// What is left of a plan after `count` samples, its last torques held.
+/// Drops the first `count` samples of a plan. Its last torques are held.
 fn advance(plan: &mut [Joints<f64>], count: usize) {
     let last = plan[plan.len() - 1];
     plan.rotate_left(count);
@@ -244,9 +243,10 @@ fn advance(plan: &mut [Joints<f64>], count: usize) {
     plan[left..].fill(last);
 }
 
-/// The torques of an excitation that 99 % of its own do not exceed, N·m.
+/// For each joint, the 99th percentile of an excitation's absolute torques, N·m.
 fn excited_nm(simulation: &SimulateSpec) -> Joints<f64> {
-    /// Trajectories looked at; one joint then has 25 600 torques for the 1 % at the end.
+    /// Number of simulated trajectories. One joint then has 25 600 torques, of which 1 % are above
+    /// the percentile.
     const TRAJECTORIES: u64 = 256;
     const TIMES: u32 = 100;
     let scenarios = Scenarios::new(simulation);

@@ -1,4 +1,4 @@
-//! What a report says, drawn.
+//! Figures of a report.
 
 mod over_frequency;
 mod over_steps;
@@ -24,8 +24,8 @@ pub fn horizon_figure(report: &Report, group: &GroupSummary) -> Figure {
     }
 }
 
-/// Share of measured positions inside central intervals over their probability; the diagonal is
-/// what a predictor that knows how much it knows has. Only predictors with samples are in it.
+/// Share of measured positions inside central intervals over their probability. The diagonal is
+/// that of a perfectly calibrated predictor. The figure has only predictors with samples.
 pub fn calibration_figure(report: &Report, group: &GroupSummary) -> Figure {
     let mut series = of_predictors(report, &group.scores, |scores| {
         scores.calibration.iter().map(|at| Point::new(at.nominal, at.coverage)).collect()
@@ -42,8 +42,9 @@ pub fn calibration_figure(report: &Report, group: &GroupSummary) -> Figure {
     }
 }
 
-/// A series for each predictor that has points, as many as a figure may have. Of those that differ in
-/// the sampler's steps only the one with the most is drawn: the others are in the figure over steps.
+/// A series for each predictor that has points, up to the limit of a figure. If predictors differ
+/// only in the sampler's steps, only the one with the most is drawn. The others are in the figure
+/// over steps.
 fn of_predictors(
     report: &Report,
     scores: &[PredictorScores],

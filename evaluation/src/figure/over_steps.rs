@@ -3,8 +3,8 @@ use wire::{GroupSummary, PredictorInfo, Report, SamplingInfo};
 
 use super::point;
 
-/// RMSE over the sampler's steps on the scenarios of one group, a curve for each set of predictors
-/// that differ in nothing else.
+/// RMSE over the sampler's steps on the scenarios of one group. Each curve has predictors that
+/// differ only in the steps.
 pub fn sampler_steps_figure(report: &Report, group: &GroupSummary) -> Figure {
     let series = curves(report, |info, sampling| {
         let summary = group.rmse_deg.iter().find(|it| it.predictor == info.name)?;

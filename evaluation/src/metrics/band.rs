@@ -6,10 +6,10 @@ use spec::{Excitation, Family};
 use crate::metrics::jitter::Spectrum;
 
 /// The highest frequency in torques of `family` with master frequency `frequency_hz` during
-/// `duration_s`, whatever is drawn. `None` when the excitation has no such family, and of steps.
+/// `duration_s`, for any draw. `None` for steps, and when the excitation has no such family.
 ///
-/// A chirp's is its highest instantaneous frequency, which grows with time because its phase is
-/// multiplied by it: d/dt f1 (1 + d cos 2π f2 t) t ≤ f1 (1 + d √(1 + (2π f2 t)²)).
+/// For a chirp it is its highest instantaneous frequency. This grows with time because the phase is
+/// multiplied by time: d/dt f1 (1 + d cos 2π f2 t) t ≤ f1 (1 + d √(1 + (2π f2 t)²)).
 pub fn highest_component_hz(
     excitation: &Excitation,
     family: Family,
@@ -34,8 +34,8 @@ pub fn highest_component_hz(
     }
 }
 
-/// The frequency below which 99.9 % of the torques' power lies, all joints and scenarios together,
-/// for excitations that are not known. `None` without any power.
+/// The frequency below which 99.9 % of the torques' power lies, over all joints and scenarios. It
+/// is for excitations that are not known. `None` without any power.
 pub fn occupied_band_hz(scenarios: &SeriesView<'_>) -> Option<f64> {
     const SHARE: f64 = 0.999;
 

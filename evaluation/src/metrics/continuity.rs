@@ -1,21 +1,23 @@
-/// How one joint's prediction goes on from the last measured position, and from sample to sample;
-/// degrees.
+/// How smoothly one joint's prediction continues from the last measured position and from sample to
+/// sample, in degrees.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Continuity {
-    /// Size of the error of the first sample.
+    /// Absolute error of the first sample.
     pub first_sample_deg: f64,
-    /// Root mean square of the change of the error from one sample to the next, seams left out.
+    /// Root mean square of the change of the error from one sample to the next, without seams.
     pub jump_deg: f64,
-    /// The largest change of the error from one sample to the next, seams among them.
+    /// The largest change of the error from one sample to the next, with seams.
     pub largest_jump_deg: f64,
-    /// Root mean square of that change over the seams; `None` without one.
+    /// Root mean square of that change over the seams; `None` without seams.
     pub seam_jump_deg: Option<f64>,
 }
 
-/// The [`Continuity`] of one joint, `truth` and `predicted` its positions over the horizon in degrees.
+/// The [`Continuity`] of one joint. `truth` and `predicted` are its positions over the horizon in
+/// degrees.
 ///
-/// The change of the *error* counts and not that of the prediction, so that motion of the arm itself is no
-/// jump. A model that predicts `patch` samples at a time has a seam wherever a patch begins but at the first.
+/// The change of the *error* counts, not that of the prediction, so that the arm's own motion is no
+/// jump. A model that predicts `patch` samples at a time has a seam at the beginning of every patch
+/// but the first.
 pub fn continuity(truth: &[f64], predicted: &[f64], patch: Option<usize>) -> Continuity {
     let errors: Vec<f64> = predicted.iter().zip(truth).map(|(p, q)| p - q).collect();
     let is_seam = |sample: usize| patch.is_some_and(|patch| sample.is_multiple_of(patch));
@@ -47,7 +49,7 @@ impl MeanSquare {
         self.count += 1;
     }
 
-    /// `None` of nothing.
+    /// The root mean square; `None` without values.
     fn root(&self) -> Option<f64> {
         (self.count > 0).then(|| (self.sum / f64::from(self.count)).sqrt())
     }
@@ -57,7 +59,7 @@ impl MeanSquare {
 mod tests {
     use super::*;
 
-    /// Moves by 0.15° a sample.
+    /// Moves by 0.15° per sample.
     fn truth() -> Vec<f64> {
         (0..12).map(|k| 0.15 * f64::from(k)).collect()
     }
@@ -81,7 +83,7 @@ mod tests {
         let mut predicted = truth();
         predicted[5] += 1.1;
         let found = continuity(&truth(), &predicted, None);
-        // Up at one of eleven changes and down at the next.
+        // The error steps up at one of eleven changes and down at the next.
         assert!((found.jump_deg - 1.1 * (2.0_f64 / 11.0).sqrt()).abs() < 1e-12, "{found:?}");
     }
 

@@ -1,10 +1,11 @@
-/// Continuous ranked probability score of samples of one number, in its unit: the fair estimator
+/// Continuous ranked probability score of samples of one number, in its unit. It is the fair
+/// estimator
 ///
 /// mean |x_i - y| - Σ_i Σ_j |x_i - x_j| / (2 K (K - 1)),
 ///
-/// whose expectation is the score of the distribution that the samples are of, whatever their number
-/// K (Ferro 2014, "Fair scores for ensemble forecasts", equation 8). `None` below two samples. Sorts
-/// them.
+/// whose expectation is the score of the samples' distribution, whatever their number K (Ferro
+/// 2014, "Fair scores for ensemble forecasts", equation 8). `None` below two samples. The function
+/// sorts the samples.
 pub fn crps(samples: &mut [f64], truth: f64) -> Option<f64> {
     if samples.len() < 2 {
         return None;
@@ -16,7 +17,7 @@ pub fn crps(samples: &mut [f64], truth: f64) -> Option<f64> {
     let mut spread = 0.0;
     for (k, x) in samples.iter().enumerate() {
         distance += (x - truth).abs();
-        // From the truth, so that nothing large cancels.
+        // Distances are from the truth, so that no large numbers cancel.
         spread += (2.0 * k as f64 - count + 1.0) * (x - truth);
     }
     Some(distance / count - spread / (count * (count - 1.0)))

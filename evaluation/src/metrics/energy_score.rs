@@ -1,14 +1,14 @@
-/// Energy score of samples of a whole series, in the unit of its entries: the fair estimator
+/// Energy score of samples of a whole series, in the unit of its entries. It is the fair estimator
 ///
 /// mean ‖x_i - y‖ - Σ_i Σ_j ‖x_i - x_j‖ / (2 K (K - 1))
 ///
-/// (Gneiting and Raftery 2007, "Strictly proper scoring rules, prediction, and estimation", equation
-/// 22, with the divisor of Ferro 2014). ‖·‖ is the root of the *mean* square of the entries, so that
-/// series of different lengths compare; of one entry it is the CRPS. Unlike the CRPS of each entry it
-/// sees whether entries vary together as they should. `None` below two samples.
+/// (Gneiting and Raftery 2007, "Strictly proper scoring rules, prediction, and estimation",
+/// equation 22, with the divisor of Ferro 2014). ‖·‖ is the root of the *mean* square of the
+/// entries, so that series of different lengths compare. For one entry it is the CRPS. Unlike the
+/// CRPS of each entry, it depends on how entries vary together. `None` below two samples.
 ///
 /// # Panics
-/// When a sample differs in length from `truth`.
+/// If a sample differs in length from `truth`.
 pub fn energy_score(samples: &[&[f32]], truth: &[f32]) -> Option<f64> {
     if samples.len() < 2 {
         return None;
@@ -61,7 +61,7 @@ mod tests {
         }
     }
 
-    /// What the CRPS of each entry cannot see.
+    /// The CRPS of each entry is the same in both cases.
     #[test]
     fn entries_that_vary_together_are_rewarded_for_saying_so() {
         #[expect(clippy::cast_possible_truncation, reason = "samples in f32")]

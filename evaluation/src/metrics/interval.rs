@@ -1,16 +1,17 @@
-/// The central interval that holds `probability` of the distribution which `sorted` samples are of.
+/// The central interval with `probability` of the distribution of the `sorted` samples.
 ///
-/// Its ends are the order statistics at p (K + 1), counted from 1 and interpolated: for such ends the
-/// chance that one more sample of the same law falls between them is `probability` exactly when that is
-/// whole, whatever the law (type 6 of Hyndman and Fan 1996, "Sample quantiles in statistical
-/// packages"). `None` with too few samples for it, see [`least_samples`]: the extremes of fewer do not
-/// reach that far.
+/// Its ends are the order statistics at p (K + 1), counted from 1 and interpolated. If this is a
+/// whole number, one more sample of the same law falls between the ends with exactly this
+/// `probability`, for every law (type 6 of Hyndman and Fan 1996, "Sample quantiles in statistical
+/// packages"). `None` with fewer samples than [`least_samples`], because the extremes of so few do
+/// not reach far enough.
 pub fn central_interval(sorted: &[f64], probability: f64) -> Option<(f64, f64)> {
     let tail = 0.5 * (1.0 - probability);
     Some((order_statistic(sorted, tail)?, order_statistic(sorted, 1.0 - tail)?))
 }
 
-/// Samples without which there is no central interval of `probability`: 3 for a half, 19 for 90 %.
+/// The smallest number of samples with a central interval of `probability`: 3 for a half, 19 for 90
+/// %.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
@@ -20,7 +21,7 @@ pub fn least_samples(probability: f64) -> usize {
     (2.0 / (1.0 - probability) - 1.0 - ROUNDING).ceil() as usize
 }
 
-/// Of p (K + 1), which is whole in decimals but not in binary.
+/// Rounding of p (K + 1), which may be whole in decimals but not in binary.
 const ROUNDING: f64 = 1e-9;
 
 #[expect(

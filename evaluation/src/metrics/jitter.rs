@@ -2,12 +2,13 @@ use std::f64::consts::TAU;
 
 use crate::metrics::LowPass;
 
-/// Where what a prediction may contain ends and jitter begins, Hz: above the signal's highest
-/// component by half, and by what a series as short as the horizon smears.
+/// The frequency above which the power of a prediction is jitter, Hz. It is 1.5 times the signal's
+/// highest component, and at least that component plus the width by which a series as short as the
+/// horizon smears it.
 ///
-/// `None` where less than a tenth of all frequencies would be left above.
+/// `None` if less than a tenth of all frequencies lies above.
 pub fn band_edge_hz(highest_component_hz: f64, horizon: usize, rate_hz: f64) -> Option<f64> {
-    // Of the Hann window, the half width of the main lobe, in bins.
+    // Half width of the main lobe of the Hann window, in bins.
     const LOBE: f64 = 2.0;
 
     let resolution = rate_hz / horizon as f64;
@@ -16,34 +17,34 @@ pub fn band_edge_hz(highest_component_hz: f64, horizon: usize, rate_hz: f64) -> 
     (edge > 0.0 && edge <= largest).then_some(edge)
 }
 
-/// Measures the power of series above a frequency, as they are and after a low-pass at it.
+/// Measures the power of series above a frequency, before and after a low-pass at this frequency.
 pub struct JitterMeter {
     spectrum: Spectrum,
     low_pass: LowPass,
 }
 
 impl JitterMeter {
-    /// For series of `samples` values. `None` when there is nothing above the edge to measure, or
-    /// too few values for the filter.
+    /// A meter for series of `samples` values. `None` if no frequency lies above the edge, or if
+    /// the series is too short for the filter.
     pub fn new(samples: usize, edge_hz: f64, rate_hz: f64) -> Option<Self> {
         let low_pass = LowPass::new(edge_hz, rate_hz)?;
         low_pass.apply(&vec![0.0; samples])?;
         Some(Self { spectrum: Spectrum::new(samples, edge_hz, rate_hz)?, low_pass })
     }
 
-    /// Root mean square of what lies above the edge, in the unit of `series`.
+    /// Root mean square of the part above the edge, in the unit of `series`.
     pub fn jitter(&self, series: &[f64]) -> f64 {
         self.spectrum.power(series).sum::<f64>().sqrt()
     }
 
-    /// The series without what lies above the edge.
+    /// The series without the part above the edge.
     pub fn smoothed(&self, series: &[f64]) -> Vec<f64> {
         self.low_pass.apply(series).unwrap_or_else(|| series.to_vec())
     }
 }
 
-/// Power per frequency of series of one length, without their straight-line trend and through a
-/// Hann window (Welch 1967, with a single segment).
+/// Power per frequency of series of one length, after removing the straight-line trend and through
+/// a Hann window (Welch 1967, with a single segment).
 pub(super) struct Spectrum {
     window: Vec<f64>,
     bins: Vec<Bin>,
@@ -53,7 +54,8 @@ pub(super) struct Spectrum {
 struct Bin {
     /// Turns per sample.
     step: f64,
-    /// From the square of the transform to power; the bin stands for its negative frequency too.
+    /// Factor from the square of the transform to power. The bin also counts for its negative
+    /// frequency.
     scale: f64,
 }
 
@@ -89,7 +91,7 @@ impl Spectrum {
     pub(super) fn power(&self, series: &[f64]) -> impl Iterator<Item = f64> {
         let windowed = self.windowed(series);
         self.bins.iter().map(move |bin| {
-            // Goertzel's recurrence: one multiplication per sample.
+            // Goertzel's recurrence needs one multiplication per sample.
             let double_cos = 2.0 * (TAU * bin.step).cos();
             let (mut last, mut before) = (0.0, 0.0);
             for x in &windowed {
@@ -141,8 +143,8 @@ mod tests {
             }
             let expected = amplitude / 2.0_f64.sqrt();
             prop_assert!((meter.jitter(&series) / expected - 1.0).abs() < 0.03);
-            // The edge is well below: nearly all of it goes. Where the filter begins it bends the line by less than
-            // a thousandth of the slope.
+            // The edge is well below, so nearly all of the jitter is removed. At its beginning, the
+            // filter bends the line by less than a thousandth of the slope.
             let smoothed = meter.smoothed(&series);
             prop_assert!(meter.jitter(&smoothed) < 0.12 * expected + 1e-3 * slope.abs());
         }

@@ -1,11 +1,11 @@
 use spec::Range;
 
-/// A rollout that is further than this from the measured position has diverged, degrees: half a turn,
-/// behind which a joint has no place that says anything about the arm.
+/// A rollout with an error above this has diverged, degrees. After half a turn, a joint's position
+/// says nothing about the arm.
 pub const DIVERGED_DEG: f64 = 180.0;
 
-/// How far the positions `[horizon, joint]` of each joint lie beyond its limits at most, degrees; 0
-/// within, infinite where a position is not a number.
+/// The largest distance of the positions `[horizon, joint]` of each joint beyond its limits,
+/// degrees. It is 0 within the limits, and infinite where a position is NaN.
 pub fn beyond_limits_deg(positions: &[f32], limits_rad: &[Range]) -> Vec<f64> {
     let of_joint = |(joint, limits): (usize, &Range)| {
         let of_joint = positions.iter().skip(joint).step_by(limits_rad.len());
@@ -18,10 +18,10 @@ pub fn beyond_limits_deg(positions: &[f32], limits_rad: &[Range]) -> Vec<f64> {
     limits_rad.iter().enumerate().map(of_joint).collect()
 }
 
-/// Whether a rollout is not finite somewhere, or further than [`DIVERGED_DEG`] from the truth.
+/// Whether a rollout has a value that is not finite, or an error above [`DIVERGED_DEG`].
 pub fn has_diverged(truth: &[f32], predicted: &[f32]) -> bool {
     let errors = truth.iter().zip(predicted);
-    // Written so that what is no number counts.
+    // In this form NaN counts as diverged.
     !errors
         .map(|(q, predicted)| (f64::from(*predicted) - f64::from(*q)).abs().to_degrees())
         .all(|error| error <= DIVERGED_DEG)

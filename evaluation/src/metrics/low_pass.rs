@@ -1,9 +1,9 @@
 use std::f64::consts::PI;
 
-/// Butterworth low-pass of order 4, run forwards and backwards, so that nothing is shifted in time
-/// and the order is 8 in effect: half the amplitude at the edge.
+/// Butterworth low-pass of order 4, run forwards and backwards. So nothing is shifted in time, and
+/// the order is 8 in effect, with half the amplitude at the edge.
 ///
-/// Series are continued at both ends by their own odd reflections, as `scipy.signal.filtfilt` does.
+/// Series are extended at both ends by their own odd reflections, as in `scipy.signal.filtfilt`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LowPass {
     sections: [Section; 2],
@@ -17,11 +17,11 @@ struct Section {
     a2: f64,
 }
 
-/// Samples of reflection at each end: three times the filter's coefficients.
+/// Samples of reflection at each end: three times the number of the filter's coefficients.
 const REFLECTED: usize = 15;
 
 impl LowPass {
-    /// `None` unless 0 < `edge_hz` < `rate_hz` / 2.
+    /// A filter at `edge_hz`. `None` unless 0 < `edge_hz` < `rate_hz` / 2.
     pub fn new(edge_hz: f64, rate_hz: f64) -> Option<Self> {
         if !(edge_hz > 0.0 && edge_hz < 0.5 * rate_hz) {
             return None;
@@ -41,7 +41,7 @@ impl LowPass {
         Some(Self { sections })
     }
 
-    /// The series, filtered. `None` when it is not longer than what is reflected.
+    /// The filtered series. `None` if it is not longer than the reflection.
     pub fn apply(&self, series: &[f64]) -> Option<Vec<f64>> {
         let (first, last) = (*series.first()?, *series.last()?);
         if series.len() <= REFLECTED {
@@ -57,11 +57,11 @@ impl LowPass {
         Some(extended[REFLECTED..REFLECTED + series.len()].to_vec())
     }
 
-    /// Begins as if the first value had been there for ever.
+    /// Filters forwards, as if the first value had been there for ever.
     fn forwards(&self, series: &mut [f64]) {
         for Section { b0, a1, a2 } in self.sections {
             let Some(&first) = series.first() else { return };
-            // Transposed direct form II at rest with input and output 1.
+            // State of the transposed direct form II at rest, with input and output 1.
             let (mut late, mut later) = ((1.0 - b0) * first, (b0 - a2) * first);
             for x in series.iter_mut() {
                 let y = b0 * *x + late;
@@ -115,7 +115,7 @@ mod tests {
         series.reverse();
         let mut backwards = filter.apply(&series).unwrap();
         backwards.reverse();
-        // The two orders differ by what is left of their beginnings.
+        // Both orders differ only by their transients at the beginning.
         for (a, b) in filtered[25..55].iter().zip(&backwards[25..55]) {
             assert!((a - b).abs() < 1e-3, "{a} {b}");
         }

@@ -1,6 +1,6 @@
-//! How far a prediction is off, and how well it knows.
+//! Metrics of predictions: their errors, and the quality of their uncertainty.
 //!
-//! Positions come in rad; every result is in degrees, as the paper's figures are.
+//! Positions are given in rad. Every result is in degrees, like the paper's figures.
 
 mod band;
 mod continuity;

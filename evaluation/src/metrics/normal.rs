@@ -1,4 +1,4 @@
-//! The normal law, against which scores are tested.
+//! The normal distribution, for tests of scores.
 
 use std::f64::consts::{FRAC_1_SQRT_2, TAU};
 
@@ -8,7 +8,7 @@ pub fn density(z: f64) -> f64 {
     (-0.5 * z * z).exp() / TAU.sqrt()
 }
 
-/// By Simpson's rule, to about 1e-9.
+/// The distribution function by Simpson's rule, with an error of about 1e-9.
 pub fn distribution(z: f64) -> f64 {
     let steps = 2000;
     let h = z / f64::from(steps);

@@ -3,10 +3,10 @@ use series::SeriesView;
 /// RMSE of each scenario in degrees: sqrt(mean over the horizon of e²) per joint, then the mean
 /// over joints (the paper's code).
 ///
-/// `predicted` is `[robot, horizon, joint]` in rad, the horizon all that follows `context` samples.
+/// `predicted` is `[robot, horizon, joint]` in rad. The horizon has all samples after `context`.
 ///
 /// # Panics
-/// When `predicted` has another length.
+/// If `predicted` has another length.
 pub fn rmse_deg(scenarios: &SeriesView<'_>, context: usize, predicted: &[f32]) -> Vec<f64> {
     let truth = scenarios.window(context..scenarios.samples()).copy_true_y();
     assert_eq!(predicted.len(), truth.len(), "[robot, horizon, joint] values");
@@ -19,7 +19,7 @@ pub fn rmse_deg(scenarios: &SeriesView<'_>, context: usize, predicted: &[f32]) -
     .collect()
 }
 
-/// The RMSE of each joint of one scenario, degrees; both are `[horizon, joint]` in rad.
+/// The RMSE of each joint of one scenario, degrees. Both inputs are `[horizon, joint]` in rad.
 pub fn joint_rmse_deg(truth: &[f32], predicted: &[f32], joints: usize) -> Vec<f64> {
     let mut squares = vec![0.0; joints];
     let steps = truth.len() / joints;
@@ -29,7 +29,7 @@ pub fn joint_rmse_deg(truth: &[f32], predicted: &[f32], joints: usize) -> Vec<f6
     squares.iter().map(|sum| (sum / steps as f64).sqrt()).collect()
 }
 
-/// Squared error of each value, degrees²; both are in rad.
+/// Squared error of each value, degrees². Both inputs are in rad.
 pub fn squares_deg2(truth: &[f32], predicted: &[f32]) -> impl Iterator<Item = f64> {
     truth
         .iter()

@@ -1,5 +1,5 @@
-//! Cells put together by how their torques differ from those of the trainings, over the scenarios that the robot's
-//! motors can run.
+//! Groups cells by how their torques differ from those of the trainings, over the scenarios whose
+//! torques the robot's motors can give.
 
 use models::Interrupt;
 use rayon::prelude::*;
@@ -14,7 +14,7 @@ use crate::{CellResult, PredictorErrors};
 /// Cells with their shift, in order.
 type Shifted<'a> = [(&'a CellResult, Option<Shift>)];
 
-/// Summaries of each shift that occurs: of all its families together, and of each.
+/// Summaries of each shift that occurs, for all its families together and for each family.
 pub(super) fn by_shift(
     predictors: &[PredictorInfo],
     cells: &Shifted<'_>,
@@ -64,13 +64,13 @@ pub(super) fn by_shift(
         .collect()
 }
 
-/// The integrator that skill is told against, as its predictor is called.
+/// The name of the predictor that is the reference of the skill.
 const REFERENCE: &str = "damped-integrator";
 
 struct Group<'a> {
     cells: Vec<&'a CellResult>,
     scenarios: usize,
-    /// Those whose torques the motors can give.
+    /// Number of scenarios whose torques the motors can give.
     scored: usize,
     bootstrap: Bootstrap,
 }
@@ -106,11 +106,11 @@ impl<'a> Group<'a> {
             .iter()
             .enumerate()
             .flat_map(|(k, ours)| asked[..k].iter().map(move |theirs| (ours, theirs)));
-        let told: Vec<_> = pairs
+        let compared: Vec<_> = pairs
             .filter(|((ours, _), (theirs, _))| is_compared(ours[0], theirs[0], predictors))
             .collect();
         let differences =
-            told.into_par_iter().filter_map(|((ours, of_ours), (theirs, of_theirs))| {
+            compared.into_par_iter().filter_map(|((ours, of_ours), (theirs, of_theirs))| {
                 let difference_deg = replications::difference(
                     of_ours.as_ref()?,
                     of_theirs.as_ref()?,
@@ -168,7 +168,7 @@ impl<'a> Group<'a> {
         self.cells.iter().all(|cell| errors(cell, predictor).is_some())
     }
 
-    /// One number of each scored scenario, a stratum per cell; `None` unless all have one.
+    /// A value of each scored scenario, with a stratum per cell. `None` unless all have one.
     fn values(
         &self,
         predictor: &str,
@@ -182,7 +182,7 @@ impl<'a> Group<'a> {
         self.cells.iter().map(of_cell).collect()
     }
 
-    /// The share of scored scenarios, over all seeds.
+    /// The share of scored scenarios that diverged, over all seeds.
     fn diverged(&self, group: &[&PredictorInfo]) -> f64 {
         let count = |info: &&PredictorInfo| {
             let of_cell = |cell: &&CellResult| {
@@ -199,7 +199,7 @@ fn count(cell: &CellResult) -> usize {
     cell.predictors.first().map_or(0, |errors| errors.rmse_deg.len())
 }
 
-/// Where limits are not known, everything is.
+/// Whether a scenario is scored. Without torque limits, all scenarios are.
 fn is_scored(cell: &CellResult, scenario: usize) -> bool {
     cell.within_torque_limits.get(scenario).copied().unwrap_or(true)
 }
@@ -217,7 +217,8 @@ mod tests {
         format!("{number:064x}").parse().unwrap()
     }
 
-    /// Two seeds of a training and the integrator, on two scenarios, the second of them beyond the motors' torques.
+    /// Two seeds of a training and the integrator, on two scenarios. The torques of the second one
+    /// exceed the motors'.
     fn replicated(number: usize, frequency_hz: f64) -> CellResult {
         let mut result = cell(number, frequency_hz, 1.0, 4.0);
         REFERENCE.clone_into(&mut result.predictors[0].predictor);
@@ -256,7 +257,7 @@ mod tests {
         assert_eq!((within.scenarios, within.scored), (2, 1));
         let [reference, model] = &within.models[..] else { panic!("{within:?}") };
         assert_eq!(model.predictors, ["model", "model 2"]);
-        // Errors are 0.9 and 2.9, and the integrator's is 3.9.
+        // The errors are 0.9 and 2.9, and that of the integrator is 3.9.
         let rmse = model.rmse_deg.unwrap();
         assert!((rmse.mean - 1.9).abs() < 1e-9, "{rmse:?}");
         assert!((rmse.high - 1.9 - 12.706).abs() < 1e-2, "{rmse:?}");

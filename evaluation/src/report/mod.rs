@@ -1,4 +1,4 @@
-//! Puts the cells of an evaluation together into its [`wire::Report`].
+//! Combines the cells of an evaluation into its [`wire::Report`].
 
 mod by_shift;
 mod replications;
@@ -23,7 +23,7 @@ pub(crate) mod tests {
         CellResult, EvaluationError, Failure, HoldLast, Predictor, Scoring, evaluate_cell,
     };
 
-    /// A predictor of which no more is known.
+    /// A predictor with a name and a kind only.
     pub(crate) fn named(name: &str, kind: PredictorKind) -> PredictorInfo {
         let name = name.to_owned();
         PredictorInfo {

@@ -1,4 +1,5 @@
-//! Trainings that differ in nothing but seeds, taken together: how far a mean over seeds and robots could be off.
+//! Combines trainings that differ only in their seeds: the interval of a mean over seeds and
+//! robots.
 
 use spec::Bootstrap;
 use statistics::student_quantile_975;
@@ -6,7 +7,7 @@ use wire::{Interval, PredictorInfo};
 
 use crate::bootstrap::{stratified_mean, stratified_ratio};
 
-/// Predictors that were trained alike, or a single one, in the order of every table.
+/// Groups of predictors with the same training, in the order of every table.
 pub(super) fn groups(predictors: &[PredictorInfo]) -> Vec<Vec<&PredictorInfo>> {
     let mut groups: Vec<Vec<&PredictorInfo>> = Vec::new();
     for info in predictors {
@@ -28,18 +29,19 @@ fn are_replications(a: &PredictorInfo, b: &PredictorInfo) -> bool {
         && way(a) == way(b)
 }
 
-/// Values of each seed on each scenario: `[seed][stratum][scenario]`, all seeds on the same scenarios.
+/// Values of each seed on each scenario: `[seed][stratum][scenario]`. All seeds have the same
+/// scenarios.
 pub(super) type BySeed = Vec<Vec<Vec<f64>>>;
 
-/// The mean over seeds and robots, with half-widths of both added as squares: of robots that of the bootstrap of
-/// the seeds' mean, of seeds Student's t of the seeds' means. With one seed there is no telling, and the interval
-/// is that over robots alone.
+/// The mean over seeds and robots. The squares of two half-widths are added: that over robots is
+/// from the bootstrap of the seeds' mean, and that over seeds is Student's t of the seeds' means.
+/// With one seed there is no estimate for seeds, and the interval is that over robots.
 pub(super) fn interval(values: &BySeed, bootstrap: Bootstrap) -> Interval {
     let over_robots = stratified_mean(&over_seeds(values), bootstrap);
     widened(over_robots, seed_half_width(&seed_means(values)))
 }
 
-/// 1 − (mean of `values`) / (mean of `reference`), with an interval in the same way.
+/// 1 − (mean of `values`) / (mean of `reference`), with an interval of the same kind.
 pub(super) fn skill(
     values: &BySeed,
     reference: &[Vec<f64>],
@@ -57,7 +59,7 @@ pub(super) fn skill(
     Some(widened(over_robots, seed_half_width(&of_seeds)))
 }
 
-/// The mean difference on the same scenarios. Seeds are those of either side, which have nothing in common.
+/// The mean difference on the same scenarios. The seeds of both sides are independent.
 pub(super) fn difference(ours: &BySeed, theirs: &BySeed, bootstrap: Bootstrap) -> Interval {
     let (of_ours, of_theirs) = (over_seeds(ours), over_seeds(theirs));
     let differences: Vec<Vec<f64>> = of_ours
@@ -70,7 +72,7 @@ pub(super) fn difference(ours: &BySeed, theirs: &BySeed, bootstrap: Bootstrap) -
     widened(over_robots, seeds[0].hypot(seeds[1]))
 }
 
-/// The mean over all scenarios, seed by seed.
+/// The mean over all scenarios, for each seed.
 pub(super) fn seed_means(values: &BySeed) -> Vec<f64> {
     values.iter().map(|strata| mean(strata)).collect()
 }
@@ -93,7 +95,7 @@ fn over_seeds(values: &BySeed) -> Vec<Vec<f64>> {
     sums
 }
 
-/// Half the width of the 95 % interval of the mean over seeds; 0 of one.
+/// Half the width of the 95 % interval of the mean over seeds; 0 for a single seed.
 fn seed_half_width(means: &[f64]) -> f64 {
     let count = means.len() as f64;
     if means.len() < 2 {
@@ -122,10 +124,10 @@ mod tests {
 
     #[test]
     fn seeds_that_differ_widen_the_interval_as_students_t() {
-        // Every robot has the same error, so that nothing but seeds is uncertain.
+        // Every robot has the same error, so that only seeds contribute to the interval.
         let values: BySeed = [1.0, 2.0, 3.0].map(|mean| vec![vec![mean; 10]]).into();
         let found = interval(&values, BOOTSTRAP);
-        // t of 2 degrees of freedom is 4.303, the standard error 1 / √3.
+        // t for 2 degrees of freedom is 4.303, and the standard error is 1 / √3.
         assert!((found.high - found.mean - 4.303 / 3.0_f64.sqrt()).abs() < 1e-3, "{found:?}");
         assert_eq!(found.mean, 2.0);
         assert_eq!(seed_means(&values), [1.0, 2.0, 3.0]);

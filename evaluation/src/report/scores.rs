@@ -1,4 +1,4 @@
-//! All that is measured besides the RMSE, put together over cells.
+//! Summaries over cells of all measures besides the RMSE.
 
 use rayon::prelude::*;
 use spec::Bootstrap;
@@ -8,7 +8,7 @@ use super::summary::errors;
 use crate::scores::{ContinuityErrors, PerJoint, SampleErrors, ScenarioErrors};
 use crate::{CALIBRATION, CellResult, INTERVALS, PredictorErrors, stratified_mean};
 
-/// Of the predictors that answered everything, where it was measured at all.
+/// The scores of the predictors that answered everything, for each measure that exists.
 pub(super) fn scores(
     predictors: &[PredictorInfo],
     cells: &[&CellResult],
@@ -115,7 +115,7 @@ impl<'a> Measured<'a> {
             .collect()
     }
 
-    /// `None` unless every scenario has one.
+    /// A value of each scenario. `None` unless all have one.
     fn values(&self, of: impl Fn(&ScenarioErrors) -> Option<f64>) -> Option<Vec<Vec<f64>>> {
         let of = &of;
         self.strata.iter().map(|stratum| stratum.iter().map(|it| of(it)).collect()).collect()
@@ -125,7 +125,8 @@ impl<'a> Measured<'a> {
         Some(stratified_mean(&self.values(of)?, self.bootstrap))
     }
 
-    /// Over scenarios and joints. Its interval is that of the mean square, whose root is as monotonic.
+    /// Over scenarios and joints. The root is monotonic, so its interval is the root of that of the
+    /// mean square.
     fn root_mean_square(
         &self,
         of: impl Fn(&ContinuityErrors) -> Option<&PerJoint>,

@@ -1,4 +1,4 @@
-//! How the torques of a cell differ from those that checkpoints were trained on.
+//! The shift of a cell: how its torques differ from those of the checkpoints' trainings.
 
 use spec::{Excitation, Family, Range};
 use wire::{Shift, TrainedOn};
@@ -8,7 +8,7 @@ use crate::CellResult;
 /// Grids are written in decimals, so 0.1 + 0.05 must count as 0.15.
 const TOLERANCE: f64 = 1e-9;
 
-/// The frequencies and amplitudes that a training on `excitation` has seen.
+/// The frequencies and amplitudes in a training on `excitation`.
 pub fn trained_on(excitation: &Excitation) -> impl Iterator<Item = TrainedOn> {
     Family::ALL.into_iter().filter_map(|family| {
         let frequency_hz = excitation.support(family)?;
@@ -16,10 +16,10 @@ pub fn trained_on(excitation: &Excitation) -> impl Iterator<Item = TrainedOn> {
     })
 }
 
-/// The shift of a cell from what one training saw. `None` of cells without a frequency and of trainings on
+/// The shift of a cell from one training. `None` for cells without a frequency and for trainings on
 /// recordings.
 ///
-/// Frequency comes before amplitude: a multisine above the band has larger torques, too.
+/// Frequency is checked before amplitude, since a multisine above the band has larger torques, too.
 fn from_training(
     cell: &CellResult,
     seen: &[TrainedOn],
@@ -27,7 +27,7 @@ fn from_training(
 ) -> Option<Shift> {
     let (family, frequency_hz) = (cell.family?, cell.frequency_hz?);
     if seen.is_empty() {
-        // Recordings do not say what excited them.
+        // The excitation of recordings is not known.
         return None;
     }
     let Some(seen) = seen.iter().find(|seen| seen.family == family) else {
@@ -48,8 +48,8 @@ fn is_beyond(asked: Range, seen: Range) -> bool {
     asked.min < seen.min - TOLERANCE || asked.max > seen.max + TOLERANCE
 }
 
-/// The shift of a cell from the trainings of all checkpoints: that of the first which has one. `None` without
-/// checkpoints.
+/// The shift of a cell from the trainings of all checkpoints: the first one other than `Within`, if
+/// there is any. `None` without checkpoints.
 pub(super) fn shift(
     cell: &CellResult,
     trained_on: &[Vec<TrainedOn>],
@@ -59,7 +59,7 @@ pub(super) fn shift(
     of_each().find(|shift| *shift != Some(Shift::Within)).or_else(|| of_each().next())?
 }
 
-/// The data that all trainings have seen: the intersection of their intervals, per family.
+/// The data that all trainings have in common: the intersection of their intervals, per family.
 pub(super) fn common(trained_on: &[Vec<TrainedOn>]) -> Vec<TrainedOn> {
     let Some((first, others)) = trained_on.split_first() else { return Vec::new() };
     first

@@ -12,37 +12,38 @@ use super::scores::scores;
 use super::shift::{common, shift};
 use crate::{CellResult, EvaluationError, PredictorErrors, Rollouts, stratified_mean};
 
-/// Scenarios of each predictor that are listed as its worst.
+/// Number of worst scenarios that are listed for each predictor.
 const WORST: usize = 10;
 
-/// What an evaluation was asked.
+/// The question of an evaluation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Setting {
     pub context: u32,
     pub horizon: u32,
     pub rate_hz: f64,
-    /// Asked of each predictor that has several.
+    /// Number of samples that are drawn from each generative predictor.
     pub samples: u32,
-    /// The noise that the data has itself; `None` without.
+    /// The noise of the data itself; `None` without noise.
     pub data_noise: Option<DataNoise>,
-    /// Of the dataset's simulation; none for recordings.
+    /// Seed of the dataset's simulation; `None` for recordings.
     pub seed: Option<u64>,
     pub bootstrap: Bootstrap,
     /// The data's excitation, where it is simulated.
     pub excitation: Option<Excitation>,
-    /// In the order of every table, baselines first.
+    /// The predictors in the order of every table, baselines first.
     pub predictors: Vec<PredictorInfo>,
     /// One list per checkpoint.
     pub trained_on: Vec<Vec<TrainedOn>>,
 }
 
-/// Puts the cells of an evaluation together.
+/// Combines the cells of an evaluation.
 ///
-/// A cell is in distribution when every checkpoint's training drew its family, frequency and amplitudes;
-/// without checkpoints all cells are out of it. A cell without a frequency is neither.
+/// A cell is in distribution if every checkpoint's training drew its family, frequency and
+/// amplitudes. Without checkpoints all cells are out of distribution. A cell without a frequency is
+/// neither.
 ///
 /// # Errors
-/// [`EvaluationError::MissingCell`] when a cell has no result.
+/// [`EvaluationError::MissingCell`] if a cell has no result.
 pub fn summarize(setting: Setting, results: &[CellResult]) -> Result<Report, EvaluationError> {
     if let Some(missing) = (0..results.len()).find(|&k| results[k].cell != k) {
         return Err(EvaluationError::MissingCell(missing));
@@ -115,7 +116,7 @@ pub fn summarize(setting: Setting, results: &[CellResult]) -> Result<Report, Eva
     })
 }
 
-/// Cells at one level of noise that are summarized together.
+/// Cells at one level of noise with a common summary.
 struct Group<'a> {
     name: String,
     position_noise_rad: f64,
@@ -123,7 +124,7 @@ struct Group<'a> {
 }
 
 impl<'a> Group<'a> {
-    /// The group of those `cells` that are at `level`.
+    /// The group of those `cells` that have the noise `level`.
     fn new(name: &str, cells: &[&'a CellResult], level: f64) -> Self {
         Self {
             name: format!("{name}{}", at_noise(level)),
@@ -133,7 +134,7 @@ impl<'a> Group<'a> {
     }
 }
 
-/// The levels of noise, in the order in which they come.
+/// The levels of noise, in order of appearance.
 fn levels(results: &[CellResult]) -> Vec<f64> {
     let mut levels = Vec::new();
     for cell in results {
@@ -144,8 +145,8 @@ fn levels(results: &[CellResult]) -> Vec<f64> {
     levels
 }
 
-/// Mean RMSE of `predictor` less that of `against` over the scenarios of `cells`; below 0 is better.
-/// `None` when either has no answer to some of them.
+/// Mean RMSE of `predictor` minus that of `against` over the scenarios of `cells`. A negative value
+/// is better. `None` if either has no answer to some of them.
 pub fn paired_difference(
     cells: &[&CellResult],
     predictor: &str,
@@ -165,7 +166,7 @@ fn scenarios(cell: &CellResult) -> u64 {
     cell.predictors.first().map_or(0, |errors| errors.rmse_deg.len() as u64)
 }
 
-/// Of the predictors that answered everything.
+/// The mean RMSE of the predictors that answered everything.
 fn means(
     predictors: &[PredictorInfo],
     cells: &[&CellResult],
@@ -178,11 +179,11 @@ fn means(
     predictors.iter().filter_map(summary).collect()
 }
 
-/// Each checkpoint against all that come before it, baselines and other checkpoints; without
-/// checkpoints each baseline against those before it. Checkpoints that are sampled in several ways
-/// are compared with others that are sampled in the same way, and each with itself where steps or the
-/// rest is the same, and with its longest chain from noise: all pairs of a sweep over steps would be
-/// thousands.
+/// Compares each checkpoint with all predictors before it, baselines and other checkpoints. Without
+/// checkpoints, each baseline is compared with those before it. Checkpoints that are sampled in
+/// several ways are compared with others of the same sampling. Each is also compared with itself at
+/// the same steps or with otherwise equal sampling, and with its longest chain from noise. All
+/// pairs of a sweep over steps would be thousands.
 fn paired(
     group: &Group<'_>,
     predictors: &[PredictorInfo],
@@ -216,7 +217,7 @@ fn paired(
         .collect()
 }
 
-/// Whether the difference of two predictors is told, `theirs` before `ours` in every table.
+/// Whether two predictors are compared. `theirs` comes before `ours` in every table.
 pub(super) fn is_compared(
     ours: &PredictorInfo,
     theirs: &PredictorInfo,
@@ -231,8 +232,8 @@ fn is_told(ours: &PredictorInfo, theirs: &PredictorInfo) -> bool {
     same_way || ours.digest == theirs.digest && (a.curve == b.curve || a.steps == b.steps)
 }
 
-/// Whether `chain` is the longest that begins cold of those that sample the checkpoint of `ours` by the
-/// same kind of sampler.
+/// Whether `chain` is the longest cold chain of the checkpoint of `ours` with the same kind of
+/// sampler.
 fn is_longest(chain: &PredictorInfo, ours: &PredictorInfo, predictors: &[PredictorInfo]) -> bool {
     let cold_steps = |info: &PredictorInfo| {
         let (theirs, ours) = (info.sampling.as_ref()?, ours.sampling.as_ref()?);
@@ -243,7 +244,7 @@ fn is_longest(chain: &PredictorInfo, ours: &PredictorInfo, predictors: &[Predict
     chain.digest == ours.digest && longest.is_some() && cold_steps(chain) == longest
 }
 
-/// One predictor's errors, a stratum per cell; `None` unless it answered everything.
+/// The errors of one predictor, with a stratum per cell. `None` unless it answered everything.
 fn rmse_deg(cells: &[&CellResult], predictor: &str) -> Option<Vec<Vec<f64>>> {
     cells.iter().map(|cell| errors(cell, predictor)?.rmse_deg.iter().copied().collect()).collect()
 }
@@ -252,7 +253,7 @@ pub(super) fn errors<'a>(cell: &'a CellResult, predictor: &str) -> Option<&'a Pr
     cell.predictors.iter().find(|errors| errors.predictor == predictor)
 }
 
-/// Summaries of the predictors that were asked in all cells and failed on none as a whole.
+/// Summaries of the predictors that occur in all cells and did not fail on a whole cell.
 fn rollouts(predictors: &[PredictorInfo], cells: &[&CellResult]) -> Vec<RolloutSummary> {
     let summary = |info: &PredictorInfo| {
         let asked: Vec<&PredictorErrors> =

@@ -28,7 +28,7 @@ fn identification_finds_an_arm_as_it_was_drawn() {
     }
 }
 
-/// Lengths, armature and friction are not estimated: the arm that comes closest is.
+/// Lengths, armature and friction are not estimated. The result is the closest arm without them.
 #[test]
 fn identification_of_an_arm_it_has_no_model_of_is_still_better_than_none() {
     let unknown = json!({"robot": {

@@ -93,7 +93,7 @@ fn the_robot_goes_on_from_its_excitation_as_if_nothing_had_happened() {
     }
 }
 
-/// Says what it was asked, as the number of the last known sample.
+/// Answers with the number of the last known sample, which shows the question.
 struct Probe;
 
 impl Predictor for Probe {
@@ -105,7 +105,7 @@ impl Predictor for Probe {
         assert_eq!((observed.context(), observed.horizon()), (4, 6));
         let asked = |scenario: usize| {
             let torques: Vec<f32> = observed.u(scenario).joint(0).collect();
-            // Three that acted, a plan of two, and its end held.
+            // Three torques of the past, a plan of two, and its last torque held.
             assert_eq!(torques[..3], [7., 8., 9.]);
             let plan = &torques[3..];
             let (first, second) = (plan[0], plan[1]);
@@ -135,7 +135,7 @@ fn a_predictor_is_asked_about_the_latest_samples_and_heard_as_far_as_the_plan_go
     assert_eq!(firsts, [1001., 1002., 1003., 1004.]);
 }
 
-/// Answers for a while.
+/// Answers for a while, then fails.
 struct Breaks;
 
 impl Predictor for Breaks {

@@ -21,7 +21,8 @@ fn a_receding_horizon_goes_on_from_its_own_prediction() {
     let shifted = Start::Shifted { shift: 1, steps: 2 };
     let receding = predictor(shifted).predict(&observed).unwrap();
 
-    // By hand: from noise three samples ago, then from the prediction before, each with other noise.
+    // Computed by hand: from noise three samples ago, then from the prediction before, each with
+    // other noise.
     let mut warm_start = None;
     let mut before = Vec::new();
     for back in [3, 2, 1, 0] {
@@ -32,7 +33,7 @@ fn a_receding_horizon_goes_on_from_its_own_prediction() {
     }
     assert_eq!(bits(&receding), bits(&before));
 
-    // Several samples go on from the same past, and the prediction is the first of them.
+    // Several samples continue the same past, and the prediction is the first of them.
     let first = evaluation::FirstPrediction::new();
     for _ in 0..2 {
         let sharing = Learned { first: Some(&first), ..predictor(shifted) };

@@ -1,4 +1,4 @@
-//! What predictors promise, on simulated arms.
+//! Tests of predictors on simulated arms.
 
 #![expect(clippy::unwrap_used, reason = "a test ends at what it did not expect")]
 
@@ -45,15 +45,15 @@ fn scenarios(spec: &SimulateSpec, count: u64) -> Series {
 
 const CONTEXT: usize = 16;
 const SAMPLES: usize = 24;
-/// A number of steps that the smallest models can be sampled in.
+/// A number of sampler steps that the smallest models support.
 const STEPS: u32 = 3;
 
-/// Trained for a few steps, which is enough for every weight to have moved.
+/// A model that was trained for a few steps, so that every weight has moved.
 fn trained(model: &Value) -> TrainedModel {
     trained_with(model, &json!({}))
 }
 
-/// The same with `fields` merged over the training.
+/// The same training with `fields` merged over it.
 fn trained_with(model: &Value, fields: &Value) -> TrainedModel {
     let spec = train_spec(model, fields);
     let samples = u32::try_from(SAMPLES).unwrap();
@@ -83,7 +83,7 @@ fn bits(values: &[f32]) -> Vec<u32> {
     values.iter().map(|value| value.to_bits()).collect()
 }
 
-/// As `scenarios`, with every position after the first `known` samples replaced.
+/// Copies `scenarios` and replaces every position after the first `known` samples.
 fn with_horizon(scenarios: &Series, known: usize, value: impl Fn(usize) -> f32) -> Series {
     let mut replaced = scenarios.clone();
     let row = scenarios.shape().values_per_robot();

@@ -1,4 +1,4 @@
-//! Nothing of the horizon's positions reaches a prediction.
+//! Predictions do not depend on the positions of the horizon.
 
 use evaluation::{LeakyLearned, Learned, OracleStarted, Predictor, Start, baseline};
 use models::{Sampling, TrainedModel};
@@ -11,7 +11,7 @@ use super::{
     with_horizon,
 };
 
-/// The recording with another horizon: of noise, and of no number at all.
+/// Two recordings with other positions in the horizon: noise, and NaN.
 fn others(scenarios: &Series, known: usize) -> [Series; 2] {
     [
         with_horizon(scenarios, known, |k| (12.9898 * k as f32).sin()),
@@ -48,7 +48,7 @@ fn noise_in_the_horizon_changes_no_bit_of_any_baseline() {
     }
 }
 
-/// Filters smooth over the context alone, and see nothing of what was measured with noise but that.
+/// Filters smooth only the context. Of noisy measurements they see nothing else.
 #[test]
 fn neither_the_horizon_nor_the_truth_changes_a_bit_of_what_is_filtered() {
     let noise = json!({"observations": {"position_noise_rad": 1e-3, "torque_noise_nm": 0.05}});
@@ -68,7 +68,7 @@ fn neither_the_horizon_nor_the_truth_changes_a_bit_of_what_is_filtered() {
     }
 }
 
-/// Whether a prediction is the same where the truth behind what was measured is another.
+/// Whether a prediction stays the same when the true positions behind the measured ones change.
 fn is_blind_to_truth(predictor: &dyn Predictor, recorded: &Series, context: usize) -> bool {
     let nowhere = vec![f32::NAN; recorded.y().len()];
     let mut other =
@@ -122,7 +122,7 @@ fn noise_in_the_horizon_changes_no_bit_of_any_model_however_it_is_sampled() {
     }
 }
 
-/// What shows that the test above can fail.
+/// Shows that the test above can fail.
 #[test]
 fn predictors_that_are_handed_the_horizon_are_found_out() {
     let scenarios = scenarios(&simulation(SAMPLES, &json!({})), 3);

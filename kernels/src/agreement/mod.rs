@@ -1,4 +1,4 @@
-//! The fused operations agree with burn's own, value and gradients, at sizes that do and do not
+//! The fused operations agree with burn's own in value and gradients, at sizes that do and do not
 //! divide vectors and tasks.
 
 mod tanh;
@@ -19,7 +19,7 @@ const TOLERANCE: f64 = 2e-6;
 pub(super) fn tensors<const N: usize>(shapes: [[usize; 3]; N]) -> [Tensor<3>; N] {
     let mut generator = ChaCha12Rng::seed_from_u64(3);
     let mut unit = || random::unit_f32(&mut generator);
-    // Box and Muller's normal numbers.
+    // Normal numbers by Box and Muller.
     let mut normal =
         || (-2.0 * (1.0 - unit()).ln()).sqrt() * (std::f32::consts::TAU * unit()).cos();
     shapes.map(|shape| {
@@ -34,7 +34,8 @@ pub(super) fn values<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
     tensor.try_into_vec_as().expect("a tensor in memory, of float32, can be read")
 }
 
-/// Both functions have the same value, and of a random sum of it the same gradients.
+/// Checks that both functions have the same value, and that a random sum of it has the same
+/// gradients.
 #[track_caller]
 fn check_agreement<const N: usize>(
     shapes: [[usize; 3]; N],
@@ -67,12 +68,12 @@ fn compare<const N: usize>(
             values.map(|value| f64::from(value).powi(2)).sum::<f64>().sqrt()
         };
         let difference = norm(&mut fused.iter().zip(plain).map(|(a, b)| a - b));
-        // What is a sum of numbers that cancel is as exact as a sum that does not.
+        // A sum of numbers that cancel has the absolute error of a sum that does not cancel.
         let scale = norm(&mut plain.iter().copied()).max(terms.sqrt());
         let relative = difference / scale;
         assert!(relative < TOLERANCE, "result {index} of {shapes:?}: {relative:e}");
     }
-    // Without gradients the same values, bit for bit.
+    // Without gradients, the values are the same bit for bit.
     let inputs = tensors(shapes);
     let tracked = fused(inputs.clone()).inner();
     let untracked = fused(inputs.map(Tensor::inner));
@@ -84,7 +85,7 @@ pub(super) fn flat(tensor: Tensor<3>) -> Tensor<1> {
     tensor.reshape([width])
 }
 
-/// Of a batch, at this place.
+/// The dropout mask of a batch at `place`.
 fn dropout_mask(batch: u32, place: u32) -> Option<DropoutMask> {
     Some(DropoutMask::new((0..batch).map(|key| [key; 4]).collect(), place, 0.3))
 }
@@ -125,7 +126,7 @@ fn what_is_kept_of_a_weight_is_not_used_for_another() {
         let weight = Tensor::<2>::ones([8, 20], &device) * weight;
         values(linear(x, weight, Tensor::zeros([8], &device), packed))[0]
     };
-    // Each weight is freed before the next, which could be given its memory.
+    // Each weight is freed before the next is made, so that the next may get its memory.
     for weight in [1.0, 2.0, 3.0, 4.0] {
         assert_eq!(f64::from(product(weight, &packed)), 20.0 * weight);
         assert_eq!(f64::from(product(weight, &packed.clone())), 20.0 * weight);
@@ -141,7 +142,7 @@ fn what_is_kept_of_three_weights_is_not_used_for_others() {
     let [first, second, third] = [1.0, 2.0, 3.0].map(weight);
     let sums = |weights: [&Tensor<2>; 3]| {
         let x = Tensor::<3>::ones([1, 9, 20], &device);
-        // A norm of a constant is its shift.
+        // The norm of a constant is its bias.
         let (norm, biases) = ([ones(20), ones(20)], [ones(8), ones(8), ones(8)]);
         let y = norm_linear_of_three(x, norm, weights.map(Clone::clone), biases, &packed);
         let y = values(y);
@@ -177,7 +178,7 @@ fn norm_linear_agrees() {
 
 #[test]
 fn norm_linear_of_three_agrees() {
-    // The third has other outputs than the first two.
+    // The third map has another width than the first two.
     for [batch, tokens, input, outputs] in [[1, 1, 8, 1], [3, 5, 7, 9], [4, 40, 140, 96]] {
         let weight = [1, outputs, input];
         let bias = [1, 1, outputs];
@@ -210,7 +211,7 @@ fn norm_linear_of_three_agrees() {
     }
 }
 
-/// Prefixes that end within the tokens made at once, after them and after the last token.
+/// Prefixes that end within a block of tokens, after a block, and after the last token.
 const MASKS: [Mask; 7] = [
     Mask::None,
     Mask::Causal { ahead: 0 },
@@ -268,7 +269,7 @@ fn attention_agrees() {
             );
         }
     }
-    // As many sources as the mask needs, and others.
+    // As many sources as the mask needs, or more.
     for (sources, mask) in [(21, Mask::None), (4, Mask::Causal { ahead: 1 })] {
         check_agreement(
             [[2, 3, 8], [2, sources, 8], [2, sources, 8]],
@@ -325,7 +326,7 @@ fn dropout_agrees() {
     }
 }
 
-/// The others above run on the best that this processor has.
+/// The tests above run on the best instruction set of this processor.
 #[test]
 fn operations_agree_on_every_instruction_set() {
     let causal = Mask::Causal { ahead: 1 };
@@ -374,8 +375,8 @@ fn operations_agree_on_every_instruction_set() {
     });
 }
 
-/// One thread, two, and more than there are trajectories or channels; of 13 trajectories the first
-/// convolution goes by tiles.
+/// Compares one thread, two, and more than there are trajectories or channels. With 13
+/// trajectories, the first convolution uses Winograd's tiles.
 #[test]
 fn the_number_of_threads_does_not_change_a_bit() {
     let _guard = instruction_set::tests::unchanged();

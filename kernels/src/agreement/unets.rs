@@ -13,7 +13,7 @@ fn mish_agrees() {
     }
 }
 
-/// Where a formula with eˣ would overflow, or 1 + eˣ forget its small part.
+/// Tests inputs for which a formula with eˣ would overflow, or 1 + eˣ would lose its small part.
 #[test]
 fn mish_has_its_limits_at_extreme_values() {
     let extreme: [f32; 12] =
@@ -24,7 +24,7 @@ fn mish_has_its_limits_at_extreme_values() {
     let slopes = values(x.grad(&y.clone().sum().backward()).unwrap());
     for ((x, y), slope) in extreme.into_iter().zip(values(y.inner())).zip(slopes) {
         let limit = f64::from(x.max(0.0));
-        // Below -80 by less than 80 e⁻⁸⁰.
+        // Below -80, mish deviates from 0 by less than 80 e⁻⁸⁰.
         let far = if x == 0.0 { 0.6 } else { f64::from(u8::from(x > 0.0)) };
         assert!((f64::from(y) - limit).abs() <= 1e-30 + limit * 1e-6, "mish({x}) = {y}");
         assert!((f64::from(slope) - far).abs() < 1e-6, "mish'({x}) = {slope}");
@@ -33,7 +33,7 @@ fn mish_has_its_limits_at_extreme_values() {
     assert!(values(mish(not_a_number))[0].is_nan());
 }
 
-/// Of a large mean, a small deviation and none.
+/// Tests a large mean, a small standard deviation and a constant series.
 #[test]
 fn group_norm_mish_stands_extreme_series() {
     for (scale, offset, tolerance) in [(1e-6, 0.0, 1e-5), (1.0, 100.0, 1e-4), (1e12, 0.0, 1e-5)] {
@@ -91,8 +91,8 @@ fn check_conv_transpose1d(
     );
 }
 
-/// Sizes of the U-Nets' own, with more windows than are multiplied at once and fewer samples than
-/// are summed over at once.
+/// The sizes of the U-Nets, with more windows than a block holds, and with fewer samples than a
+/// block sums.
 #[test]
 fn convolutions_agree_at_the_sizes_of_u_nets() {
     for (x, others, stride, padding) in [
@@ -100,13 +100,15 @@ fn convolutions_agree_at_the_sizes_of_u_nets() {
         ([2, 64, 4200], [16, 5], 1, 2),
         ([9, 40, 99], [64, 5], 1, 2),
         ([5, 64, 100], [64, 3], 2, 1),
-        // In tiles: whole ones, parts of one, trajectories that fill no block, and one more of them.
+        // Winograd's tiles: whole ones, cut ones, too few trajectories for a block, and one more
+        // than a block.
         ([4, 16, 400], [50, 5], 1, 2),
         ([5, 33, 399], [17, 5], 1, 2),
         ([4, 20, 301], [16, 5], 1, 0),
         ([21, 48, 50], [96, 5], 1, 4),
         ([200, 16, 6], [16, 5], 1, 2),
-        // Padded so far that the derivative's first window begins within the series.
+        // The padding is so large that the first window of the backward pass begins within the
+        // series.
         ([21, 18, 50], [20, 5], 1, 7),
         ([1, 64, 100], [7, 1], 1, 0),
     ] {
@@ -134,7 +136,7 @@ proptest! {
         padding in 0..4_usize,
     ) {
         let [_, kernel] = others;
-        // What is cut off at both ends leaves at least one sample.
+        // The padding at both ends leaves at least one sample.
         let padding = padding.min(((samples - 1) * stride + kernel - 1) / 2);
         check_conv_transpose1d([batch, channels, samples], others, stride, padding);
     }
@@ -144,7 +146,7 @@ proptest! {
         batch in 1..4_usize,
         groups in 1..5_usize,
         width in 1..5_usize,
-        // Of two numbers only the sign is left, and no gradient but rounding.
+        // Normalizing two values leaves only their signs, and the gradient is only rounding error.
         samples in 4..40_usize,
     ) {
         let channels = groups * width;

@@ -1,10 +1,11 @@
-//! Correlations with kernels of five taps in two fifths of the products: minimal filtering (Winograd
-//! 1980) as Lavin and Gray (2016) use it.
+//! Correlations with kernels of five taps in two fifths of the multiplications: minimal filtering
+//! (Winograd 1980) in the form of Lavin and Gray (2016).
 //!
-//! Four outputs need 20 products of samples and taps. As values of polynomials at eight points, of the
-//! samples and of the taps, they need one for each point; what the products say at the points is turned
-//! back into outputs. Sums over channels are products of matrices at each point apart. The points are 0,
-//! ±1, ±1/2, ±2 and ∞, which keep what single precision loses near what a plain sum loses.
+//! Four outputs need 20 products of samples and taps. Samples and taps are also polynomials. Their
+//! product is determined by its values at eight points, which needs one multiplication per point. A
+//! linear transform turns these values back into outputs. Sums over channels are matrix products,
+//! one for each point. The points are 0, ±1, ±1/2, ±2 and ∞, with which the rounding error stays
+//! close to that of a plain sum.
 
 mod points;
 
@@ -23,25 +24,27 @@ use points::{
 
 const TAPS: usize = 5;
 
-/// Of a tile.
+/// Outputs of a tile.
 const OUTPUTS: usize = 4;
 const POINTS: usize = OUTPUTS + TAPS - 1;
 
-/// Fewer channels, windows or series to share among threads are not worth the way to the points and back.
+/// With fewer channels, windows or series, the transforms cost more than they save.
 const CHANNELS: usize = 16;
 const WINDOWS: usize = 1024;
 const SERIES: usize = 4;
 
-/// Tiles that are multiplied at once, if trajectories are shorter.
+/// Tiles that are multiplied together if trajectories are shorter.
 const TOGETHER: usize = 216;
 
-/// Output channels whose products are kept until they are outputs, a multiple of a tile's rows.
+/// Output channels whose products are stored before the transform, a multiple of a register tile's
+/// rows.
 const ROWS: usize = 48;
 
-/// Columns of a task are a multiple of these, as of the widest vectors'.
+/// The columns of a task are a multiple of this, the width of the widest vectors.
 const LANES: usize = 16;
 
-/// Whether it pays for a correlation with `outputs` channels that sees these windows of `batch` series.
+/// Whether this is faster for a correlation with `outputs` channels and these windows of `batch`
+/// series.
 pub(super) fn pays(windows: &Windows, outputs: usize, batch: usize) -> bool {
     let Windows { channels, taps, step, count, .. } = *windows;
     taps == TAPS
@@ -51,8 +54,8 @@ pub(super) fn pays(windows: &Windows, outputs: usize, batch: usize) -> bool {
         && batch * count >= WINDOWS
 }
 
-/// Numbers at the points that a convolution with a kernel of this shape `[output, input, tap]` and its
-/// derivative work with, if they go by tiles.
+/// Transformed values that a convolution with a kernel `[output, input, tap]` of this shape and its
+/// backward pass need, if they use tiles.
 pub(super) fn scratch([outputs, inputs, taps]: [usize; 3]) -> usize {
     if taps == TAPS { 2 * POINTS * outputs * inputs } else { 0 }
 }
@@ -80,7 +83,7 @@ pub(super) fn correlate(
     })
 }
 
-/// One whose kernel is known at the points.
+/// A correlation with a transformed kernel.
 struct TiledCorrelation<'a> {
     tiles: Tiles,
     /// `[point, output, input]`
@@ -90,7 +93,7 @@ struct TiledCorrelation<'a> {
 }
 
 impl TiledCorrelation<'_> {
-    /// Outputs of some trajectories, of a few channels at a time.
+    /// Writes the outputs of some trajectories, a few channels at a time.
     fn write(&self, series: &[f32], output: &mut [f32], scratch: &mut Scratch) {
         let columns = self.tiles.at_points(series, scratch);
         for first in (0..self.outputs).step_by(ROWS) {
@@ -100,7 +103,7 @@ impl TiledCorrelation<'_> {
         }
     }
 
-    /// The products at each point, in rows of `columns`.
+    /// The products at each point, with rows of `columns` elements.
     fn multiply(&self, outputs: Range<usize>, columns: usize, scratch: &mut Scratch) {
         let channels = self.tiles.windows.channels;
         let rows: Vec<usize> = outputs.map(|output| output * channels).collect();
@@ -116,7 +119,7 @@ impl TiledCorrelation<'_> {
         }
     }
 
-    /// Outputs of the products.
+    /// Transforms the products into outputs.
     fn finish(&self, outputs: Range<usize>, columns: usize, products: &[f32], output: &mut [f32]) {
         let Tiles { windows: Windows { count, .. }, count: tiles } = self.tiles;
         for (trajectory, output) in output.chunks_exact_mut(self.outputs * count).enumerate() {
@@ -131,10 +134,10 @@ impl TiledCorrelation<'_> {
     }
 }
 
-/// Gradient of the kernel of a correlation that sees `windows` of `fine` series, given that of its
-/// outputs, `coarse`.
+/// Gradient of the kernel of a correlation with `windows` of the series `fine`, from the gradient
+/// `coarse` of its outputs.
 ///
-/// Tasks share out the output channels, so that every sum is one task's.
+/// Tasks divide the output channels, so that each sum belongs to one task.
 pub(super) fn kernel_gradient(
     windows: &Windows,
     fine: &[f32],
@@ -177,7 +180,8 @@ pub(super) fn kernel_gradient(
     gradient
 }
 
-/// The gradient `[output, channel, tap]` of sums over tiles `[point, channel, output]`.
+/// Transforms sums over tiles `[point, channel, output]` into the gradient `[output, channel,
+/// tap]`.
 fn write_taps(sums: &[f32], outputs: usize, gradient: &mut [f32]) {
     let channels = gradient.len() / (outputs * TAPS);
     let mut taps = [(); TAPS].map(|()| vec![0.0; outputs]);
@@ -197,30 +201,31 @@ fn write_taps(sums: &[f32], outputs: usize, gradient: &mut [f32]) {
 #[derive(Clone, Copy)]
 struct Tiles {
     windows: Windows,
-    /// Of a trajectory.
+    /// Tiles of a trajectory.
     count: usize,
 }
 
-/// What a task writes to before it writes its results.
+/// Buffers of a task.
 #[derive(Default)]
 struct Scratch {
     /// A series with zeros at its ends.
     padded: Vec<f32>,
-    /// `[point, channel, column]`; a column is a tile of a trajectory.
+    /// `[point, channel, column]`. A column is a tile of a trajectory.
     points: Vec<f32>,
-    /// The same of output channels.
+    /// `[point, output channel, column]`.
     products: Vec<f32>,
-    /// Of the derivative of a kernel: a row for each point and fine channel.
+    /// Sums of the kernel's gradient: a row for each point and fine channel.
     sums: Vec<f32>,
     panels: Panels,
 }
 
 thread_local! {
-    /// Of operations to come: to get memory from the system takes as long as to fill it.
+    /// The buffers for later operations. Getting memory from the system takes as long as filling
+    /// it.
     static SCRATCH: Cell<Option<Box<Scratch>>> = const { Cell::new(None) };
 }
 
-/// The thread's scratch, which nothing else uses meanwhile.
+/// Runs `work` with the thread's buffers. Nothing else uses them meanwhile.
 fn with_scratch<T>(work: impl FnOnce(&mut Scratch) -> T) -> T {
     let mut scratch = SCRATCH.take().unwrap_or_default();
     let result = work(&mut scratch);
@@ -233,17 +238,18 @@ impl Tiles {
         Self { windows: *windows, count: windows.count.div_ceil(OUTPUTS) }
     }
 
-    /// Trajectories that are multiplied at once.
+    /// Number of trajectories that are multiplied together.
     fn together(&self) -> usize {
         (TOGETHER / self.count).max(1)
     }
 
-    /// Of a padded series: whole blocks of tiles, and what the last one sees beyond its outputs.
+    /// Length of a padded series: whole blocks of tiles, and the samples that the last one sees
+    /// beyond its outputs.
     fn padded_length(&self) -> usize {
         OUTPUTS * (self.count.next_multiple_of(LANES) + 1)
     }
 
-    /// Series of some trajectories as values at the points, in rows of how many columns it gives.
+    /// Transforms the series of some trajectories. Gives the number of columns.
     fn at_points(&self, series: &[f32], scratch: &mut Scratch) -> usize {
         let Windows { channels, samples, first, .. } = self.windows;
         let columns = series.len() / (channels * samples) * self.count;
@@ -264,7 +270,7 @@ impl Tiles {
         columns
     }
 
-    /// Derivatives of those `outputs` of `all` channels of some trajectories as values at the points.
+    /// Transforms the gradients of `outputs`, a range of `all` channels, of some trajectories.
     fn gradients_at_points(
         &self,
         coarse: &[f32],
@@ -291,7 +297,7 @@ impl Tiles {
     }
 }
 
-/// `[point, output, input]` of a kernel `[output, input, tap]`.
+/// Transforms a kernel `[output, input, tap]` to `[point, output, input]`.
 fn kernel_at_points(kernel: &[f32], outputs: usize, inputs: usize) -> Vec<f32> {
     let mut points = vec![0.0; POINTS * outputs * inputs];
     let mut rows: Vec<Vec<&mut [f32]>> = (0..outputs).map(|_| Vec::new()).collect();

@@ -1,12 +1,12 @@
-//! Samples, taps and outputs as values at the points, and back.
+//! The transforms between samples, taps or outputs and values at the points.
 
 use super::super::vectorized::vectorized;
 use super::{LANES, OUTPUTS, POINTS, TAPS};
 
-/// A vector of the widest.
+/// A vector of the widest instruction set.
 type Block = [f32; LANES];
 
-/// Every fourth number from each of the first four on.
+/// Splits a block into four: every fourth number, beginning with each of the first four.
 #[inline(always)]
 fn apart(block: &[f32]) -> [Block; OUTPUTS] {
     let mut phases = [[0.0; LANES]; OUTPUTS];
@@ -19,7 +19,7 @@ fn apart(block: &[f32]) -> [Block; OUTPUTS] {
     phases
 }
 
-/// The numbers of [`apart`] in turn.
+/// The inverse of [`apart`].
 #[inline(always)]
 fn in_turn(phases: &[Block; OUTPUTS]) -> [f32; OUTPUTS * LANES] {
     let mut block = [0.0; OUTPUTS * LANES];
@@ -32,7 +32,7 @@ fn in_turn(phases: &[Block; OUTPUTS]) -> [f32; OUTPUTS * LANES] {
     block
 }
 
-/// Up to a block of numbers from `at` on, zeros beyond.
+/// A block of numbers from `at` on, with zeros beyond the end.
 #[inline(always)]
 fn block_at(values: &[f32], at: usize) -> Block {
     let values = &values[at..];
@@ -55,7 +55,7 @@ fn blocks_at(points: &[&[f32]; POINTS], at: usize) -> [Block; POINTS] {
     blocks
 }
 
-/// Up to a block of numbers to each point's place.
+/// Writes up to a block of numbers for each point.
 #[inline(always)]
 fn put(values: &[Block; POINTS], at: usize, count: usize, points: &mut [&mut [f32]]) {
     for (values, point) in values.iter().zip(points) {
@@ -71,7 +71,7 @@ fn put(values: &[Block; POINTS], at: usize, count: usize, points: &mut [&mut [f3
 }
 
 vectorized! {
-    /// Values at the points of the `count` tiles of a padded series, each to the place of its point from
+    /// Transforms the `count` tiles of a padded series. The values of each point are written from
     /// `at` on.
     fn points_of_series(padded: &[f32], count: usize, at: usize, points: &mut [&mut [f32]]) {
         for first in (0..count).step_by(LANES) {
@@ -81,7 +81,7 @@ vectorized! {
             for lane in 0..LANES {
                 let [a, b, c, d] = [x0[lane], x1[lane], x2[lane], x3[lane]];
                 let [e, f, g, h] = [x4[lane], x5[lane], x6[lane], x7[lane]];
-                // Of points of either sign what is even and what is odd in them.
+                // A pair of points ±p shares the even and the odd part of the polynomial.
                 let (even, odd) = (c + g - 4.25 * e, b + f - 4.25 * d);
                 values[1][lane] = even + odd;
                 values[2][lane] = even - odd;
@@ -100,7 +100,7 @@ vectorized! {
 }
 
 vectorized! {
-    /// The same of derivatives of outputs.
+    /// Transforms the gradients of outputs in the same way.
     fn points_of_outputs(padded: &[f32], count: usize, at: usize, points: &mut [&mut [f32]]) {
         for first in (0..count).step_by(LANES) {
             let [y0, y1, y2, y3] = apart(&padded[OUTPUTS * first..][..OUTPUTS * LANES]);
@@ -125,7 +125,7 @@ vectorized! {
 }
 
 vectorized! {
-    /// Values at the points of kernels that follow each other.
+    /// Transforms consecutive kernels.
     fn points_of_taps(taps: &[f32], points: &mut [&mut [f32]]) {
         let (kernels, _) = taps.as_chunks::<TAPS>();
         for (block, kernels) in kernels.chunks(LANES).enumerate() {
@@ -159,7 +159,7 @@ vectorized! {
 }
 
 vectorized! {
-    /// Outputs of what the products say at the points, and `bias`.
+    /// Transforms the products into outputs and adds `bias`.
     fn outputs_of_products(products: [&[f32]; POINTS], bias: f32, outputs: &mut [f32]) {
         for (block, outputs) in outputs.chunks_mut(OUTPUTS * LANES).enumerate() {
             let [zero, a, b, c, d, e, f, infinity] = blocks_at(&products, LANES * block);
@@ -183,7 +183,7 @@ vectorized! {
 }
 
 vectorized! {
-    /// Derivatives of taps, of those of their values at the points.
+    /// Transforms the gradients at the points into gradients of the taps.
     fn taps_of_points(points: [&[f32]; POINTS], taps: [&mut [f32]; TAPS]) {
         let [ta, tb, tc, td, te] = taps;
         for first in (0..ta.len()).step_by(LANES) {

@@ -6,27 +6,29 @@ use crate::device::host_values;
 use crate::dropout::Dropout;
 use crate::transformer::{Seen, patches};
 
-/// Trajectories, each at one level, whose contexts are computed at once: enough to fill the products of
-/// matrices, few enough to stay in the caches.
+/// Trajectories, each at one noise level, whose contexts are computed together: enough for
+/// efficient matrix products, few enough to stay in the caches.
 const AT_ONCE: usize = 8;
 
-/// A CDT's answers at one noise level after the other, about the same trajectories.
+/// Answers of a CDT at one noise level after the other, about the same trajectories.
 ///
-/// The encoder's output and the decoder's view of the context depend on the level, but not on the noisy horizon: the
-/// encoder does not see it, and the decoder is causal. So that is computed for several levels together
-/// before the first of them, and of the last block's context only what later samples see of it. Samples of one
-/// trajectory, which follow one another, have it computed once. The answers are those of whole passes.
+/// The encoder's output and the decoder's view of the context depend on the level, but not on the
+/// noisy horizon: the encoder does not see it, and the decoder is causal. So both are computed for
+/// several levels together, before the first of these levels. In the last block only the keys and
+/// values of the context are computed, because later samples need nothing else. Rows of the same
+/// trajectory follow each other and share one computation. The answers equal those of whole passes.
 pub(crate) struct Chain<'a> {
     network: &'a Cdt,
-    /// Clean y of different trajectories, `[trajectory, context, joint]`.
+    /// Clean y of the distinct trajectories, `[trajectory, context, joint]`.
     context: Tensor<3>,
-    /// The series that it is told, of whole trajectories.
+    /// The known series of whole trajectories.
     known: Tensor<3>,
-    /// Samples that are drawn of each trajectory.
+    /// Number of samples that are drawn of each trajectory.
     copies: Vec<usize>,
-    /// Those to come.
+    /// The levels that follow.
     levels: std::vec::IntoIter<usize>,
-    /// What the horizon sees in each decoder block, of the next levels.
+    /// Keys and values that the horizon sees, for each of the next levels and in each decoder
+    /// block.
     begun: std::vec::IntoIter<Vec<Seen>>,
 }
 
@@ -38,10 +40,10 @@ impl<'a> Chain<'a> {
         Self { network, context, known, copies, levels: levels.into_iter(), begun }
     }
 
-    /// The answer at the next level to the noisy y of the horizon, `[batch, horizon, 7]`.
+    /// The answer at the next level to the noisy y of the horizon, `[batch, horizon, joint]`.
     ///
     /// # Panics
-    /// After the last level.
+    /// When there is no level left.
     pub fn answer(&mut self, noisy: Tensor<3>) -> Tensor<3> {
         let seen = self.begun.next().unwrap_or_else(|| {
             self.begun = self.begin().into_iter();
@@ -58,7 +60,7 @@ impl<'a> Chain<'a> {
         network.answer(x)
     }
 
-    /// What the horizon sees, at each of the next levels in each decoder block.
+    /// Keys and values that the horizon sees, at each of the next levels in each decoder block.
     fn begin(&mut self) -> Vec<Vec<Seen>> {
         let network = self.network;
         let [batch, _, _] = self.context.dims();
@@ -89,10 +91,11 @@ impl<'a> Chain<'a> {
     }
 }
 
-/// How many rows in a row are the same in all series, `[row, sample, channel]` each.
+/// Lengths of the runs of consecutive rows that are equal in all series. Each series is `[row,
+/// sample, channel]`.
 fn copies(series: &[&Tensor<3>]) -> Vec<usize> {
     let [rows, _, _] = series[0].dims();
-    // A device that gives no values back has every row for a trajectory of its own.
+    // A device that cannot read values back counts every row as a trajectory of its own.
     let values: Result<Vec<_>, _> = series.iter().map(|it| host_values((*it).clone())).collect();
     let Ok(values) = values else { return vec![1; rows] };
     let is_repeated = |row: usize| {
@@ -111,7 +114,7 @@ fn copies(series: &[&Tensor<3>]) -> Vec<usize> {
     copies
 }
 
-/// The first of every so many rows.
+/// The first row of each run.
 fn firsts(series: Tensor<3>, copies: &[usize]) -> Tensor<3> {
     let [rows, _, _] = series.dims();
     if copies.len() == rows {
@@ -127,7 +130,7 @@ fn firsts(series: Tensor<3>, copies: &[usize]) -> Tensor<3> {
 }
 
 impl Cdt {
-    /// Tokens of y `[batch, sample, 7]`, of which the first is sample `first`.
+    /// Tokens of y `[batch, sample, joint]` that begins with sample `first` of the trajectory.
     fn embedded(&self, y: Tensor<3>, first: usize) -> Tensor<3> {
         let y = patches(y, self.patch);
         let [_, tokens, _] = y.dims();
@@ -153,7 +156,8 @@ mod tests {
     const SAMPLES: usize = 68;
     const CONTEXT: usize = 52;
 
-    /// Fewer levels than are computed at once, as many and more, of one trajectory and of several.
+    /// The cases have fewer levels than are computed together, as many, and more, for one
+    /// trajectory and for several.
     #[test]
     fn a_chain_gives_the_answers_of_whole_passes() {
         for patch in [1, 4] {
@@ -176,7 +180,7 @@ mod tests {
         for (batch, count) in [(1, 1), (1, 3), (1, 8), (1, 11), (3, 5), (9, 2)] {
             let levels: Vec<usize> = (0..count).rev().collect();
             let (context, u) = (random(batch, CONTEXT), random(batch, SAMPLES));
-            // Two samples of the last trajectory.
+            // The last trajectory has two samples.
             let twice = |series: &Tensor<3>| {
                 Tensor::cat(vec![series.clone(), series.clone().narrow(0, batch - 1, 1)], 0)
             };

@@ -23,8 +23,8 @@ use crate::transformer::{DecoderBlock, EncoderBlock, patches};
 use crate::unet::sinusoid;
 use chain::Chain;
 
-/// Token t sees the memory's sources up to t + this: source 0 is the noise level, source s the torques
-/// of token s - 1.
+/// Token t sees the memory's sources up to t + this. Source 0 is the noise level, and source s
+/// holds the torques of token s - 1.
 const AHEAD: usize = 1;
 
 impl Architecture for CdtSpec {
@@ -47,13 +47,14 @@ impl Architecture for CdtSpec {
 /// Diffusion Transformer with a condition encoder (Chi et al. 2023, *Diffusion Policy*; the
 /// network of its code).
 ///
-/// A token is `patch` consecutive samples, flattened; 1 in the paper. The encoder sees the noise level and what it is
-/// [told](Told), u alone in the paper, of the whole trajectory in both directions and has no norm at its end. The
-/// decoder sees the noisy y causally, and of the encoder's output at token t the noise level and u up to t.
+/// A token is `patch` consecutive samples, flattened; 1 in the paper. The encoder sees the noise
+/// level and the [known](Told) series of the whole trajectory in both directions, which is u alone
+/// in the paper. It has no norm at its end. The decoder sees the noisy y causally. At token t it
+/// sees the noise level and u up to t in the encoder's output.
 #[derive(Module, Debug)]
 pub(crate) struct Cdt {
     condition_input: Linear,
-    /// `[1 + token, d_model]`, the noise level's first.
+    /// `[1 + token, d_model]`. The noise level comes first.
     condition_positions: Param<Tensor<2>>,
     encoder_blocks: Vec<EncoderBlock>,
     input: Linear,
@@ -158,7 +159,7 @@ impl Network for Cdt {
         move |noisy, _| {
             let ([batch, context, channels], [_, samples, _]) = (clean.dims(), noisy.dims());
             let noisy = noisy.slice([0..batch, context..samples, 0..channels]);
-            // Nobody asks for the context's.
+            // The answer on the context is not used.
             Tensor::cat(vec![clean.zeros_like(), chain.answer(noisy)], 1)
         }
     }

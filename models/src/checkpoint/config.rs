@@ -10,13 +10,14 @@ use crate::normalization::Normalizer;
 use crate::ranges::DataRanges;
 use crate::{DeviceDescription, ModelError};
 
-/// Raised with every change that an older torqued would misread. No other version was released.
+/// The version of the format. Every change that an older torqued would misread raises it. Readers
+/// refuse every other version, since no other was released.
 pub const FORMAT_VERSION: u32 = 2;
 
-/// The burn release that computes the models, for readers of old checkpoints.
+/// The burn release that computes the models. Readers of old checkpoints may need it.
 const BURN_VERSION: &str = "0.22.1";
 
-/// What `config.json` says about a checkpoint.
+/// The content of a checkpoint's `config.json`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CheckpointConfig {
@@ -26,13 +27,13 @@ pub struct CheckpointConfig {
     pub context: u32,
     /// Samples the model predicts.
     pub horizon: u32,
-    /// Both together.
+    /// Context and horizon together.
     pub samples: u32,
-    /// Joints of the arm, which a checkpoint does not say when it has seven.
+    /// Joints of the arm. The file leaves the field out when there are seven.
     #[serde(default = "seven", skip_serializing_if = "is_seven")]
     pub joints: usize,
     pub rate_hz: f64,
-    /// With the statistics where they are fixed.
+    /// The normalization, with its statistics where these are fixed.
     pub normalizer: Normalizer,
     pub parameters: u64,
     /// Optimizer steps taken.
@@ -40,24 +41,24 @@ pub struct CheckpointConfig {
     pub seed: u64,
     /// Digest of the training's spec.
     pub spec_digest: String,
-    /// Digest of the spec that the training's data came from, where it is known.
+    /// Digest of the spec of the training's dataset, where it is known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub dataset_digest: Option<String>,
-    /// Ranges of all that was trained on so far; missing in checkpoints that were trained before they were recorded.
+    /// Ranges of all training data so far. Checkpoints from before these were recorded have none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ranges: Option<DataRanges>,
-    /// Limits of each joint's position, rad, of the robot that the training's data describes; empty where
-    /// they are not known.
+    /// Limits of each joint's position, rad, of the robot that the training's data describes. Empty
+    /// where they are not known.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub limits_rad: Vec<Range>,
-    /// Where the parameters are an average of the weights: how. The weights themselves are then in
-    /// the optimizer's file.
+    /// How the parameters were averaged, where they are an average of the weights. The weights
+    /// themselves are then in the optimizer's file.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ema: Option<EmaSpec>,
-    /// The newest value of each.
+    /// The newest value of each metric.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub metrics: BTreeMap<String, f64>,
-    /// The device that computed it, if it was one of torqued.
+    /// The device that computed the checkpoint, if torqued opened it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub device: Option<DeviceDescription>,
     pub versions: Versions,
@@ -85,13 +86,15 @@ impl Versions {
 }
 
 impl CheckpointConfig {
+    /// Reads `config.json`.
+    ///
     /// # Errors
-    /// Anything but the JSON of a consistent config of this format version.
+    /// Any other input than the JSON of a consistent config of this format version.
     pub fn parse(bytes: &[u8]) -> Result<Self, ModelError> {
         let damaged = |reason| ModelError::CheckpointFile { file: CONFIG_FILE, reason };
         let value: serde_json::Value = serde_json::from_slice(bytes)
-            .map_err(|error| damaged(format!("is no JSON: {error}")))?;
-        // Before the rest, which a newer version may well have changed.
+            .map_err(|error| damaged(format!("is not JSON: {error}")))?;
+        // The version is checked first, because a newer version may have changed all other fields.
         let version = value.get("format_version").and_then(serde_json::Value::as_u64);
         match version {
             None => return Err(damaged("has no format_version".to_owned())),
@@ -129,29 +132,29 @@ impl CheckpointConfig {
             .map_err(|error| error.to_string())?;
         if self.horizon != horizon {
             let found = self.horizon;
-            return Err(format!("horizon is {found}, samples less context are {horizon}"));
+            return Err(format!("horizon is {found}, expected {horizon}, samples - context"));
         }
         self.model.check_options().map_err(|error| error.to_string())?;
         let parameters =
             parameter_count(&self.model, self.extents()).map_err(|error| error.to_string())?;
         if self.parameters != parameters {
             let found = self.parameters;
-            return Err(format!("parameters is {found}, a model of this spec has {parameters}"));
+            return Err(format!("parameters is {found}, expected {parameters} for this model"));
         }
         if !(self.rate_hz.is_finite() && self.rate_hz > 0.0) {
             return Err(format!("rate_hz is {}, expected a positive number", self.rate_hz));
         }
         if !self.ranges.as_ref().is_none_or(|ranges| ranges.is_usable(self.joints)) {
             let joints = self.joints;
-            return Err(format!("ranges needs [min, max] of {joints} joints, finite and in order"));
+            return Err(format!("ranges needs finite [min, max] of {joints} joints, min first"));
         }
         if ![0, self.joints].contains(&self.limits_rad.len()) {
             let (found, joints) = (self.limits_rad.len(), self.joints);
-            return Err(format!("limits_rad has {found} ranges, the arm has {joints} joints"));
+            return Err(format!("limits_rad has {found} ranges, expected {joints}, one per joint"));
         }
         match &self.normalizer {
             Normalizer::Dataset(statistics) if !statistics.is_usable(self.joints) => Err(format!(
-                "normalizer needs finite means and deviations above 0 of {} joints",
+                "normalizer needs a finite mean and a deviation above 0 for each of {} joints",
                 self.joints
             )),
             _ => Ok(()),

@@ -6,12 +6,12 @@
 //! | `optimizer.safetensors` | Adam's moments, `exp_avg.NAME` and `exp_avg_sq.NAME` |
 //! | `config.json` | [`CheckpointConfig`] |
 //!
-//! With averaged weights `model.safetensors` holds the average, which is what predicts, and
-//! `optimizer.safetensors` the weights in training too, as `weights.NAME`.
+//! With averaged weights, `model.safetensors` holds the average, which predicts, and
+//! `optimizer.safetensors` also holds the weights in training, as `weights.NAME`.
 //!
-//! There is no generator state: random numbers are keyed by seed and step.
-//! Whatever the bytes, reading them ends in a value or an error; sizes are compared with the
-//! bytes that are there before anything is allocated for them.
+//! There is no generator state, because random numbers are keyed by seed and step. Whatever the
+//! bytes, reading them ends in a value or an error. Sizes are compared with the length of the bytes
+//! before anything is allocated for them.
 
 mod config;
 mod tensors;
@@ -44,7 +44,7 @@ impl CheckpointFiles {
         [(MODEL_FILE, &self.model), (OPTIMIZER_FILE, &self.optimizer), (CONFIG_FILE, &self.config)]
     }
 
-    /// The same, to keep.
+    /// Each file's name and bytes, by value.
     pub fn into_named(self) -> [(&'static str, Vec<u8>); 3] {
         [(MODEL_FILE, self.model), (OPTIMIZER_FILE, self.optimizer), (CONFIG_FILE, self.config)]
     }
@@ -53,7 +53,7 @@ impl CheckpointFiles {
 /// Prefix of the weights in training in the optimizer's file.
 const WEIGHTS: &str = "weights.";
 
-/// `average` are the averaged weights of `model`, where there are any.
+/// Writes the files. `average` has the averaged weights of `model`, where there are any.
 pub(crate) fn write(
     model: &SequenceModel,
     average: Option<&SequenceModel>,
@@ -75,7 +75,7 @@ pub(crate) fn write(
     })
 }
 
-/// Whether `weights` can hold the parameters that `config` speaks of, before they are made.
+/// Checks that `weights` is long enough for the parameters of `config`, before they are allocated.
 pub(crate) fn check_size(config: &CheckpointConfig, weights: &[u8]) -> Result<(), ModelError> {
     let parameters = parameter_count(&config.model, config.extents())?;
     let needed = parameters * size_of::<f32>() as u64;
@@ -98,7 +98,7 @@ pub(crate) fn load_weights(
         .map_err(|reason| ModelError::CheckpointFile { file: MODEL_FILE, reason })
 }
 
-/// What the optimizer's file holds.
+/// The content of the optimizer's file.
 pub(crate) struct TrainingState {
     moments: NamedTensors,
     /// Empty without averaged weights.
@@ -117,7 +117,7 @@ impl TrainingState {
         Ok(Self { moments, weights })
     }
 
-    /// `model` with the weights in training, which differ from those that predict.
+    /// `model` with the weights in training. They differ from the averaged ones, which predict.
     pub fn weights(&mut self, model: SequenceModel) -> Result<SequenceModel, ModelError> {
         with_parameters(model, std::mem::take(&mut self.weights)).map_err(damaged_optimizer)
     }
@@ -130,7 +130,10 @@ impl TrainingState {
         steps: u64,
     ) -> Result<ModelOptimizer, ModelError> {
         if let Some(name) = self.weights.keys().next() {
-            let reason = format!("tensor `{WEIGHTS}{name}` is of a training with averaged weights");
+            let reason = format!(
+                "tensor `{WEIGHTS}{name}` belongs to a training with averaged weights, and \
+                 {CONFIG_FILE} has no `ema`"
+            );
             return Err(damaged_optimizer(reason));
         }
         let negative = |(name, tensor): (&String, &NamedTensor)| {
@@ -138,12 +141,12 @@ impl TrainingState {
             (is_square && tensor.values.iter().any(|&value| value < 0.0)).then(|| name.clone())
         };
         if let Some(name) = self.moments.iter().find_map(negative) {
-            return Err(damaged_optimizer(format!("tensor `{name}` of squares is below 0")));
+            return Err(damaged_optimizer(format!("tensor `{name}` has a value below 0")));
         }
         // Adam's bias correction raises its betas to this power, an `i32` in burn.
         let steps =
             i32::try_from(steps).ok().and_then(|steps| usize::try_from(steps).ok()).ok_or_else(
-                || damaged_optimizer(format!("step {steps} is beyond the {} of Adam", i32::MAX)),
+                || damaged_optimizer(format!("step is {steps}, Adam allows up to {}", i32::MAX)),
             )?;
         ModelOptimizer::from_state(spec, model, self.moments, steps).map_err(damaged_optimizer)
     }

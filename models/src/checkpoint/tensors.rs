@@ -31,7 +31,7 @@ impl View for FloatView<'_> {
     }
 }
 
-/// The same tensors give the same bytes.
+/// Encodes tensors as safetensors. The same tensors give the same bytes.
 pub(crate) fn encode(file: &'static str, tensors: &NamedTensors) -> Result<Vec<u8>, ModelError> {
     for (name, tensor) in tensors {
         if let Some(&value) = tensor.values.iter().find(|value| !value.is_finite()) {
@@ -42,8 +42,8 @@ pub(crate) fn encode(file: &'static str, tensors: &NamedTensors) -> Result<Vec<u
         let bytes = tensor.values.iter().flat_map(|value| value.to_le_bytes()).collect();
         (name, FloatView { shape: &tensor.shape, bytes })
     });
-    // What loaders of PyTorch checkpoints look for. One entry: a second would be written in the
-    // order of a hash map, another one in every process.
+    // Loaders of PyTorch checkpoints look for this entry. It is the only one, because several
+    // entries would be written in the order of a hash map, which differs in every process.
     let metadata = HashMap::from([("format".to_owned(), "pt".to_owned())]);
     serialize(views, Some(metadata))
         .map_err(|error| ModelError::CheckpointFile { file, reason: error.to_string() })
@@ -52,7 +52,7 @@ pub(crate) fn encode(file: &'static str, tensors: &NamedTensors) -> Result<Vec<u
 pub(crate) fn decode(file: &'static str, bytes: &[u8]) -> Result<NamedTensors, ModelError> {
     let damaged = |reason| ModelError::CheckpointFile { file, reason };
     let parsed = SafeTensors::deserialize(bytes)
-        .map_err(|error| damaged(format!("is no safetensors file: {error}")))?;
+        .map_err(|error| damaged(format!("is not a safetensors file: {error}")))?;
     let mut tensors = NamedTensors::new();
     for (name, view) in parsed.iter() {
         if view.dtype() != Dtype::F32 {
@@ -62,7 +62,7 @@ pub(crate) fn decode(file: &'static str, bytes: &[u8]) -> Result<NamedTensors, M
         let (numbers, _) = view.data().as_chunks::<4>();
         let values: Vec<f32> = numbers.iter().map(|&bytes| f32::from_le_bytes(bytes)).collect();
         if let Some(value) = values.iter().find(|value| !value.is_finite()) {
-            return Err(damaged(format!("tensor `{name}` holds {value}")));
+            return Err(damaged(format!("tensor `{name}` has {value}, expected finite values")));
         }
         tensors.insert(name.to_owned(), NamedTensor { shape: view.shape().to_vec(), values });
     }

@@ -1,4 +1,4 @@
-//! A first computation, so that what does not work shows before work begins.
+//! A first computation that finds a broken device before work begins.
 
 use burn::tensor::{Tensor, TensorData};
 
@@ -10,12 +10,12 @@ const ROWS: usize = 70;
 const INNER: usize = 37;
 const COLUMNS: usize = 19;
 
-/// Of values that float32 sums of [`INNER`] or [`ROWS`] terms of about 1 can miss.
+/// Largest error that float32 sums of [`INNER`] or [`ROWS`] terms of about 1 can have.
 const TOLERANCE: f64 = 1e-4;
 
 impl Device {
-    /// Computes the mean of (X W)² and its gradient by W, and compares with sums made here: a
-    /// product, a reduction and a pass backward.
+    /// Computes the mean of (X W)² and its gradient by W, and compares both with sums made here.
+    /// This runs a matrix product, a reduction and a backward pass.
     ///
     /// # Errors
     /// Results that cannot be read back or are wrong. Some drivers panic, crash or hang instead.
@@ -57,7 +57,7 @@ impl Device {
             return wrong(format!("{} values", found.len()), format!("{} values", expected.len()));
         }
         for (&found, &expected) in found.iter().zip(expected) {
-            // Not finite is not close either.
+            // NaN and infinity are not close.
             let is_close = (f64::from(found) - expected).abs() <= TOLERANCE;
             if !is_close {
                 return wrong(found.to_string(), expected.to_string());
@@ -67,7 +67,7 @@ impl Device {
     }
 }
 
-/// Values without a pattern that a wrong stride would leave as it is.
+/// Values without a pattern, so that a wrong stride changes the result.
 #[expect(clippy::cast_possible_truncation, reason = "float32 is what devices compute in")]
 fn wave(index: usize, frequency: f64) -> f32 {
     (frequency * index as f64).sin() as f32

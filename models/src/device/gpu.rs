@@ -8,13 +8,13 @@ const KIND: DeviceKind = DeviceKind::Gpu;
 
 /// The best GPU that Vulkan has, or the one that `CUBECL_WGPU_DEFAULT_DEVICE` names.
 pub(super) fn open() -> Result<Device, DeviceError> {
-    // burn opens a GPU once in a process, and refuses to do it again.
+    // burn opens a GPU once in a process and refuses a second time.
     static OPENED: OnceLock<Result<Device, DeviceError>> = OnceLock::new();
     OPENED.get_or_init(open_first).clone()
 }
 
 fn open_first() -> Result<Device, DeviceError> {
-    // Other constructors of burn's panic where there is no driver.
+    // burn's other constructors panic where there is no driver.
     let (tensors, setup) = burn::tensor::Device::wgpu_options()
         .graphics_api(WgpuBackend::Vulkan)
         .init_with_setup()

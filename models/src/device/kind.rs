@@ -3,7 +3,7 @@ use std::str::FromStr;
 
 use super::DeviceError;
 
-/// What torqued can be built to compute models on.
+/// The kinds of devices that compute models.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum DeviceKind {
     /// The processor, with burn-flex and the fused operations of [`crate`].
@@ -11,7 +11,7 @@ pub enum DeviceKind {
     Cpu,
     /// A GPU through Vulkan, with burn-wgpu.
     Gpu,
-    /// A GPU of NVIDIA's through CUDA, with burn-cuda.
+    /// A GPU of NVIDIA through CUDA, with burn-cuda.
     Cuda,
     /// The processor, with burn-ndarray: slow and plain.
     NdArray,
@@ -20,7 +20,7 @@ pub enum DeviceKind {
 impl DeviceKind {
     pub const ALL: [Self; 4] = [Self::Cpu, Self::Gpu, Self::Cuda, Self::NdArray];
 
-    /// Those that this program was built with.
+    /// The kinds that this program was built with.
     pub fn built() -> impl Iterator<Item = Self> {
         Self::ALL.into_iter().filter(|kind| kind.is_built())
     }
@@ -34,7 +34,7 @@ impl DeviceKind {
         }
     }
 
-    /// The cargo feature of its name, or `None` for the one that every build has.
+    /// The cargo feature that adds this kind, or `None` for the kind that every build has.
     pub fn feature(self) -> Option<&'static str> {
         match self {
             Self::Cpu => None,
@@ -51,8 +51,8 @@ impl DeviceKind {
         }
     }
 
-    /// Whether tensors lie in a memory of its own, behind a driver: reading one back waits for all
-    /// that was asked before it.
+    /// Whether tensors lie in a separate memory behind a driver. Reading one back then waits for
+    /// all computations before it.
     pub fn is_apart(self) -> bool {
         match self {
             Self::Cpu | Self::NdArray => false,
@@ -60,7 +60,7 @@ impl DeviceKind {
         }
     }
 
-    /// The crate that computes.
+    /// The crate that computes on this kind.
     pub fn backend(self) -> &'static str {
         match self {
             Self::Cpu => "burn-flex",
@@ -81,7 +81,7 @@ impl FromStr for DeviceKind {
     type Err = DeviceError;
 
     /// # Errors
-    /// A name that is no device's, or a device that this program was built without.
+    /// No device has this name, or this program was built without it.
     fn from_str(name: &str) -> Result<Self, DeviceError> {
         match Self::ALL.into_iter().find(|kind| kind.name() == name) {
             None => Err(DeviceError::Unknown { name: name.to_owned() }),

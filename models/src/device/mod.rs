@@ -1,6 +1,8 @@
-//! Where tensors live and are computed: chosen at run time among what the program was built with.
+//! The device that stores tensors and computes them. It is chosen at run time among those that the
+//! program was built with.
 //!
-//! A device belongs to a machine, not to a spec: results on another one differ in rounding only.
+//! A device belongs to a machine and is not part of a spec. Results on another device differ only
+//! by rounding.
 
 mod check;
 #[cfg(feature = "gpu")]
@@ -15,7 +17,7 @@ use crate::ModelError;
 
 pub use kind::DeviceKind;
 
-/// An opened device. Clones are the same one.
+/// An opened device. Clones share it.
 #[derive(Clone, Debug)]
 pub struct Device {
     tensors: burn::tensor::Device,
@@ -23,20 +25,20 @@ pub struct Device {
     description: DeviceDescription,
 }
 
-/// What computes, for people to read and for checkpoints to keep.
+/// A description of the device, for people and for checkpoints.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct DeviceDescription {
-    /// As [`DeviceKind::name`].
+    /// The name from [`DeviceKind::name`].
     pub name: String,
     /// The crate that computes.
     pub backend: String,
-    /// The hardware, as its driver calls it. A processor does not show: results do not depend on
-    /// which one it is.
+    /// The hardware, by the name that its driver gives. It is empty for a processor, because
+    /// results do not depend on which processor computes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub adapter: Option<String>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub driver: Option<String>,
-    /// Whether the adapter is a program that computes on the processor what a GPU would.
+    /// Whether the adapter is software that emulates a GPU on the processor.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub is_software: bool,
 }
@@ -49,11 +51,12 @@ pub(crate) fn host_values<const D: usize>(tensor: Tensor<D>) -> Result<Vec<f32>,
 /// Why a device cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 pub enum DeviceError {
-    #[error("there is no device `{name}`, this program has {}", built())]
+    #[error("unknown device `{name}`, allowed: {}", built())]
     Unknown { name: String },
 
     #[error(
-        "this program was built without device `{kind}`: build it with `--features {kind}`; it has {}",
+        "this program was built without device `{kind}`, allowed: {}; build it with \
+         `--features {kind}`",
         built()
     )]
     NotBuilt { kind: DeviceKind },
@@ -72,16 +75,16 @@ fn built() -> String {
 }
 
 impl Device {
-    /// The processor, through burn's `flex` backend. As many threads as rayon has.
+    /// The processor, through burn's `flex` backend, with as many threads as rayon has.
     pub fn cpu() -> Self {
         Self::plain(DeviceKind::Cpu, burn::tensor::Device::flex())
     }
 
-    /// Opens a device. Drivers have crashed and hung at this: where that must not take the process
-    /// along, it is tried in another one first.
+    /// Opens a device. Some drivers have crashed or hung here. Where the process must survive that,
+    /// open the device in another process first.
     ///
     /// # Errors
-    /// A device that the program was built without, or without a driver that works.
+    /// The program was built without the device, or no driver for it works.
     pub fn open(kind: DeviceKind) -> Result<Self, DeviceError> {
         match kind {
             DeviceKind::Cpu => Ok(Self::cpu()),
@@ -105,12 +108,12 @@ impl Device {
         &self.description
     }
 
-    /// Computes values only.
+    /// A device that computes values only.
     pub(crate) fn inference(&self) -> burn::tensor::Device {
         self.tensors.clone()
     }
 
-    /// Computes values and records what their gradients need.
+    /// A device that also records what the backward pass needs.
     pub(crate) fn training(&self) -> burn::tensor::Device {
         self.tensors.clone().autodiff()
     }

@@ -1,19 +1,20 @@
 //! Straight lines from noise to the clean series (rectified flow, Liu et al. 2022).
 //!
-//! Level n of 1000 is the time t = (n + 1) / 1000: the series is (1 - t) x0 + t ε and moves by the
-//! velocity ε - x0. A solver goes from one time to an earlier one along a velocity that the network's
-//! answer gives, which in terms of x0 is the same table of coefficients that diffusion has.
+//! Level n of 1000 is the time t = (n + 1) / 1000. The series is (1 - t) x0 + t ε and moves with
+//! the velocity ε - x0. A solver goes from one time to an earlier one along a velocity, which
+//! follows from the network's answer. In terms of x0, its table of coefficients is the same as for
+//! diffusion.
 
 use spec::{FLOW_LEVELS, FLOW_STEPS, FlowPrediction, FlowSpec, SamplerKind, SamplerSpec};
 
 use super::prediction::Mix;
 use super::sampler::{Step, visited};
 
-/// Of a flow, as it was trained.
+/// A flow with the settings of its training.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Flow {
     prediction: FlowPrediction,
-    /// Where warm starts begin.
+    /// The number of levels at which warm starts begin.
     warm_levels: usize,
 }
 
@@ -26,12 +27,12 @@ impl Flow {
         FLOW_LEVELS as usize
     }
 
-    /// The noisy series from the clean one (first) and the noise (second).
+    /// The weights of the clean series (first) and the noise (second) in the noisy series.
     pub fn noisy(level: usize) -> Mix {
         Mix { first: 1.0 - time(level), second: time(level) }
     }
 
-    /// What the network is to answer, from the clean series (first) and the noise (second).
+    /// The weights of the clean series (first) and the noise (second) in the network's target.
     pub fn target(&self) -> Mix {
         match self.prediction {
             FlowPrediction::Clean => Mix { first: 1.0, second: 0.0 },
@@ -39,7 +40,8 @@ impl Flow {
         }
     }
 
-    /// The clean series from the noisy one (first) and the network's answer (second).
+    /// The weights of the noisy series (first) and the network's answer (second) in the clean
+    /// series.
     pub fn clean(&self, level: usize) -> Mix {
         match self.prediction {
             FlowPrediction::Clean => Mix { first: 0.0, second: 1.0 },
@@ -47,8 +49,8 @@ impl Flow {
         }
     }
 
-    /// The passes of `sampler` from noise to the clean series; with `warm` that many even steps from
-    /// where warm starts begin.
+    /// The passes of `sampler` from noise to the clean series. With `warm` they are that many even
+    /// steps from the level at which warm starts begin.
     pub fn steps(&self, sampler: &SamplerSpec, warm: Option<usize>) -> Vec<Step> {
         let (levels, count) = match warm {
             Some(count) => (self.warm_levels, count),
@@ -59,15 +61,17 @@ impl Flow {
         for (index, &level) in levels.iter().enumerate() {
             let at = Step { level, noisy: 0.0, clean: 1.0, previous_clean: 0.0, noise: 0.0 };
             let Some(&next) = levels.get(index + 1) else {
-                // To time 0, where a velocity has no meaning: along the one of the step's beginning.
+                // At time 0 a velocity has no meaning. The last step uses the velocity at its
+                // beginning.
                 steps.push(at);
                 break;
             };
             let ratio = time(next) / time(level);
             steps.push(Step { noisy: ratio, clean: 1.0 - ratio, ..at });
             if sampler.kind == SamplerKind::Heun {
-                // What Euler's step lacks of the mean of both velocities: their difference is that of
-                // both x0, since the series of the first has moved along a line through its x0.
+                // Euler's step becomes Heun's with the mean of both velocities. The velocities
+                // differ as both x0 do, since the series of the first has moved along a line
+                // through its x0.
                 let half = (1.0 - ratio) / (2.0 * ratio);
                 let moved = Step { noisy: 1.0, clean: half, previous_clean: -half, ..at };
                 steps.push(Step { level: next, ..moved });
@@ -123,9 +127,9 @@ mod tests {
         assert_eq!(levels(&FLOW.steps(&sampler, Some(2))), [399, 199]);
     }
 
-    /// Of x0 normal with mean m and deviation d, the velocity at time t is that of
-    /// x = (1 - t) m + √((1 - t)² d² + t²) z, whose solution keeps z: noise z ends at m + d z. The best
-    /// guess of x0 is m + (1 - t) d² (x - (1 - t) m) / ((1 - t)² d² + t²).
+    /// For x0 normal with mean m and deviation d, the velocity at time t is that of x = (1 - t) m +
+    /// √((1 - t)² d² + t²) z, whose solution keeps z: noise z ends at m + d z. The best guess of x0
+    /// is m + (1 - t) d² (x - (1 - t) m) / ((1 - t)² d² + t²).
     fn solved(steps: &[Step], z: f64) -> f64 {
         let (mean, variance) = (0.7, 0.09);
         let (mut x, mut before) = (z, 0.0);

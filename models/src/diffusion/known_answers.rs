@@ -1,6 +1,6 @@
-//! Samplers on data whose best denoiser is known: of x0 normal with mean m and variance V,
+//! Samplers on data whose best denoiser is known. For x0 normal with mean m and variance V it is
 //! E[x0 | x] = m + √ᾱ V (x - √ᾱ m) / (ᾱ V + 1 - ᾱ). The series that a sampler makes is then normal
-//! too, and its mean and variance follow from the table of steps exactly, without one random draw.
+//! too, and its mean and variance follow exactly from the table of steps, without a random draw.
 
 use spec::{DiffusionSpec, NoiseSchedule as Schedule, SamplerKind, SamplerSpec, Spacing};
 
@@ -11,17 +11,17 @@ use super::sampler::steps;
 const MEAN: f64 = 0.7;
 const VARIANCE: f64 = 0.09;
 
-/// Weight of the noisy series in the best guess of the clean one, and what it is added to.
+/// The weight of the noisy series in the best guess of the clean one, and the constant term.
 fn best_denoiser(signal: f64) -> (f64, f64) {
     let weight = signal.sqrt() * VARIANCE / (signal * VARIANCE + 1.0 - signal);
     (weight, MEAN - weight * signal.sqrt() * MEAN)
 }
 
-/// Mean and variance of what `steps` make of standard normal noise.
+/// Mean and variance of the series that `steps` make from standard normal noise.
 ///
-/// The series and the last step's x0 are jointly normal; both are followed.
+/// The series and the last step's x0 are jointly normal. The function follows both.
 fn made(schedule: &NoiseSchedule, steps: &[Step]) -> (f64, f64) {
-    // Means and covariance of (x, x0 of the step before).
+    // Means and covariance of x and of the x0 of the step before.
     let (mut mean, mut mean_before) = (0.0, 0.0);
     let (mut variance, mut covariance, mut variance_before) = (1.0, 0.0, 0.0);
     for step in steps {
@@ -75,7 +75,7 @@ fn a_linear_schedule_leads_there_too() {
     }
 }
 
-/// What the second order is for.
+/// The second order is closer at few steps.
 #[test]
 fn at_few_steps_dpm_solver_is_closer_than_ddim() {
     let spec = DiffusionSpec { steps: 1000, ..DiffusionSpec::default() };
@@ -106,8 +106,8 @@ fn the_solvers_converge_with_their_orders() {
     assert!(second > 3.0, "{second}");
 }
 
-/// Deterministic steps can be checked against the exact solution of the probability-flow
-/// equation, which for normal data moves every point by its number of deviations.
+/// Compares deterministic steps with the exact solution of the probability-flow equation. For
+/// normal data every point keeps its distance from the mean, in standard deviations.
 #[test]
 fn ddim_follows_the_probability_flow() {
     let spec = DiffusionSpec { steps: 4000, ..DiffusionSpec::default() };

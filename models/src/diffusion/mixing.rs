@@ -5,8 +5,8 @@ use super::noise_schedule::NoiseSchedule;
 use super::prediction::{self, Mix};
 use super::sampler::{self, Step};
 
-/// How much noise each level has, what a network is to answer there, and how samplers go from level to
-/// level.
+/// The amount of noise at each level, the target of a network there, and the steps of samplers from
+/// level to level.
 #[derive(Clone, Debug)]
 pub(super) enum Mixing {
     Diffusion { schedule: NoiseSchedule, prediction: Prediction },
@@ -29,7 +29,7 @@ impl Mixing {
         }
     }
 
-    /// The noisy series from the clean one (first) and the noise (second).
+    /// The weights of the clean series (first) and the noise (second) in the noisy series.
     pub fn noisy(&self, level: usize) -> Mix {
         match self {
             Self::Diffusion { schedule, .. } => prediction::noisy(schedule.signal(Some(level))),
@@ -37,7 +37,7 @@ impl Mixing {
         }
     }
 
-    /// What the network is to answer, from the clean series (first) and the noise (second).
+    /// The weights of the clean series (first) and the noise (second) in the network's target.
     pub fn target(&self, level: usize) -> Mix {
         match self {
             Self::Diffusion { schedule, prediction } => {
@@ -47,7 +47,8 @@ impl Mixing {
         }
     }
 
-    /// The clean series from the noisy one (first) and the network's answer (second).
+    /// The weights of the noisy series (first) and the network's answer (second) in the clean
+    /// series.
     pub fn clean(&self, level: usize) -> Mix {
         match self {
             Self::Diffusion { schedule, prediction } => {

@@ -10,10 +10,10 @@ const LARGEST_BETA: f64 = 0.999;
 const LINEAR_BETAS: [f64; 2] = [1e-4, 0.02];
 const LINEAR_LEVELS: f64 = 1000.0;
 
-/// The share of signal that each level has.
+/// The signal's share of the variance at each level.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct NoiseSchedule {
-    /// ᾱ, the signal's share of the variance, falling.
+    /// ᾱ, in falling order.
     signal: Vec<f64>,
 }
 
@@ -47,7 +47,7 @@ impl NoiseSchedule {
         self.signal.len()
     }
 
-    /// ᾱ of `level`; of none it is 1.
+    /// ᾱ of `level`; 1 without a level.
     pub fn signal(&self, level: Option<usize>) -> f64 {
         level.map_or(1.0, |level| self.signal[level])
     }
@@ -59,7 +59,7 @@ mod tests {
 
     use super::NoiseSchedule;
 
-    /// Of the cosine of 100 levels, which diffusers' `squaredcos_cap_v2` has too.
+    /// Compares the cosine schedule of 100 levels with `squaredcos_cap_v2` of diffusers.
     #[test]
     fn the_cosine_has_the_published_values() {
         let schedule = NoiseSchedule::new(&DiffusionSpec::default());

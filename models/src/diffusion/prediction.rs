@@ -1,6 +1,6 @@
-//! The three things that a model can be trained to predict, and the ways between them. All are
-//! linear in the noisy series x, the clean x0 and the noise ε, with a = √ᾱ and s = √(1 - ᾱ):
-//! x = a x0 + s ε and v = a ε - s x0.
+//! The three quantities that a model can predict, and the conversions between them. All are linear
+//! in the noisy series x, the clean x0 and the noise ε, with a = √ᾱ and s = √(1 - ᾱ): x = a x0 + s
+//! ε and v = a ε - s x0.
 
 use spec::Prediction;
 
@@ -11,15 +11,15 @@ pub(crate) struct Mix {
     pub second: f64,
 }
 
-/// All of the clean series and no noise.
+/// The clean series without noise.
 pub(crate) const CLEAN: Mix = Mix { first: 1.0, second: 0.0 };
 
-/// The noisy series from the clean one (first) and the noise (second).
+/// The weights of the clean series (first) and the noise (second) in the noisy series.
 pub(crate) fn noisy(signal: f64) -> Mix {
     Mix { first: signal.sqrt(), second: (1.0 - signal).sqrt() }
 }
 
-/// What the model is to answer, from the clean series (first) and the noise (second).
+/// The weights of the clean series (first) and the noise (second) in the model's target.
 pub(crate) fn target(prediction: Prediction, signal: f64) -> Mix {
     match prediction {
         Prediction::Noise => Mix { first: 0.0, second: 1.0 },
@@ -28,7 +28,7 @@ pub(crate) fn target(prediction: Prediction, signal: f64) -> Mix {
     }
 }
 
-/// The clean series from the noisy one (first) and the model's answer (second).
+/// The weights of the noisy series (first) and the model's answer (second) in the clean series.
 pub(crate) fn clean(prediction: Prediction, signal: f64) -> Mix {
     match prediction {
         Prediction::Noise => {

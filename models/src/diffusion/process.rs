@@ -7,7 +7,7 @@ use super::sampler::Step;
 use crate::loss::Loss;
 use crate::randomness::Noise;
 
-/// Adds noise in training and takes it away in sampling.
+/// Adds noise in training and removes it in sampling.
 #[derive(Clone, Debug)]
 pub(crate) struct Process {
     mixing: Mixing,
@@ -15,20 +15,20 @@ pub(crate) struct Process {
     loss_mean: LossMean,
 }
 
-/// Which entries of a series are known, and what they are.
+/// The entries of a series that are known, with their values.
 #[derive(Clone, Debug)]
 pub(crate) struct Painted {
-    /// `[batch, sample, channel]`, anything finite where nothing is known.
+    /// `[batch, sample, channel]`; any finite value where nothing is known.
     pub values: Tensor<3>,
-    /// `[1, sample, channel]`: 1 where the model is given the clean value, else 0.
+    /// `[1, sample, channel]`: 1 where the model sees the clean value, else 0.
     pub clean: Tensor<3>,
-    /// `[1, sample, channel]`: 1 where the value is known but the model is given it with the noise
-    /// of the level, else 0.
+    /// `[1, sample, channel]`: 1 where the value is known but the model sees it with the noise of
+    /// the level, else 0.
     pub noised: Option<Tensor<3>>,
 }
 
 impl Painted {
-    /// The series with everything known painted over it, noised as `noisy` says.
+    /// Replaces the known entries of `series` by their values, noised as `noisy` says.
     fn over(&self, series: Tensor<3>, noisy: Mix, noise: &Tensor<3>) -> Tensor<3> {
         let series = blend(series, self.values.clone(), &self.clean);
         match &self.noised {
@@ -55,9 +55,9 @@ impl Process {
         self.mixing.steps(sampler, warm)
     }
 
-    /// Weighted squared errors of what `network` answers at a random level of each row of `series`
-    /// `[batch, sample, channel]`. `clean` `[1, sample, channel]` is 1 where the model is given the
-    /// clean value; `weights`, of the same shape, are 0 where errors do not count.
+    /// Weighted squared errors of the answers of `network` at a random level for each row of
+    /// `series` `[batch, sample, channel]`. `clean` `[1, sample, channel]` is 1 where the model
+    /// sees the clean value. `weights`, of the same shape, are 0 where errors do not count.
     pub fn loss(
         &self,
         series: &Tensor<3>,
@@ -86,8 +86,9 @@ impl Process {
         Loss { errors, count: batch * of_each, predicted: None }
     }
 
-    /// The clean series `[batch, sample, channel]` that `network` makes in `steps` of noise or, of a
-    /// warm start, of the guess `warm` in the same shape with the noise of the first level added.
+    /// The clean series `[batch, sample, channel]` that `network` makes in `steps`. It begins with
+    /// noise. A warm start begins with the guess `warm`, in the same shape, plus the noise of the
+    /// first level.
     pub fn sample(
         &self,
         warm: Option<Tensor<3>>,

@@ -1,4 +1,5 @@
-//! Samplers as tables: what each step adds up, in f64, known before the first pass of a model.
+//! Samplers as tables. Each step has its weights in f64, which are known before the first pass of a
+//! model.
 
 use spec::{SamplerKind, SamplerSpec, Spacing};
 
@@ -7,21 +8,21 @@ use super::noise_schedule::NoiseSchedule;
 /// Least variance of the noise that DDPM adds, as in the code of Ho et al. 2020.
 const LEAST_VARIANCE: f64 = 1e-20;
 
-/// One pass of the model at `level`, after which the series is
-/// `noisy · x + clean · x0 + previous_clean · x0 of the step before + noise · ε`.
+/// One pass of the model at `level`. After it the series is `noisy · x + clean · x0 +
+/// previous_clean · x0 of the step before + noise · ε`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Step {
     pub level: usize,
     pub noisy: f64,
     pub clean: f64,
-    /// 0 where there is no step before.
+    /// 0 in the first step.
     pub previous_clean: f64,
     /// Standard deviation; 0 in the last step.
     pub noise: f64,
 }
 
 /// The steps of `sampler` from noise to the clean series. With `warm` they are that many last
-/// levels of the training, one by one, whatever the sampler's own steps and spacing.
+/// levels of the training, one by one, whatever the sampler's own steps and spacing are.
 pub(crate) fn steps(
     schedule: &NoiseSchedule,
     sampler: &SamplerSpec,
@@ -46,7 +47,7 @@ pub(crate) fn steps(
 /// `count` of the levels, noisiest first.
 pub(super) fn visited(levels: usize, count: usize, spacing: Spacing) -> Vec<usize> {
     let count = count.clamp(1, levels.max(1));
-    // To the nearest, halves upwards, in whole numbers.
+    // Rounds to the nearest whole number, halves upwards.
     let rounded =
         |numerator: usize, denominator: usize| (2 * numerator + denominator) / (2 * denominator);
     let level = |index: usize| {
@@ -72,11 +73,11 @@ fn step(
     let (signal, next_signal) = (schedule.signal(Some(level)), schedule.signal(next));
     let step = Step { level, noisy: 0.0, clean: 1.0, previous_clean: 0.0, noise: 0.0 };
     if next.is_none() {
-        // All samplers end with the clean series as it is predicted; the general formulas give
-        // the same but for DDPM's least variance and the infinite step of DPM-Solver++.
+        // All samplers end with the predicted clean series. The general formulas give the same,
+        // except for DDPM's least variance and the infinite step of DPM-Solver++.
         return step;
     }
-    // α and β of the step, were it one of the training's.
+    // α and β of the step, as if the training had it.
     let kept = signal / next_signal;
     let ddpm_variance = (1.0 - next_signal) / (1.0 - signal) * (1.0 - kept);
     match sampler.kind {
@@ -107,7 +108,7 @@ fn step(
                 ..step
             }
         }
-        // Refused of a diffusion when the spec is checked.
+        // The check of the spec refuses these for a diffusion.
         SamplerKind::Euler | SamplerKind::Heun => step,
     }
 }

@@ -6,7 +6,7 @@ use super::motion::Recorded;
 use super::values;
 use crate::architecture::ModelInput;
 
-/// Torques and positions of a batch where regressions are computed.
+/// Torques and positions of a batch in the memory of the processor, where regressions run.
 pub(super) struct HostBatch {
     u: Vec<f32>,
     y: Vec<f32>,
@@ -31,7 +31,7 @@ impl HostBatch {
         }
     }
 
-    /// Takes the noise out of positions: what is regressed are their differences.
+    /// Smooths noisy positions, because the regression uses their differences.
     pub fn smooth(&mut self, noise: MeasurementNoise) {
         if noise.position_rad <= 0.0 || self.y.is_empty() {
             return;

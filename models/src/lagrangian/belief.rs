@@ -1,12 +1,12 @@
 //! The Kalman filter of a motion that is linear around a path.
 
-/// Errors of a step of the law by rounding, rad/s.
+/// Rounding error of a step of the law, rad/s.
 const ROUNDING: f64 = 2e-5;
 
-/// A step of the law around a state of the path. Its state is that of angles and velocities.
+/// A step of the law, linearized around a state of the path. The state has angles and velocities.
 pub(super) struct Step {
-    /// Where the path would lead, less where the path is at the next sample: angles in rad, then velocities in
-    /// rad/s.
+    /// The state that the law predicts from the path, before the path's next state is subtracted:
+    /// angles in rad, then velocities in rad/s.
     defect: Vec<f64>,
     /// `[angle or velocity, angle or velocity or damping]`.
     transition: Vec<f64>,
@@ -15,8 +15,8 @@ pub(super) struct Step {
 }
 
 impl Step {
-    /// From the last two positions of each variant and the position after them; `change` is what each
-    /// variant but the first changes.
+    /// Builds the step from the last two positions of each variant and from the position after
+    /// them. `change` is the perturbation of each variant except the first.
     pub fn new(
         y: &[f32],
         next: &[f32],
@@ -52,12 +52,12 @@ pub(super) struct Belief {
     pub mean: Vec<f64>,
     /// `[row, column]`
     pub covariance: Vec<f64>,
-    /// The negative logarithm of the likelihood so far, less a constant.
+    /// The negative log-likelihood so far, up to a constant.
     pub surprise: f64,
 }
 
 impl Belief {
-    /// Over a step, to a sample where the path is at `path`.
+    /// Predicts over a step. The path is at `path` where the step ends.
     pub fn advance(
         &mut self,
         step: &Step,
@@ -75,7 +75,7 @@ impl Belief {
             .map(|((row, led), path)| led - path + dot(row, &self.mean))
             .collect();
         self.mean[..active].copy_from_slice(&mean);
-        // The transition times the covariance, which is symmetric.
+        // The transition matrix times the covariance, which is symmetric.
         for (row, room) in rows().zip(room.chunks_exact_mut(width)) {
             room.fill(0.0);
             for (&factor, covariance) in row.iter().zip(self.covariance.chunks_exact(width)) {
@@ -107,7 +107,7 @@ impl Belief {
         }
     }
 
-    /// Takes in the position of each joint, one after the other.
+    /// Updates with the measured position of each joint, one after the other.
     pub fn measure(&mut self, innovations: &[f64], joints: usize, variance: f64) {
         let width = self.mean.len();
         let mut gain = vec![0.0; width];

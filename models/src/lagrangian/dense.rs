@@ -1,4 +1,4 @@
-//! The layers of the network, in lanes.
+//! The dense layers of the network, in lanes.
 
 use simd::Lanes;
 
@@ -53,7 +53,7 @@ impl Dense {
         }
     }
 
-    /// [`Dense::apply`], and how fast the outputs change with the inputs: of `[values, rates]`.
+    /// [`Dense::apply`] with derivatives: `x` and `y` are `[values, rates of change]`.
     #[inline(always)]
     pub fn apply_moving<L: Lanes>(&self, x: [&[L]; 2], y: [&mut [L]; 2]) {
         let ([x, rates], [y, rates_after]) = (x, y);
@@ -87,7 +87,7 @@ pub(super) fn tanh<L: Lanes>(x: L) -> L {
     (power + L::splat(1.0)).recip().mul_add(L::splat(-2.0), L::splat(1.0))
 }
 
-/// The nearest number from -`most` to `most`.
+/// `x` clamped to -`most` to `most`.
 #[inline(always)]
 pub(super) fn bounded<L: Lanes>(x: L, most: f32) -> L {
     let least = L::splat(f64::from(-most));

@@ -9,13 +9,14 @@ pub(super) struct Factored<L> {
     lower: [[L; MAX_JOINTS]; MAX_JOINTS],
     /// 1 / D.
     inverse: [L; MAX_JOINTS],
-    /// The least ratio of an entry of D, before it was raised, to what it was raised to at least.
+    /// The least pivot: the minimum over the entries of D, before they were raised, of the ratio to
+    /// `least`.
     pub least: L,
 }
 
 impl<L: Lanes> Factored<L> {
-    /// From the lower triangle. Entries of D below `least` are raised to it: a sum of a diagonal matrix of these and
-    /// of a positive semidefinite one has none.
+    /// Factors the lower triangle of a matrix. Entries of D below `least` are raised to it. The sum
+    /// of the diagonal matrix `least` and a positive semidefinite matrix has no such entry.
     #[inline(always)]
     pub fn new(
         joints: usize,
@@ -24,7 +25,7 @@ impl<L: Lanes> Factored<L> {
     ) -> Self {
         let mut inverse = [L::splat(0.0); MAX_JOINTS];
         let zero = L::splat(0.0);
-        // Lanes have no least of two: that of numbers is the most of their negatives.
+        // Lanes have no minimum. It is the negated maximum of the negated values.
         let mut negative = zero - L::splat(f64::from(f32::MAX));
         for column in 0..joints {
             negative = negative.max(zero - matrix[column][column] * least[column].recip());

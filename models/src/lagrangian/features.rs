@@ -1,8 +1,9 @@
-//! The factors of a robot's numbers in the equation, as tensors of which gradients can be asked.
+//! The factors of a robot's numbers in the equation, as tensors with gradients.
 //!
-//! A particle has a Jacobian Bᵀ of three rows: its velocity is Bᵀ v. By d'Alembert's principle the joints feel
-//! B (Bᵀ a + Ḃᵀ v) of a particle of mass 1. Where the network does not see the first joint, Bᵀ v is that in
-//! a frame which turns with this joint about the third axis, and its rate of change has the turning too.
+//! A particle has a Jacobian Bᵀ of three rows: its velocity is Bᵀ v. By d'Alembert's principle a
+//! particle of mass 1 loads the joints with B (Bᵀ a + Ḃᵀ v). Where the network does not see the
+//! first joint, Bᵀ v is the velocity in a frame that turns with this joint about the third axis.
+//! Its rate of change then includes the turning.
 
 use burn::tensor::{Tensor, activation};
 
@@ -15,25 +16,26 @@ pub(super) const FORCE_UNIT: f32 = 10.0;
 /// Directions in which a particle can move.
 pub(super) const DIRECTIONS: usize = 3;
 
-/// The network's input at samples.
+/// The input of the network at samples.
 #[derive(Clone)]
 pub(super) struct Samples<A> {
     /// Sines, then cosines of angles, `[robot, point, 2 · input]`.
     pub pose: A,
-    /// How fast they change, 1/s.
+    /// The rates of change of `pose`, 1/s.
     pub rate: A,
     /// rad/s, `[robot · point, 1, joint]`.
     pub velocity: A,
     /// rad/s², `[robot · point, 1, joint]`.
     pub acceleration: A,
-    /// How fast the frame of particles turns, rad/s, `[robot · point, 1, 1]`; 0 where the network sees all joints.
+    /// How fast the frame of the particles turns, rad/s, `[robot · point, 1, 1]`; 0 where the
+    /// network sees all joints.
     pub turning: A,
 }
 
 impl Lagrangian {
-    /// Torques in N·m of each particle of weight 1, then of each force of strength 1,
-    /// `[robot · point, joint, particle or force]`; and of the force that acts on every robot alike, if any,
-    /// `[robot · point, joint, 1]`.
+    /// Two tensors of torques in N·m. The first has those of each particle of weight 1, then of
+    /// each force of strength 1, `[robot · point, joint, particle or force]`. The second has those
+    /// of the force that acts on every robot, if there is one, `[robot · point, joint, 1]`.
     pub(super) fn features<A: Activations>(&self, samples: Samples<A>) -> (A, Option<A>) {
         let Samples { pose, rate, velocity, acceleration, turning } = samples;
         let [rows, _, joints] = acceleration.dims();
@@ -91,8 +93,8 @@ impl Lagrangian {
     }
 }
 
-/// The torques of every combination of numbers, `[robot, row, column]`, from the features `[robot, row, number]` and
-/// given combinations `[robot, number, column]`.
+/// The torques of every combination of numbers, `[robot, row, column]`: the product of the features
+/// `[robot, row, number]` and the combinations `[robot, number, column]`.
 pub(super) fn combined<A: Activations>(features: A, combinations: A) -> A {
     let [robots, rows, _] = features.dims();
     let shape = [robots, rows, combinations.dims()[2]];
@@ -104,7 +106,7 @@ fn tanh<A: Activations>(x: A) -> A {
     A::operation([x], [true], shape, |[x]| kernels::tanh(x))
 }
 
-/// The product with numbers that nothing is learned from, which may have extents of 1.
+/// The product with constants, which may have extents of 1.
 fn weighted<A: Activations>(x: A, weights: A) -> A {
     let shape = x.dims();
     A::operation([x, weights], [false, true], shape, |[x, weights]| x * weights)

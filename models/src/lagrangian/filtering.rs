@@ -1,14 +1,15 @@
 //! Predictions from noisy positions: a Kalman filter with the learned law as its motion.
 //!
-//! Positions are smoothed first, joint by joint and without the law ([`smoothing`]), and the robot's numbers
-//! fitted to that. All but the dampings stay as they are. Around this motion the law is linear: how the state at the next sample changes with
-//! angles, velocities, dampings and torques comes from forward differences, which are lanes of one call.
-//! A Kalman filter over the context then estimates angles, velocities and dampings together, from the measured
-//! positions. Where it ends, the prediction begins.
+//! First, positions are smoothed joint by joint and without the law ([`smoothing`]), and the
+//! robot's numbers are fitted to the result. Only the dampings change after that. Around this
+//! motion the law is linear. Forward differences, which are lanes of one call, give the change of
+//! the next state with angles, velocities, dampings and torques. A Kalman filter over the context
+//! then estimates angles, velocities and dampings together from the measured positions. The
+//! prediction begins at its last state.
 //!
-//! The filter takes the law's errors for white noise of torques, a multiple of the noise that training found. The
-//! likelihood of the context chooses the multiple for each robot: errors of a law are not white, and they are
-//! larger where it was not trained.
+//! The filter treats the law's errors as white noise of torques, a multiple of the noise that
+//! training found. It chooses, for each robot, the multiple under which the context is most likely.
+//! Errors of a law are not white, and they are larger on data unlike its training's.
 
 use series::MeasurementNoise;
 use simd::InstructionSet;
@@ -20,23 +21,26 @@ use super::law::{Law, Start, narrow};
 use super::motion::Recorded;
 use super::numbers::Bounds;
 
-/// Noise below this, rad, counts as this one: positions are computed in f32.
+/// Smaller noise counts as this, rad, because positions are computed in f32.
 const LEAST_NOISE: f64 = 1e-6;
-/// A context of fewer samples is taken as it is.
+/// A shorter context, in samples, is not filtered.
 const LEAST_SAMPLES: usize = 8;
 
-/// Forward differences: rad, rad/s, share of the mean damping, N·m. Far above rounding, which is 1e-5 rad/s.
+/// Perturbations of the forward differences: rad, rad/s, share of the mean damping, N·m. They are
+/// far above rounding, which is 1e-5 rad/s.
 const ANGLE: f32 = 0.01;
 const VELOCITY: f32 = 0.05;
 const DAMPING: f32 = 0.05;
 const TORQUE: f32 = 0.1;
 
-/// Standard deviation of the velocity at the first sample about that of the smoothed positions, rad/s.
+/// Standard deviation of the velocity at the first sample around that of the smoothed positions,
+/// rad/s.
 const INITIAL_VELOCITY: f64 = 1.0;
-/// Standard deviation of the angle at the first sample, in deviations of the measurement.
+/// Standard deviation of the angle at the first sample, in standard deviations of the measurement.
 const INITIAL_ANGLE: f64 = 10.0;
 
-/// Between two deviations of the law that are tried, and how many there are on both sides of training's.
+/// The ratio of two neighbouring noise multiples that the filter tries, and their number on either
+/// side of training's noise.
 const RATIO: f64 = 3.0;
 const STEPS: i32 = 6;
 
@@ -46,7 +50,7 @@ pub(super) fn is_filtered(robot: &Recorded<'_>, noise: MeasurementNoise) -> bool
 }
 
 impl Law {
-    /// The robot of a context of noisy positions.
+    /// Identifies the robot of a context of noisy positions.
     pub fn filtered(
         &self,
         instructions: InstructionSet,
@@ -69,7 +73,7 @@ impl Law {
         Known { state, posterior, smoothed: Some(smoothed), motion }
     }
 
-    /// The steps from sample 1 to the last, each around the path.
+    /// The steps from sample 1 to the last, each linearized around the path.
     fn linearized(
         &self,
         instructions: InstructionSet,
@@ -81,7 +85,7 @@ impl Law {
         let steps = 1..path.samples() - 1;
         let mut u = Vec::with_capacity(steps.len() * variants * 3 * joints);
         let mut y = Vec::with_capacity(steps.len() * variants * 2 * joints);
-        // The robot as it is, and with more damping at each joint.
+        // The robot itself, and the same robot with more damping at each joint.
         let damped = |joint: usize| {
             let mut numbers = numbers.to_vec();
             numbers[self.numbers.dampings()][joint] += DAMPING * self.mean_damping(joint);
@@ -103,7 +107,7 @@ impl Law {
                 if let Some(change) = variant.checked_sub(1) {
                     let joint = change % joints;
                     match change / joints {
-                        // The same velocity elsewhere.
+                        // The same velocity at another angle.
                         0 => {
                             y[y_at + joint] += ANGLE;
                             y[y_at + joints + joint] += ANGLE;
@@ -138,7 +142,7 @@ impl Law {
         each.map(|(y, next)| Step::new(y, next, joints, f64::from(path.rate_hz), changes)).collect()
     }
 
-    /// Over robots, N·m·s/rad.
+    /// The mean over robots, N·m·s/rad.
     #[expect(clippy::cast_possible_truncation, reason = "the law is computed in f32")]
     fn mean_damping(&self, joint: usize) -> f32 {
         self.prior.mean[self.numbers.dampings()][joint] as f32
@@ -163,7 +167,8 @@ struct Filter<'a> {
 }
 
 impl Filter<'_> {
-    /// The belief with the deviation of the law under which the context is most likely.
+    /// The belief at the end of the context, for the noise multiple under which the context is most
+    /// likely.
     fn most_likely(&self) -> Belief {
         let mut step = 0;
         let mut best = self.run(RATIO.powi(step));
@@ -179,7 +184,7 @@ impl Filter<'_> {
         best
     }
 
-    /// With the law's torque noise `scale` times that of training.
+    /// Runs the filter with the law's torque noise `scale` times that of training.
     fn run(&self, scale: f64) -> Belief {
         let joints = self.measured.joints;
         let mut belief = self.prior();
@@ -230,7 +235,7 @@ impl Filter<'_> {
         belief
     }
 
-    /// Measured positions less those of the path.
+    /// Measured positions minus the path's positions.
     fn innovations(&self, sample: usize) -> Vec<f64> {
         let joints = self.measured.joints;
         let at = sample * joints..(sample + 1) * joints;

@@ -1,4 +1,4 @@
-//! The regression of a robot's context, samples in lanes.
+//! The regression of a robot's context. Samples lie in lanes.
 
 #![expect(
     clippy::needless_range_loop,
@@ -15,10 +15,10 @@ use super::motion::Recorded;
 use super::pose::Pose;
 use super::regression::{Equation, Equations, Regression};
 
-/// Every so many samples of a context are looked at where poses alone matter: an eighth of a second at 60 Hz.
+/// The stride in samples where only poses matter: an eighth of a second at 60 Hz.
 const EVERY: usize = 8;
 
-/// Numbers of up to [`MAX_LANES`] samples, `[joint, lane]`.
+/// Values of up to [`MAX_LANES`] samples, `[joint, lane]`.
 type Gathered = [[f32; MAX_LANES]; MAX_JOINTS];
 
 impl Law {
@@ -37,13 +37,14 @@ impl Law {
         equations
     }
 
-    /// The equation of each joint at every sample that has one before and one after it, in order.
+    /// Calls `each` with the equation of each joint, in order, at every sample with a sample on
+    /// both sides.
     #[inline(always)]
     fn equations<L: Lanes>(&self, recorded: &Recorded<'_>, mut each: impl FnMut(&Equation<'_>)) {
         let joints = self.numbers.joints;
         let shared = self.numbers.shared().len();
         let mut pose = Pose::<L>::new(self);
-        // `[particle or force]`, of each joint in every lane.
+        // `[particle or force]` of each joint in every lane.
         let mut features: Vec<Gathered> = vec![[[0.0; MAX_LANES]; MAX_JOINTS]; 1 + shared];
         let mut equation = vec![0.0; shared];
         let mut sample = 1;
@@ -106,8 +107,8 @@ impl Law {
         }
     }
 
-    /// The least ratio of a pivot of the mass matrix at the context's poses to the inertia of its joint alone, which
-    /// is 1 at least where no mass is negative.
+    /// The least pivot of the mass matrix at the poses of the context, as a ratio to the inertia of
+    /// the joint alone. It is at least 1 where no mass is negative.
     #[inline(always)]
     pub(super) fn least_pivot<L: Lanes>(&self, recorded: &Recorded<'_>, numbers: &[f32]) -> f32 {
         let joints = self.numbers.joints;
@@ -119,7 +120,7 @@ impl Law {
         }
         let standing = [L::splat(0.0); MAX_JOINTS];
         let mut least = f32::INFINITY;
-        // The same samples whatever the number of lanes.
+        // The samples are the same whatever the number of lanes.
         let last = recorded.samples().saturating_sub(1) / EVERY * EVERY;
         for first in (0..=last).step_by(EVERY * L::LANES) {
             let mut gathered: Gathered = [[0.0; MAX_LANES]; MAX_JOINTS];
@@ -138,7 +139,7 @@ impl Law {
             let mut ratios = [0.0; MAX_LANES];
             factored.least.store(&mut ratios);
             for lane in 0..L::LANES {
-                // Not a number is no pivot either.
+                // A NaN also becomes the least.
                 least = if ratios[lane] >= least { least } else { ratios[lane] };
             }
         }
@@ -147,7 +148,7 @@ impl Law {
 }
 
 impl JointLaw {
-    /// Friction of strength 1 at a velocity in rad/s, and its slope.
+    /// Friction of strength 1 at a velocity in rad/s, and its slope, in lanes.
     #[inline(always)]
     pub fn friction<L: Lanes>(&self, velocity: L) -> [L; 2] {
         let slope = L::splat(f64::from(self.friction_slope));

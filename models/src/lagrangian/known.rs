@@ -1,9 +1,9 @@
-//! The most likely robot given a context, and draws of those that the context leaves possible.
+//! The most likely robot given a context, and draws of other robots that the context allows.
 //!
-//! The numbers of a robot are normal given its context ([`super::regression`]), if the law is exact and its errors
-//! at [`Law::points`] samples independent. They are not quite. So a draw has torques as well that the law leaves over
-//! ([`LeftOver`]), and training learns by how much more its robots differ, and how much that itself differs from
-//! robot to robot ([`Doubt`]).
+//! The numbers of a robot are normal given its context ([`super::regression`]), if the law is exact
+//! and its errors at [`Law::points`] samples are independent. Both hold only nearly. So a draw also
+//! adds residual torques of the law ([`LeftOver`]). Training learns how much more its robots
+//! differ, and how much that itself varies from robot to robot ([`Doubt`]).
 
 use nalgebra::{Cholesky, DMatrix, DVector};
 use simd::InstructionSet;
@@ -14,58 +14,61 @@ use super::motion::Recorded;
 use super::numbers::Bounds;
 use super::regression::Posterior;
 
-/// Times that a draw is taken half as far.
+/// Times that a draw is moved half-way to the most likely robot.
 const HALVINGS: usize = 6;
 
-/// A robot where its context ends.
+/// A robot at the end of its context.
 #[derive(Clone, Debug)]
 pub(super) struct State {
-    /// At the last two samples `[sample, joint]`, rad; of a shorter context, at that.
+    /// Positions at the last two samples, `[sample, joint]`, rad, or at the only one.
     pub y: Vec<f32>,
     /// In the order of [`super::numbers::Numbers`].
     pub numbers: Vec<f32>,
 }
 
-/// The robot of a context, and how surely it is known.
+/// The robot of a context with its uncertainty.
 #[derive(Debug)]
 pub(super) struct Known {
     pub state: State,
     pub posterior: Posterior,
-    /// Positions of the context that its numbers were fitted to, where these are not the measured ones.
+    /// Positions of the context to which the numbers were fitted, where these are not the measured
+    /// ones.
     pub smoothed: Option<Vec<f32>>,
-    /// A root of the covariance of the angles in rad and then the velocities in rad/s where the context ends,
-    /// where positions are filtered: `[row, column]`.
+    /// A root of the covariance at the end of the context, `[row, column]`, where positions are
+    /// filtered: the angles in rad, then the velocities in rad/s.
     pub motion: Option<DMatrix<f64>>,
 }
 
-/// A robot that its context leaves possible, where its context ends.
+/// A drawn robot that the context allows, at the end of the context.
 #[derive(Clone, Debug)]
 pub(super) struct Drawn {
     pub state: State,
-    /// Torques that it answers to, from the last sample but one of the context on, `[sample, joint]`, N·m.
+    /// Torques that act on it, from the last sample but one of the context on, `[sample, joint]`,
+    /// N·m.
     pub u: Vec<f32>,
 }
 
-/// By how much a robot differs from the most likely one, in deviations of the regression: log-normal over robots.
+/// The distance of robots from the most likely one, in standard deviations of the regression. It is
+/// log-normal over robots.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Doubt {
-    /// Logarithm of the median.
+    /// Logarithm of the distance's median.
     pub median: f32,
     /// Standard deviation of the logarithm.
     pub tail: f32,
-    /// Logarithm of how much of the torque that the law left over comes with a deviation.
+    /// Logarithm of the share of the residual torque that a draw at a distance of 1 adds.
     pub torque: f32,
 }
 
 impl Doubt {
-    /// The deviations of a robot with the standard normal number `normal`.
+    /// The distance of a robot with the standard normal number `normal`.
     pub fn scale(self, normal: f32) -> f32 {
         self.tail.mul_add(normal, self.median).exp()
     }
 }
 
 impl Law {
-    /// The robot of a context of exact positions.
+    /// Identifies the robot of a context of exact positions.
     pub fn known(
         &self,
         instructions: InstructionSet,
@@ -78,13 +81,13 @@ impl Law {
         Known { state, posterior, smoothed: None, motion: None }
     }
 
-    /// Standard normal numbers that a draw is made of: one for each number of a robot, one for its [`Doubt`], those of
-    /// [`LeftOver`], one for each angle and one for each velocity.
+    /// Standard normal numbers of a draw: one for each number of a robot, one for its [`Doubt`],
+    /// those of [`LeftOver`], one for each angle and one for each velocity.
     pub fn normals_of_draw(&self) -> usize {
         self.numbers.count() + 1 + leftover::NORMALS + 2 * self.numbers.joints
     }
 
-    /// A robot that its context leaves possible.
+    /// Draws a robot that the context allows.
     #[expect(clippy::cast_possible_truncation, reason = "the law is computed in f32")]
     pub fn draw(
         &self,
@@ -117,8 +120,8 @@ impl Law {
         Drawn { state, u }
     }
 
-    /// Numbers `scale` deviations of the regression from the most likely ones, or less where these would leave some
-    /// pose of the context too little inertia.
+    /// Numbers at a distance of `scale` standard deviations of the regression from the most likely
+    /// ones. The distance is halved while some pose of the context would have too little inertia.
     #[expect(clippy::cast_possible_truncation, reason = "the law is computed in f32")]
     pub fn deviate(
         &self,

@@ -1,9 +1,10 @@
-//! A trained law, ready to predict: robots are fitted to their contexts, and the equation is integrated over
+//! A trained law that predicts: it fits robots to their contexts and integrates the equation over
 //! their horizons.
 //!
-//! Everything is computed on the processor, many at once in the lanes of its vectors: samples while a
-//! robot is fitted ([`super::fitting`]), robots while they move ([`super::rollout`]). Lanes of every width
-//! give the same bits, and a robot has the same answer whatever it is asked together with.
+//! The processor computes everything in the lanes of its vectors: many samples at once while a
+//! robot is fitted ([`super::fitting`]), and many robots at once while they move
+//! ([`super::rollout`]). Lanes of every width give the same bits. A robot's answer does not depend
+//! on the other robots of the call.
 
 use kernels::Interrupt;
 use rayon::prelude::*;
@@ -22,19 +23,19 @@ use super::numbers::{Bounds, Numbers};
 use super::regression::{Equations, Posterior, Prior, Regression};
 use super::rollout::Rolled;
 
-/// Times that the noise of a context is found anew, each time from what the last fit left over.
+/// Rounds in which the noise of a context is estimated again from the residuals of the last fit.
 const NOISE_ROUNDS: usize = 3;
-/// Least pivot of a mass matrix, in inertias of the joint alone: no mass that is not negative takes anything of
-/// these away, but for rounding.
+/// Least pivot of a mass matrix, as a ratio to the inertia of the joint alone. Masses of 0 or more
+/// keep it at 1, up to rounding.
 pub(super) const LEAST_PIVOT: f32 = 0.99;
 
 /// A trained law.
 #[derive(Debug)]
 pub(super) struct Law {
     pub hidden: Vec<Dense>,
-    /// To `[direction, particle, joint]`.
+    /// Gives `[direction, particle, joint]`.
     pub particles: Dense,
-    /// To `[1 + force, joint]`.
+    /// Gives `[1 + force, joint]`.
     pub forces: Option<Dense>,
     pub joints: Vec<JointLaw>,
     pub prior: Prior,
@@ -42,36 +43,37 @@ pub(super) struct Law {
     pub numbers: Numbers,
     /// The first joint whose angle the network sees.
     pub first: usize,
-    /// Samples that a context counts as. The law's errors at neighbouring samples are alike; training took them
-    /// at this many, as independent.
+    /// The number of independent samples that a context counts as. The law's errors at neighbouring
+    /// samples are alike. Training uses this many samples and takes their errors as independent.
     pub points: usize,
 }
 
 /// The constants of a joint, alike on every robot.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct JointLaw {
-    /// How far torque and velocity lie towards the newer of two values, 0 to 1.
+    /// The share of the newer one in the torque and the velocity between two values, 0 to 1.
     pub share: f32,
     /// Inertia that no pose changes, kg m².
     pub armature: f32,
-    /// Standard deviation of the torque that the law leaves over at a sample, N·m.
+    /// Standard deviation of the residual torque at a sample, N·m.
     pub noise: f32,
     /// Slope of the shape of friction where it is steepest, s/rad.
     pub friction_slope: f32,
-    /// The velocity at which it is steepest, negated, rad/s.
+    /// The velocity at which friction is steepest, negated, rad/s.
     pub friction_shift: f32,
 }
 
-/// A robot where its horizon begins.
+/// A robot at the beginning of its horizon.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Start<'a> {
     pub recorded: Recorded<'a>,
-    /// In the order of [`Numbers`].
+    /// Its numbers in the order of [`Numbers`].
     pub numbers: &'a [f32],
 }
 
 impl<'a> Start<'a> {
-    /// From the state at the end of a context on, with the torques `u` from the last sample but one of the context on.
+    /// Starts from the state at the end of a context. `u` are the torques from the last sample but
+    /// one of the context on.
     fn new(recorded: &Recorded<'_>, u: &'a [f32], state: &'a State) -> Self {
         let Recorded { joints, rate_hz, .. } = *recorded;
         Self { recorded: Recorded { u, y: &state.y, joints, rate_hz }, numbers: &state.numbers }
@@ -79,10 +81,11 @@ impl<'a> Start<'a> {
 }
 
 impl Law {
-    /// Positions of the horizons, `[robot, sample, joint]`, rad; the same whatever the instructions. Where there are
-    /// `draws`, one for each robot, of [`Law::normals_of_draw`] standard normal numbers, a robot is not the most
-    /// likely one but one that its context leaves possible. A robot with negative masses that comes to a pose of too
-    /// little inertia is fitted again without them.
+    /// Positions of the horizons, `[robot, sample, joint]`, rad. They are the same for all
+    /// instruction sets. `draws` is empty, or has [`Law::normals_of_draw`] standard normal numbers
+    /// for each robot. Without draws a robot is the most likely one. With draws it is another one
+    /// that the context allows. A robot with negative masses that reaches a pose of too little
+    /// inertia is fitted again without them.
     pub fn predict(
         &self,
         instructions: InstructionSet,
@@ -107,7 +110,7 @@ impl Law {
         found.positions
     }
 
-    /// The horizons of robots that are fitted within these bounds, whatever poses they come to.
+    /// The horizons of robots that are fitted within these bounds, whatever poses they reach.
     fn follow(
         &self,
         instructions: InstructionSet,
@@ -176,8 +179,9 @@ impl Law {
         rolled
     }
 
-    /// The distribution of a robot's numbers given its context. Masses may be negative unless `bounds` has them, but
-    /// not so that some pose of the context would have too little inertia: the masses of such a robot are 0 at least.
+    /// The distribution of a robot's numbers given its context. `bounds` decides whether masses may
+    /// be negative. If negative masses leave some pose of the context too little inertia, the robot
+    /// is fitted again with masses of 0 or more.
     pub fn fit(
         &self,
         instructions: InstructionSet,
@@ -191,7 +195,7 @@ impl Law {
         if solid { found } else { self.fit_with(&regression, recorded, Bounds::Masses) }
     }
 
-    /// Whether the arm has inertia enough in the poses of its context.
+    /// Whether the arm has enough inertia in the poses of its context.
     pub fn is_solid(
         &self,
         instructions: InstructionSet,
@@ -208,8 +212,8 @@ impl Law {
         least >= LEAST_PIVOT
     }
 
-    /// Where a joint leaves more torque over than it did in training, so much is its noise: the law is not as good
-    /// there, or positions were smoothed.
+    /// Fits the numbers. The noise of a joint is raised to its residual torque where that exceeds
+    /// the noise of training, because the law is worse there or positions were smoothed.
     pub fn fit_with(
         &self,
         regression: &Regression,
@@ -230,13 +234,14 @@ impl Law {
         posterior
     }
 
-    /// The deviation of each joint's torques that makes a context count as [`Law::points`] samples, N·m.
+    /// The standard deviation of each joint's torques with which a context counts as
+    /// [`Law::points`] samples, N·m.
     fn noise(&self, recorded: &Recorded<'_>) -> Vec<f64> {
         let repeated = self.repeated(recorded);
         self.joints.iter().map(|joint| repeated * f64::from(joint.noise)).collect()
     }
 
-    /// The root of how many samples of a context say the same.
+    /// The root of the number of samples that count as one.
     fn repeated(&self, recorded: &Recorded<'_>) -> f64 {
         let samples = recorded.samples().saturating_sub(2) as f64;
         (samples / self.points as f64).max(1.0).sqrt()

@@ -1,9 +1,10 @@
-//! Torques that the law leaves over, played again: what it does not explain in a context, it will not explain
-//! in the horizon either.
+//! Residual torques of the law, added to draws: errors that the law makes in a context, it makes in
+//! the horizon too.
 //!
-//! A draw adds a stretch of its robot's context to the horizon's torques. So its errors are as large, as slow and as
-//! unlike from joint to joint as those that were seen. A robot that was fitted to a slow motion leaves less over there
-//! than in a motion it was not fitted to. So the torques of each part come from a robot fitted to the others.
+//! A draw adds a stretch of the residual torques of its robot's context to the torques of the
+//! horizon. So its errors have the size, the frequencies and the differences between joints that
+//! the context showed. A robot fits the motion to which it was fitted better than another motion.
+//! So the residual torques of each part come from a robot that was fitted to the other parts.
 
 use simd::InstructionSet;
 
@@ -12,10 +13,10 @@ use super::law::Law;
 use super::motion::Recorded;
 use super::regression::Regression;
 
-/// Parts of a context that are left out in turn.
+/// Parts of a context. Each is left out in turn.
 const PARTS: usize = 4;
 
-/// Torques that were left over in a context.
+/// The residual torques of a context.
 #[derive(Clone, Debug)]
 pub(super) struct LeftOver {
     /// `[sample, joint]`, N·m.
@@ -23,11 +24,11 @@ pub(super) struct LeftOver {
     pub joints: usize,
 }
 
-/// Standard normal numbers that tell which stretch a draw has.
+/// Standard normal numbers that choose the stretch of a draw.
 pub(super) const NORMALS: usize = 3;
 
 impl Law {
-    /// The torques that the law leaves over in the context of a robot.
+    /// The residual torques in the context of a robot.
     pub fn left_over(
         &self,
         instructions: InstructionSet,
@@ -62,8 +63,8 @@ impl Law {
 }
 
 impl LeftOver {
-    /// Adds a stretch, times `scale`, to torques `[sample, joint]`. Every stretch that fits into the context is as likely
-    /// as any other, with either sign. Where the context is shorter, it is played round and round.
+    /// Adds a stretch, times `scale`, to torques `[sample, joint]`. Every stretch that fits into
+    /// the context is equally likely, with either sign. A context that is too short is repeated.
     pub fn add(&self, scale: f32, normals: &[f32], u: &mut [f32]) {
         let samples = self.torques.len() / self.joints;
         if samples == 0 {
@@ -82,8 +83,8 @@ impl LeftOver {
     }
 }
 
-/// A number uniform from -1 to 1, from three standard normal ones: a zone of a sphere has the area of its height
-/// (Archimedes).
+/// A number uniform on -1 to 1, from three standard normal ones: the area of a zone of a sphere is
+/// proportional to its height (Archimedes).
 fn side(normals: &[f32]) -> f32 {
     let squares: f32 = normals.iter().map(|normal| normal * normal).sum();
     match normals {
@@ -92,7 +93,8 @@ fn side(normals: &[f32]) -> f32 {
     }
 }
 
-/// The place that a share lies in, where `count` places of equal width reach from 0 to 1.
+/// The index of the interval that contains `share`, where `count` intervals of equal width divide 0
+/// to 1.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
@@ -117,7 +119,7 @@ mod tests {
 
     const DRAWS: usize = 6000;
 
-    /// The torques that each draw adds to a horizon of `samples`.
+    /// The torques that each draw adds to a horizon of `samples` samples.
     fn added(left_over: &LeftOver, samples: usize) -> Vec<Vec<f32>> {
         let mut normals = vec![0.0; DRAWS * NORMALS];
         random::fill_normal(&mut normals, &mut ChaCha8Rng::seed_from_u64(3));
@@ -144,7 +146,7 @@ mod tests {
             }
             counts[first - 1][usize::from(sign > 0.0)] += 1;
         }
-        // Four deviations of a count of one sixth.
+        // Four standard deviations of a count with probability one sixth.
         let near = |count: &usize| count.abs_diff(DRAWS / 6) < 120;
         assert!(counts.as_flattened().iter().all(near), "{counts:?}");
     }

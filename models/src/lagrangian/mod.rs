@@ -1,25 +1,28 @@
-//! The equations of motion of an arm, learned from many robots, with what is particular to one robot fitted
+//! The equations of motion of an arm, learned from many robots. The numbers of one robot are fitted
 //! to its context in closed form.
 //!
-//! The arm is a set of particles. A network of the pose gives the Jacobian B_pᵀ of each, and forces G_k that
-//! depend on the pose alone, as gravity does. At each sample
+//! The arm is a set of particles. A network of the pose gives the Jacobian B_pᵀ of each particle,
+//! and forces G_k that depend on the pose alone, as gravity does. At each sample
 //!
 //! ```text
 //! Σ_p w_p B_p (B_pᵀ Δv / h + Ḃ_pᵀ v̄) + J Δv / h + G_0 + Σ_k z_k G_k + D v + F φ(v) = u
 //! ```
 //!
-//! where Δv is the change of the mean velocity from one sampling time h to the next, v̄ their mean, and v
-//! and u lie between both as a learned share says: in the middle for a heavy joint, at the newer one for a
-//! light joint, whose velocity settles within the sampling time. J is a learned inertia of each joint and φ the
-//! learned shape of its friction. Weights w, strengths z, dampings D ≥ 0 and frictions F ≥ 0 are a robot's own,
-//! independent and normal over robots. The mass matrix Σ w B Bᵀ + J is positive definite where weights are; a
-//! robot's may be below 0, and what is solved for accelerations is positive definite for all ([`factored`]).
+//! where Δv is the change of the mean velocity from one sampling time h to the next, and v̄ is
+//! their mean. v and u lie between both, at a learned share: in the middle for a heavy joint, and
+//! at the newer one for a light joint, whose velocity settles within the sampling time. J is a
+//! learned inertia of each joint, and φ is the learned shape of its friction. Weights w, strengths
+//! z, dampings D ≥ 0 and frictions F ≥ 0 belong to a robot. Over robots they are independent and
+//! normal. The mass matrix Σ w B Bᵀ + J is positive definite if all weights are positive. A robot
+//! may have negative weights. The system that is solved for accelerations is positive definite for
+//! all robots ([`factored`]).
 //!
-//! The equation is linear in a robot's numbers: given its torques they are normal, too, in closed form
-//! ([`regression`]). Training maximizes the likelihood of the context's torques by expectation-maximization
-//! (Dempster, Laird and Rubin 1977), a step of the optimizer for each batch. A prediction fits the numbers to the
-//! whole context and integrates the equation over the horizon ([`law`]); draws do so with other numbers that
-//! the context leaves possible ([`known`], [`scoring`]).
+//! The equation is linear in a robot's numbers. Given its torques they are normal, too, in closed
+//! form ([`regression`]). Training maximizes the likelihood of the context's torques by
+//! expectation-maximization (Dempster, Laird and Rubin 1977), with a step of the optimizer for each
+//! batch. A prediction fits the numbers to the whole context and integrates the equation over the
+//! horizon ([`law`]). Draws do the same with other numbers that the context allows ([`known`],
+//! [`scoring`]).
 
 mod batch;
 mod belief;
@@ -66,24 +69,25 @@ use crate::loss::Loss;
 use crate::randomness::Noise;
 use crate::sizes::{LARGEST_WIDTH, MOST_LAYERS, MOST_SAMPLES, within};
 
-/// The learned numbers that stand alone are multiplied with this: at the pace of weights, the logarithm of
-/// a noise would take a whole training to get from 0.3 N·m to 0.3 mN·m.
+/// Scalar parameters are stored divided by this, so that they learn faster. At the pace of weights,
+/// the logarithm of a noise would need a whole training to get from 0.3 N·m to 0.3 mN·m.
 const PACE: f32 = 10.0;
-/// The same for [`Doubt`], which follows the law until the last steps of a training.
+/// The same factor for [`Doubt`], which follows the law until the last steps of a training.
 const DOUBT_PACE: f32 = 30.0;
 
-/// Most particles, and most forces.
+/// The largest number of particles, and of forces.
 const MOST_PARTS: u32 = 64;
 
-/// Initial Jacobians are uniform on ± this over the root of their columns, √(kg m²).
+/// Initial Jacobians are uniform on ± this over the root of their number of columns, √(kg m²).
 const INITIAL_JACOBIAN: f32 = 0.9;
 /// Largest initial weight of the heads, times √width.
 const INITIAL_HEAD: f32 = 0.35;
 /// Initial inertia of a joint, kg m².
 const INITIAL_ARMATURE: f32 = 0.1;
-/// Initial standard deviation of the torque that is left over, N·m.
+/// Initial standard deviation of the residual torque, N·m.
 const INITIAL_NOISE: f32 = 0.3;
-/// Least share of the newer value: with less, a step of a joint without inertia would swing ever wider.
+/// Least share of the newer value. With a smaller share, the steps of a joint without inertia would
+/// oscillate with growing amplitude.
 const LEAST_SHARE: f32 = 0.5;
 /// Initial slope of friction at rest, s/rad.
 const INITIAL_SLOPE: f32 = 4.0;
@@ -95,7 +99,7 @@ const INITIAL_DAMPING_SPREAD: f32 = 1.0;
 const INITIAL_FRICTION_SPREAD: f32 = 0.1;
 /// Initial deviation of the logarithm of [`Doubt`].
 const INITIAL_TAIL: f32 = 0.3;
-/// A sample with one before it and one after it.
+/// The shortest context in samples: one sample with one before it and one after it.
 const LEAST_CONTEXT: u32 = 3;
 
 impl Architecture for LagrangianSpec {
@@ -166,9 +170,10 @@ pub(crate) struct Lagrangian {
     hidden: Vec<Linear>,
     /// Jacobians, `[direction, particle, joint]`, √kg m.
     particles: Linear,
-    /// `[1 + force, joint]`, in [`features::FORCE_UNIT`]; the first acts on every robot.
+    /// `[1 + force, joint]`, in [`features::FORCE_UNIT`]. The first force acts on every robot.
     forces: Option<Linear>,
-    /// Logit of where each joint's share of the newer value lies from [`LEAST_SHARE`] to 1, over [`PACE`].
+    /// Logit of each joint's share of the newer value, as a position between [`LEAST_SHARE`] and 1,
+    /// over [`PACE`].
     share: Param<Tensor<1>>,
     /// Logarithm of each joint's inertia that no pose changes, kg m², over [`PACE`].
     armature: Param<Tensor<1>>,
@@ -176,30 +181,32 @@ pub(crate) struct Lagrangian {
     damping: Param<Tensor<1>>,
     /// Mean of each joint's friction over robots, N·m, over [`PACE`].
     friction: Param<Tensor<1>>,
-    /// Logarithm of the slope of its shape, s/rad, over [`PACE`].
+    /// Logarithm of the slope of each joint's friction at its steepest, s/rad, over [`PACE`].
     friction_slope: Param<Tensor<1>>,
-    /// The velocity at which its shape is steepest, negated, rad/s.
+    /// The velocity at which each joint's friction is steepest, negated, rad/s.
     friction_shift: Param<Tensor<1>>,
     /// Logarithm of the standard deviation over robots of each number of a robot, over [`PACE`].
     spread: Param<Tensor<1>>,
-    /// Logarithm of the standard deviation of the torque that is left over at a sample, N·m, over [`PACE`].
+    /// Logarithm of the standard deviation of each joint's residual torque at a sample, N·m, over
+    /// [`PACE`].
     noise: Param<Tensor<1>>,
-    /// [`Doubt`]: the logarithm of the median, the deviation of the logarithm, and the logarithm of the share of
-    /// torques, all over [`DOUBT_PACE`].
+    /// The numbers of [`Doubt`]: the logarithm of the median, the standard deviation of the
+    /// logarithm, and the logarithm of the share of torques, all over [`DOUBT_PACE`].
     doubt: Param<Tensor<1>>,
     /// The first joint whose angle the network sees.
     #[module(skip)]
     first: usize,
     #[module(skip)]
     numbers: Numbers,
-    /// Samples of a trajectory that a step looks at.
+    /// Samples of each trajectory in a training step.
     #[module(skip)]
     points: usize,
 }
 
 impl Lagrangian {
-    /// The equations of points: the factor of each number and that of the force that acts on every robot,
-    /// `[robot, point · joint, number + 1]`; the torques that they are to add up to, N·m, `[robot, point, joint]`.
+    /// The equations of points. The first tensor has the factor of each number, and last that of
+    /// the force that acts on every robot, `[robot, point · joint, number + 1]`. The second has the
+    /// torques on the right-hand side, N·m, `[robot, point, joint]`.
     fn equations(&self, points: &Points, device: &Device) -> [Tensor<3>; 2] {
         let more = activation::sigmoid(self.paced(&self.share)) * (1.0 - LEAST_SHARE);
         let share = more + LEAST_SHARE;
@@ -221,8 +228,8 @@ impl Lagrangian {
         [factors.reshape([robots, count * joints, width]), (torque - inertia).reshape(shape)]
     }
 
-    /// The negative logarithm of the likelihood of the torques, less a constant, `[robot, point, joint]`. Its
-    /// gradient is exact, though the fit is given: it is what expectation-maximization climbs.
+    /// The negative log-likelihood of the torques up to a constant, `[robot, point, joint]`, for a
+    /// given fit. Its gradient is exact all the same: expectation-maximization follows it.
     fn surprise(&self, equations: [Tensor<3>; 2], fitted: &Fitted) -> Tensor<3> {
         let [factors, torque] = equations;
         let shape @ [_, count, joints] = torque.dims();
@@ -237,8 +244,8 @@ impl Lagrangian {
         squares * precision * 0.5 + log_noise + of_numbers
     }
 
-    /// How unlikely a robot's numbers are among robots, and how narrowly its points tell them,
-    /// `[robot, 1, 1]`.
+    /// The cross-entropy of a robot's numbers under the distribution over robots, less the entropy
+    /// of their fit, `[robot, 1, 1]`.
     fn surprise_of_numbers(&self, fitted: &Fitted) -> Tensor<3> {
         let device = self.spread.val().device();
         let Numbers { particles, forces, .. } = self.numbers;
@@ -254,7 +261,7 @@ impl Lagrangian {
         let off = fitted.mean(&device) - Tensor::cat(means, 2);
         let squares = off.square() + fitted.variance(&device);
         let unlikely = squares * (log_spread.clone() * -2.0).exp() * 0.5 + log_spread.clone();
-        // How narrow the fit is, is given: it does not change with the spreads.
+        // The width of the fit is a constant: it does not change with the spreads.
         let known: f32 = values(log_spread).into_iter().sum();
         let given = f64::from(known) + 0.5 * self.numbers.count() as f64;
         unlikely.sum_dim(2) + fitted.told(&device) - given
@@ -264,7 +271,7 @@ impl Lagrangian {
         (param.val() * PACE).unsqueeze()
     }
 
-    /// The constants of each joint, alike on every robot.
+    /// The constants of each joint, which all robots share.
     fn joint_laws(&self) -> Vec<JointLaw> {
         let [share, armature, noise, slope, shift] =
             [&self.share, &self.armature, &self.noise, &self.friction_slope, &self.friction_shift]
@@ -297,7 +304,7 @@ impl Lagrangian {
         Doubt { median: values[0], tail: values[1], torque: values[2] }
     }
 
-    /// The same law, ready to predict.
+    /// The same law in a form that predicts.
     fn law(&self) -> Law {
         let dense = |layer: &Linear| {
             let (weight, bias) = layer.parameters();
@@ -374,7 +381,7 @@ impl Model for Lagrangian {
         let width = self.numbers.count() + 1;
         let factors = shared.and(own, 2).and(common, 2).reshaped([1, points * joints, width]);
         let combined = combined(factors, tally.given([1, width, width]));
-        // The loss squares it, and keeps arrays of torques.
+        // The loss squares the product, and keeps arrays of torques.
         combined.keep();
         tally.given([KEPT_BY_LOSS, points, joints]).keep();
     }
@@ -399,7 +406,7 @@ impl Model for Lagrangian {
 /// Arrays in the shape of the torques that the loss keeps.
 const KEPT_BY_LOSS: usize = 8;
 
-/// The numbers of a tensor, whether or not gradients are asked of it.
+/// The values of a tensor, with or without gradients.
 fn values<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
     tensor.inner().into_data().iter().collect()
 }

@@ -22,7 +22,7 @@ impl Numbers {
         self.particles..self.particles + self.forces
     }
 
-    /// Weights and strengths, which every joint feels.
+    /// Weights and strengths, which occur in the equations of every joint.
     pub fn shared(self) -> Range<usize> {
         0..self.particles + self.forces
     }
@@ -37,7 +37,7 @@ impl Numbers {
         first..first + self.joints
     }
 
-    /// Whether a number is 0 at least. A force points both ways.
+    /// Whether a number must be at least 0. Forces have both signs.
     pub fn is_bounded(self, number: usize, bounds: Bounds) -> bool {
         match bounds {
             Bounds::Own => !self.shared().contains(&number),
@@ -55,11 +55,12 @@ impl Numbers {
     }
 }
 
-/// The numbers of a robot that are 0 at least.
+/// The numbers of a robot that must be at least 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Bounds {
-    /// Its dampings and frictions. A particle is no body of its own: it may take away what others have too much of.
+    /// Dampings and frictions. A particle is not a body of its own, so its mass may be negative and
+    /// correct that of the others.
     Own,
-    /// Its masses as well.
+    /// Masses, too.
     Masses,
 }

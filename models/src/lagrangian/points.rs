@@ -9,7 +9,7 @@ use super::motion::{Motion, Recorded};
 use super::numbers::Numbers;
 use super::regression::{Equation, Posterior, Prior, Regression};
 
-/// Samples of a batch that a step of training looks at: so many of each robot.
+/// The samples of a batch in a training step, as many for each robot.
 pub(super) struct Points {
     robots: usize,
     joints: usize,
@@ -27,8 +27,8 @@ pub(super) struct Points {
 }
 
 impl Points {
-    /// For arms of `joints`, with room for `count` points of each of `robots`. The network sees joints from
-    /// `first` on.
+    /// Makes room for `count` points of each of `robots` robots with `joints` joints. The network
+    /// sees the joints from `first` on.
     pub fn new([robots, joints, count]: [usize; 3], first: usize) -> Self {
         let points = robots * count;
         let room = || Vec::with_capacity(points * joints);
@@ -44,7 +44,7 @@ impl Points {
         }
     }
 
-    /// Appends a sample of the robot that is next.
+    /// Appends a sample of the next robot.
     pub fn push(&mut self, recorded: &Recorded<'_>, sample: usize) {
         let mut velocities = [0.0; MAX_JOINTS];
         for (joint, velocity) in velocities.iter_mut().enumerate().take(self.joints) {
@@ -89,7 +89,7 @@ impl Points {
         }
     }
 
-    /// A number of each joint at each point, `[robot, point, joint]`.
+    /// A value of each joint at each point, `[robot, point, joint]`.
     pub fn of_joints(&self, number: impl Fn(&Motion) -> f32, device: &Device) -> Tensor<3> {
         let values = self.motions.iter().map(number).collect();
         tensor(values, [self.robots, self.count(), self.joints], device)
@@ -101,8 +101,9 @@ impl Points {
         tensor(self.acceleration.clone(), shape, device)
     }
 
-    /// Fits the numbers of each robot. `equations` has the factor of each number and that of the force that acts on
-    /// every robot, `[robot, point · joint, number + 1]`; `torques` those that they are to add up to, N·m.
+    /// Fits the numbers of each robot. `equations` has the factor of each number and that of the
+    /// force that acts on every robot, `[robot, point · joint, number + 1]`. `torques` has the
+    /// right-hand sides, N·m.
     pub fn fit(
         &self,
         equations: &[f32],
@@ -151,15 +152,15 @@ pub(super) struct Fitted {
     pub mean: Vec<f32>,
     /// `[robot, number]`.
     variance: Vec<f32>,
-    /// `[robot, number + 1, 1 + number]`: the means in the first column, with a 1 for the force that acts on every
-    /// robot; then a root of the covariance.
+    /// `[robot, number + 1, 1 + number]`: the means in the first column, with a 1 for the force
+    /// that acts on every robot, and a root of the covariance in the others.
     combinations: Vec<f32>,
-    /// How much is known of each robot that was not before: [`Posterior::told`].
+    /// The information that the points add for each robot: [`Posterior::told`].
     told: Vec<f32>,
 }
 
 impl Fitted {
-    /// Appends the next robot; one whose numbers cannot be told is as the prior has it.
+    /// Appends the next robot. Without a posterior it gets the prior.
     #[expect(clippy::cast_possible_truncation, reason = "losses are computed in f32")]
     fn push(&mut self, posterior: Option<Posterior>, prior: &Prior) {
         let count = self.count;

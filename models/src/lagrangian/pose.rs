@@ -1,4 +1,4 @@
-//! The arm in one pose of every lane: Jacobians of particles, how fast they change, and forces.
+//! The arm in one pose per lane: Jacobians of particles, their rates of change, and forces.
 
 #![expect(
     clippy::needless_range_loop,
@@ -12,18 +12,18 @@ use super::dense::{TILE, tanh};
 use super::features::{DIRECTIONS, FORCE_UNIT};
 use super::law::Law;
 
-/// Room for the network's numbers in every lane, and those of the pose that it looked at last.
+/// Buffers for the network's values in every lane, and the results for the latest pose.
 pub(super) struct Pose<L> {
-    /// Numbers of a layer and of the next.
+    /// The values of a layer and of the next one.
     values: [Vec<L>; 2],
-    /// How fast they change.
+    /// Their rates of change.
     rates: [Vec<L>; 2],
     /// `[direction, particle, joint]`.
     jacobians: Vec<L>,
     jacobian_rates: Vec<L>,
     /// `[1 + force, joint]`, in [`FORCE_UNIT`].
     forces: Vec<L>,
-    /// The acceleration of each particle while the joints' velocities stay, `[direction, particle]`.
+    /// The acceleration of each particle at constant joint velocities, `[direction, particle]`.
     carried: Vec<L>,
 }
 
@@ -45,7 +45,7 @@ impl<L: Lanes> Pose<L> {
         }
     }
 
-    /// Looks at the angles `q`, rad, that change at `velocity`, rad/s.
+    /// Computes the pose at the angles `q`, rad, which change at `velocity`, rad/s.
     #[inline(always)]
     pub fn look(&mut self, law: &Law, q: &[L; MAX_JOINTS], velocity: &[L; MAX_JOINTS]) {
         let seen = law.numbers.joints - law.first;
@@ -105,7 +105,7 @@ impl<L: Lanes> Pose<L> {
         }
     }
 
-    /// The torques that a particle of weight 1 takes, N·m, at an acceleration of the joints in rad/s².
+    /// The torques of a particle of weight 1, N·m, at an acceleration of the joints in rad/s².
     #[inline(always)]
     pub fn particle(
         &self,
@@ -129,7 +129,7 @@ impl<L: Lanes> Pose<L> {
         torques
     }
 
-    /// A force of strength 1, N·m. The first, 0, acts on every robot.
+    /// A force of strength 1, N·m. Force 0 acts on every robot.
     #[inline(always)]
     pub fn force(&self, law: &Law, force: usize) -> [L; MAX_JOINTS] {
         let joints = law.numbers.joints;
@@ -142,7 +142,7 @@ impl<L: Lanes> Pose<L> {
         torques
     }
 
-    /// The torques of all particles and forces that do not change with the acceleration, N·m, given
+    /// The torques of all particles and forces that do not depend on the acceleration, N·m, for the
     /// `numbers` of every lane.
     #[inline(always)]
     pub fn bias(&self, law: &Law, numbers: &[L]) -> [L; MAX_JOINTS] {
@@ -167,7 +167,7 @@ impl<L: Lanes> Pose<L> {
         torques
     }
 
-    /// The lower triangle of the mass matrix, kg m², given `numbers` of every lane.
+    /// The lower triangle of the mass matrix, kg m², for the `numbers` of every lane.
     #[inline(always)]
     pub fn inertia(&self, law: &Law, numbers: &[L]) -> [[L; MAX_JOINTS]; MAX_JOINTS] {
         let joints = law.numbers.joints;

@@ -6,10 +6,10 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 use super::numbers::{Bounds, Numbers};
 
-/// The times that numbers below their bound are held at it and the others fitted again.
+/// Rounds in which numbers below their bound are held at it and the others are fitted again.
 const ROUNDS: usize = 8;
 
-/// Knowledge of the numbers before their robot is seen: independent and normal.
+/// The prior distribution of a robot's numbers: independent and normal.
 #[derive(Clone, Debug)]
 pub(super) struct Prior {
     pub mean: Vec<f64>,
@@ -17,16 +17,17 @@ pub(super) struct Prior {
     pub spread: Vec<f64>,
 }
 
-/// Sums over samples for the regression of torque on what each number is multiplied with.
+/// Sums over samples for the regression of the torque on the factor of each number.
 #[derive(Clone, Debug)]
 pub(super) struct Regression {
     numbers: Numbers,
     joints: Vec<JointSums>,
-    /// Room for the factors of an equation.
+    /// Buffer for the factors of an equation.
     factors: Vec<f64>,
 }
 
-/// Sums over the samples of a joint. Its equations have the shared numbers, its own damping and its own friction.
+/// Sums over the samples of a joint. Its equations have the shared numbers, its own damping and its
+/// own friction.
 #[derive(Clone, Debug)]
 struct JointSums {
     /// Σ x xᵀ, `[row, column]`, the lower triangle.
@@ -38,7 +39,7 @@ struct JointSums {
     samples: f64,
 }
 
-/// One joint at one sample.
+/// The equation of one joint at one sample.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Equation<'a> {
     pub joint: usize,
@@ -48,12 +49,12 @@ pub(super) struct Equation<'a> {
     pub velocity: f32,
     /// Friction of strength 1, N·m.
     pub friction: f32,
-    /// The torque that all of these are to add up to, N·m.
+    /// The torque on the right-hand side, N·m.
     pub torque: f32,
 }
 
 impl Equation<'_> {
-    /// The torque that these numbers leave over, N·m.
+    /// The residual torque with these numbers, N·m.
     #[expect(clippy::cast_possible_truncation, reason = "torques are in f32")]
     pub fn left_over(&self, of: Numbers, numbers: &[f64]) -> f32 {
         let shared = self.shared.iter().zip(numbers);
@@ -64,7 +65,7 @@ impl Equation<'_> {
     }
 }
 
-/// The equations of a context, each joint's at every sample.
+/// The equations of a context, for each joint at every sample.
 #[derive(Debug)]
 pub(super) struct Equations {
     numbers: Numbers,
@@ -78,7 +79,7 @@ impl Equations {
         Self { numbers, shared: Vec::new(), own: Vec::new() }
     }
 
-    /// Appends one: joints take turns.
+    /// Appends an equation. Joints take turns.
     pub fn push(&mut self, equation: &Equation<'_>) {
         self.shared.extend_from_slice(equation.shared);
         self.own.push([equation.velocity, equation.friction, equation.torque]);
@@ -88,7 +89,7 @@ impl Equations {
         self.own.len() / self.numbers.joints
     }
 
-    /// Those of some samples.
+    /// The equations of some samples.
     pub fn of(&self, samples: Range<usize>) -> impl Iterator<Item = Equation<'_>> {
         let (joints, width) = (self.numbers.joints, self.numbers.shared().len());
         (samples.start * joints..samples.end * joints).map(move |index| {
@@ -130,7 +131,7 @@ impl Regression {
         sums.samples += 1.0;
     }
 
-    /// Takes in the samples of another.
+    /// Adds the sums of another regression.
     pub fn add_all(&mut self, other: &Self) {
         for (sums, more) in self.joints.iter_mut().zip(&other.joints) {
             let sums_of = sums.squares.iter_mut().chain(&mut sums.products);
@@ -142,7 +143,7 @@ impl Regression {
         }
     }
 
-    /// The number whose factor has this place in the equations of a joint.
+    /// The number whose factor is at `place` in the equations of a joint.
     fn number(&self, joint: usize, place: usize) -> usize {
         match place.checked_sub(self.numbers.shared().len()) {
             None => place,
@@ -151,13 +152,14 @@ impl Regression {
         }
     }
 
-    /// The distribution of the numbers given these sums, with the deviation `noise` of each joint's torques, N·m.
+    /// The distribution of the numbers given these sums. `noise` has the standard deviation of each
+    /// joint's torques, N·m.
     pub fn posterior(&self, prior: &Prior, noise: &[f64]) -> Option<Posterior> {
         self.solve(prior, noise, &vec![false; self.numbers.count()])
     }
 
-    /// [`Regression::posterior`] of a robot that could be: numbers below their bound are held there and the others
-    /// fitted again.
+    /// [`Regression::posterior`] within bounds: numbers below their bound are held at it and the
+    /// others are fitted again.
     pub fn of_possible(&self, prior: &Prior, noise: &[f64], bounds: Bounds) -> Posterior {
         let mut held = vec![false; self.numbers.count()];
         let mut found = Posterior::of(prior);
@@ -179,7 +181,7 @@ impl Regression {
         found
     }
 
-    /// The root mean square of the torque that `numbers` leave over at a joint, N·m.
+    /// The root mean square of a joint's residual torque with `numbers`, N·m.
     pub fn left_over(&self, joint: usize, numbers: &[f64]) -> f64 {
         let sums = &self.joints[joint];
         let width = self.factors.len();
@@ -216,7 +218,7 @@ impl Regression {
         (squares, products)
     }
 
-    /// In units of the spreads, where what nothing is known of has a variance of 1. Numbers that are `held`
+    /// Solves in units of the spreads, in which the prior variance is 1. Numbers that are `held`
     /// are 0.
     fn solve(&self, prior: &Prior, noise: &[f64], held: &[bool]) -> Option<Posterior> {
         let count = self.numbers.count();
@@ -224,8 +226,8 @@ impl Regression {
         let spread = |number: usize| if held[number] { 0.0 } else { prior.spread[number] };
         let precision = DMatrix::from_fn(count, count, |row, column| {
             let (row, column) = (row.max(column), row.min(column));
-            let told = spread(row) * spread(column) * squares[(row, column)];
-            if row == column { told + 1.0 } else { told }
+            let entry = spread(row) * spread(column) * squares[(row, column)];
+            if row == column { entry + 1.0 } else { entry }
         });
         let right = DVector::from_fn(count, |number, _| match held[number] {
             true => 0.0,
@@ -243,20 +245,20 @@ impl Regression {
     }
 }
 
-/// The distribution of a robot's numbers once it was seen: normal.
+/// The posterior distribution of a robot's numbers, which is normal.
 #[derive(Clone, Debug)]
 pub(super) struct Posterior {
     pub mean: Vec<f64>,
-    /// The numbers that are held at 0 at least.
+    /// The numbers that must be at least 0.
     pub bounds: Bounds,
-    /// Over robots; 0 of a number that is held.
+    /// Spreads over robots; 0 for a number that is held.
     spread: Vec<f64>,
-    /// The factor of the precision, in units of the spreads.
+    /// The Cholesky factor of the precision, in units of the spreads.
     factor: Cholesky<f64, Dyn>,
 }
 
 impl Posterior {
-    /// The prior, where nothing is known of a robot.
+    /// The prior, for a robot without data.
     fn of(prior: &Prior) -> Self {
         let count = prior.mean.len();
         let factor = Cholesky::pack_dirty(DMatrix::identity(count, count));
@@ -271,7 +273,8 @@ impl Posterior {
         scaled.iter().zip(&self.spread).map(|(value, spread)| value * spread).collect()
     }
 
-    /// A root of the covariance, `[number, column]`: times its transpose it is the covariance.
+    /// A root of the covariance, `[number, column]`: the root times its transpose is the
+    /// covariance.
     pub fn root(&self) -> DMatrix<f64> {
         let count = self.mean.len();
         let one = DMatrix::identity(count, count);
@@ -282,7 +285,7 @@ impl Posterior {
         root
     }
 
-    /// How much narrower than the prior it is: half the logarithm of the ratio of both determinants.
+    /// The information gain over the prior: half the logarithm of the ratio of both determinants.
     pub fn told(&self) -> f64 {
         self.factor.l_dirty().diagonal().iter().map(|entry| entry.ln()).sum()
     }

@@ -1,4 +1,4 @@
-//! The horizons of robots in lanes: one step of the equation per sample.
+//! The horizons of robots in lanes, with one step of the equation per sample.
 
 #![expect(
     clippy::needless_range_loop,
@@ -13,12 +13,12 @@ use super::factored::Factored;
 use super::law::{LEAST_PIVOT, Law, Start};
 use super::pose::Pose;
 
-/// Times that friction is linearized within a sampling time, each time about the velocity that the last time
-/// gave.
+/// Times that friction is linearized within a sampling time, each time at the velocity of the last
+/// result.
 const SWEEPS: usize = 2;
 
-/// The fastest that a joint is let turn, rad/s, ten times what arms do: of a motion that the law does not
-/// know, products of velocities could drive it on and on.
+/// The largest joint speed, rad/s, ten times that of arms. In a motion that the law does not know,
+/// products of velocities could otherwise grow without end.
 const FASTEST: f32 = 50.0;
 
 /// The horizons of robots.
@@ -26,12 +26,12 @@ const FASTEST: f32 = 50.0;
 pub(super) struct Rolled {
     /// `[robot, sample, joint]`, rad.
     pub positions: Vec<f32>,
-    /// Whether each robot had inertia enough in all poses on its way.
+    /// Whether each robot had enough inertia in all its poses.
     pub solid: Vec<bool>,
 }
 
 impl Rolled {
-    /// The robots that came to a pose of too little inertia.
+    /// The robots that reached a pose of too little inertia.
     pub fn lost(&self) -> Vec<usize> {
         (0..self.solid.len()).filter(|&robot| !self.solid[robot]).collect()
     }
@@ -65,7 +65,7 @@ impl Law {
             robots.chunks(L::LANES).zip(answer.chunks_mut(L::LANES * horizon * joints))
         {
             let mut starts = [[[0.0; MAX_LANES]; MAX_JOINTS]; 2];
-            // From the sample before the context's last one on.
+            // Torques begin with the sample before the context's last one.
             let mut torques = vec![[[0.0; MAX_LANES]; MAX_JOINTS]; horizon + 1];
             let mut numbers = vec![[0.0; MAX_LANES]; self.numbers.count()];
             for (lane, Start { recorded, numbers: fitted }) in group.iter().enumerate() {
@@ -84,13 +84,14 @@ impl Law {
             let numbers: Vec<L> = numbers.iter().map(|number| L::load(number)).collect();
             let dampings = &numbers[self.numbers.dampings()];
             let frictions = &numbers[self.numbers.frictions()];
-            // Inertias of the joints alone, and these times the rate.
+            // Inertias of the joints alone, and the same times the rate.
             let [mut armatures, mut least] = [[L::splat(0.0); MAX_JOINTS]; 2];
             for joint in 0..joints {
                 armatures[joint] = L::splat(f64::from(self.joints[joint].armature));
                 least[joint] = armatures[joint] * rate;
             }
-            // The least pivot of the mass matrix so far, in inertias of its joint alone, negated.
+            // The least pivot of the mass matrix so far, as a ratio to the inertia of the joint
+            // alone, negated.
             let mut negative_pivot = -L::splat(f64::from(f32::MAX));
             let [mut q, mut velocity] = [[L::splat(0.0); MAX_JOINTS]; 2];
             let mut change = [L::splat(0.0); MAX_JOINTS];
@@ -99,7 +100,7 @@ impl Law {
                 velocity[joint] = L::load(&starts[1][joint]);
             }
             for step in 0..horizon {
-                // The velocity in the middle of the step, if it changes as it did in the last one.
+                // The velocity in the middle of the step, if it changes as in the last step.
                 let mut middle = velocity;
                 for joint in 0..joints {
                     middle[joint] = L::splat(0.5).mul_add(change[joint], velocity[joint]);

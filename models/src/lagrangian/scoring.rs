@@ -1,13 +1,13 @@
-//! How training learns what draws are to differ by: a proper score of what they say of horizons.
+//! How training learns the spread of draws: by a proper score of their horizons.
 //!
-//! The fair continuous ranked probability score (Ferro 2014) of a few draws, in units of how much draws without
-//! [`Doubt`] differ at that sample and joint: errors of large motions and of small ones count alike. Around the
-//! most likely robot, answers are linear in its numbers and in torques. So a draw is rolled out
-//! twice, once with its numbers and once with its torques, and only the scales of both are learned. A step does this
-//! for few of its robots.
+//! The score is the fair continuous ranked probability score (Ferro 2014) of a few draws. Its unit
+//! is the spread of draws without [`Doubt`] at that sample and joint, so that errors of large and
+//! of small motions count alike. Around the most likely robot, answers are linear in its numbers
+//! and in torques. So a draw is rolled out twice, once with its numbers and once with its torques,
+//! and only the scales of both are learned. A step does this for a few of its robots.
 //!
-//! Horizons begin at their own first two samples, so that noise in the context's positions does not count: the
-//! filter knows how much of it is left.
+//! These horizons begin at their own first two samples, so that noise in the context's positions
+//! does not count. The filter estimates that noise.
 
 use burn::tensor::{Tensor, TensorData};
 use rayon::prelude::*;
@@ -22,27 +22,28 @@ use super::numbers::Bounds;
 use super::{DOUBT_PACE, Lagrangian, values};
 use crate::randomness::Noise;
 
-/// Draws of a robot: with the most likely one, their numbers and their torques fill the lanes of two vectors of eight.
+/// Draws of a robot. The most likely robot, the draws' numbers and the draws' torques fill the
+/// lanes of two vectors of eight.
 pub(super) const DRAWS: usize = 7;
 
-/// Least difference of draws that counts, rad; positions are computed in f32.
+/// The least unit of the score, rad, because positions are computed in f32.
 const LEAST_DIFFERENCE: f32 = 1e-6;
 
 /// The score of one robot's draws.
 #[derive(Debug)]
 struct Score {
     value: f32,
-    /// Its derivative by the scale of each draw.
+    /// The derivative of the score by the scale of each draw.
     slopes: Vec<f32>,
-    /// Its derivative by the logarithm of the share of torques.
+    /// The derivative of the score by the logarithm of the share of torques.
     slope_of_torque: f32,
-    /// The number that the scale of each draw is made of.
+    /// The standard normal number behind the scale of each draw.
     tails: Vec<f32>,
 }
 
 impl Score {
-    /// The score of draws whose numbers change the answer by `of_numbers` and whose torques change it by `of_torques`,
-    /// `[draw, entry]` each, in the units of `error`.
+    /// The score of draws. Their numbers change the answer by `of_numbers`, and their torques
+    /// change it by `of_torques`, `[draw, entry]` each, in the units of `error`.
     fn new(
         doubt: Doubt,
         tails: Vec<f32>,
@@ -71,8 +72,8 @@ impl Score {
 }
 
 impl Lagrangian {
-    /// The mean score over the batch `[1, 1, 1]`, of those robots that are drawn for it, one in
-    /// [`Lagrangian::points`]; 0 where none is. Its gradient is that of [`Doubt`] alone.
+    /// The mean score over the batch `[1, 1, 1]`. It is estimated from a random choice of robots,
+    /// one in [`Lagrangian::points`], and is 0 where none is chosen. Only [`Doubt`] has a gradient.
     pub(super) fn score(
         &self,
         batch: &HostBatch,
@@ -85,7 +86,7 @@ impl Lagrangian {
         let chosen = noise.below(self.points);
         let chosen: Vec<usize> = (0..robots).filter(|&robot| chosen[robot] == 0).collect();
         if chosen.is_empty() || horizon < 3 {
-            // An optimizer wants a gradient at every step.
+            // The optimizer needs a gradient at every step.
             return (doubt * 0.0).sum().unsqueeze();
         }
         let width = self.numbers.count() + 1 + leftover::NORMALS;
@@ -105,7 +106,7 @@ impl Lagrangian {
         };
         let of = |place: usize| doubt.clone().narrow(0, place, 1).unsqueeze::<3>();
         let scales = (each(|score| &score.tails) * of(1) + of(0)).exp();
-        // Each of those drawn stands for as many robots as were not.
+        // The chosen robots stand for all robots of the batch.
         let share = self.points as f64 / robots as f64;
         let value: f64 = scores.iter().map(|score| f64::from(score.value)).sum();
         let torque = of(2);
@@ -116,8 +117,8 @@ impl Lagrangian {
     }
 }
 
-/// The fair continuous ranked probability score of `samples` `[draw, entry]` for the truth `error`, the mean over
-/// entries, and its derivative by each sample.
+/// The fair continuous ranked probability score of `samples` `[draw, entry]` for the truth `error`,
+/// averaged over entries, and its derivative by each sample.
 fn fair_crps(samples: &[f32], error: &[f32]) -> (f32, Vec<f32>) {
     let entries = error.len();
     let count = samples.len() / entries;
@@ -141,13 +142,14 @@ fn fair_crps(samples: &[f32], error: &[f32]) -> (f32, Vec<f32>) {
     (value, slopes)
 }
 
-/// 0 of 0.
+/// The sign of a value; 0 for 0.
 fn sign(value: f32) -> f32 {
     if value == 0.0 { 0.0 } else { value.signum() }
 }
 
 impl Law {
-    /// `y` are positions of the horizon, `normals` the numbers of each draw and of its scale.
+    /// The score of a robot. `y` are positions of the horizon, and `normals` are the standard
+    /// normal numbers of each draw and of its scale.
     fn score(&self, robot: &Recorded<'_>, y: &[f32], normals: &[f32]) -> Score {
         let instructions = InstructionSet::best();
         let (joints, count) = (robot.joints, self.numbers.count());
@@ -189,7 +191,8 @@ impl Law {
         }
         let entries = ahead.len();
         let (mean, drawn) = answers.positions.split_at(entries);
-        // Numbers made the first half, torques the second: `[draw, entry]` each.
+        // Draws of numbers made the first half, and draws of torques the second: `[draw, entry]`
+        // each.
         let mut differences: Vec<f32> =
             drawn.iter().zip(mean.iter().cycle()).map(|(drawn, mean)| drawn - mean).collect();
         let mut error: Vec<f32> = ahead.iter().zip(mean).map(|(y, mean)| y - mean).collect();
@@ -231,8 +234,8 @@ mod tests {
         }
     }
 
-    /// Robots that differ as the numbers and the torques of their draws do, times a log-normal scale: descent finds the
-    /// scale and the share of the torques.
+    /// The robots differ as the numbers and the torques of their draws do, times a log-normal
+    /// scale. Descent must find the scale and the share of the torques.
     #[test]
     fn the_scales_by_which_robots_differ_are_found() {
         const ROBOTS: usize = 10_000;
@@ -243,7 +246,7 @@ mod tests {
             random::fill_normal(&mut values, &mut generator);
             values
         };
-        // Numbers change two entries by the first, torques by the second.
+        // Numbers change two entries by the first normal, and torques change them by the second.
         let changed = |normals: &[f32]| {
             let each = normals.chunks_exact(2);
             let numbers: Vec<f32> = each.clone().flat_map(|n| [n[0], 0.3 * n[0]]).collect();

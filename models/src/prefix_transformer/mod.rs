@@ -1,18 +1,20 @@
 //! Transformer with one stream of tokens over the whole trajectory.
 //!
-//! A token is `patch` samples and the one before them: torques, velocities, sines and cosines of the angles, how
-//! far the arm is from a path, and whether the sample lies in the horizon, where angles and velocities are the
-//! path's ([`samples`]). Tokens of the context look at each other, tokens of the horizon at the context and at all
-//! up to themselves.
+//! A token is `patch` samples and the sample before them: torques, velocities, sines and cosines of
+//! the angles, the distance of the arm from a path, and whether the sample lies in the horizon. In
+//! the horizon, angles and velocities are the path's ([`samples`]). Tokens of the context attend to
+//! each other. Tokens of the horizon attend to the context and, causally, to the horizon.
 //!
-//! Torques and velocities are in units of the trajectory's own speed, which is a channel as well: an arm that is
-//! pushed three times as hard moves much like the same arm three times as fast. The head gives each joint's velocity
-//! beside that of the path at each sample, in the same unit. It is let grow from 0 within a tenth of a second and
-//! summed up: whatever the weights are, a prediction goes on from the last measured position with the path's
-//! velocity, and patches meet without a jump.
+//! Torques and velocities are in units of the trajectory's own speed, which is a channel as well:
+//! an arm under three times the torque moves much like the same arm three times as fast. The head
+//! gives each joint's velocity relative to that of the path at each sample, in the same unit. This
+//! velocity is faded in from 0 within a tenth of a second and summed. So whatever the weights are,
+//! a prediction continues from the last measured position with the path's velocity, and patches
+//! meet without a jump.
 //!
-//! The loss is the metric: the root mean square of each joint's error over the horizon, averaged over robots and
-//! joints. A squared error would give a robot that is off by 5° 2500 times the weight of one that is off by 0.1°.
+//! The loss is the metric: the root mean square of each joint's error over the horizon, averaged
+//! over robots and joints. A squared error would give a robot with an error of 5° 2500 times the
+//! weight of one with 0.1°.
 
 mod samples;
 
@@ -35,10 +37,11 @@ use crate::randomness::Noise;
 use crate::sizes::{LARGEST_RATIO, LARGEST_WIDTH, MOST_LAYERS, divides, within};
 use crate::transformer::EncoderBlock;
 
-/// Time in which velocities are let differ from the path's, s: that of the heaviest joint behind its damper.
+/// Time over which the velocity relative to the path is faded in, s. It is the time constant of the
+/// heaviest joint behind its damper.
 const RISE_S: f64 = 0.1;
 
-/// Smaller errors count less and less, degrees.
+/// Errors well below this count less, degrees.
 const LEAST_ERROR_DEG: f64 = 0.01;
 
 impl Architecture for PrefixTransformerSpec {
@@ -99,8 +102,9 @@ pub(crate) struct PrefixTransformer {
 }
 
 impl PrefixTransformer {
-    /// Tokens `[batch, token, (patch + 1) · channel]`, the first `known` of them the context's, to velocities beside
-    /// the path's in units of the trajectory's, `[batch, horizon, joint]`.
+    /// Maps tokens `[batch, token, (patch + 1) · channel]` to velocities relative to the path, in
+    /// units of the trajectory's speed, `[batch, horizon, joint]`. The first `known` tokens are the
+    /// context's.
     fn forward<A: Activations>(&self, tokens: A, known: usize, joints: usize) -> A {
         let mask = Mask::Prefix { length: known };
         let mut x = self.input.forward(tokens).at_positions(&self.positions);
@@ -114,7 +118,7 @@ impl PrefixTransformer {
         velocities.reshaped([batch, horizon, joints])
     }
 
-    /// How far the arm leaves the path, rad, `[batch, horizon, joint]`.
+    /// The displacement of the arm from the path, rad, `[batch, horizon, joint]`.
     fn displacement(&self, input: &ModelInput) -> Tensor<3> {
         let [_, _, joints] = input.u.dims();
         let device = input.u.device();
@@ -168,7 +172,7 @@ impl Model for PrefixTransformer {
     }
 }
 
-/// The share of a velocity beside the path's that is let through at each sample, `[1, horizon, 1]`.
+/// The factor of the velocity relative to the path at each sample, `[1, horizon, 1]`.
 #[expect(clippy::cast_possible_truncation, reason = "series are computed in f32")]
 fn rise(horizon: usize, input: &ModelInput) -> Tensor<3> {
     let samples = RISE_S * input.rate_hz;

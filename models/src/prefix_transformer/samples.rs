@@ -8,11 +8,11 @@ use crate::architecture::ModelInput;
 /// The unit of distances from the path is the way at the trajectory's speed in this time, s.
 const DISTANCE_S: f32 = 0.5;
 
-/// Added to every speed, rad/s: a trajectory without motion or torque has a unit, too.
+/// Added to every speed, rad/s, so that a trajectory without motion or torque has a unit, too.
 const LEAST_SPEED: f64 = 1e-3;
 
-/// Numbers of each sample: of each joint its torque, velocity, distance from the path, sine and cosine; whether the
-/// sample lies in the horizon; and the logarithm of the trajectory's speed.
+/// Channels of each sample: for each joint its torque, velocity, distance from the path, sine and
+/// cosine; whether the sample lies in the horizon; and the logarithm of the trajectory's speed.
 pub(super) const fn channels(joints: usize) -> usize {
     5 * joints + 2
 }
@@ -28,18 +28,19 @@ pub(super) struct Samples {
 struct Robot {
     /// Velocities at which a damper holds the torques, rad/s.
     driven: Vec<f32>,
-    /// Angles, those of the horizon the path's, rad.
+    /// Measured angles in the context and the path's angles in the horizon, rad.
     angles: Vec<f32>,
-    /// Since the sample before, rad/s.
+    /// Mean velocities since the sample before, rad/s.
     velocities: Vec<f32>,
-    /// How far the measured angles are from the path, rad; those of the context.
+    /// Distances of the measured angles from the path in the context, rad.
     distances: Vec<f32>,
-    /// Root mean square over samples and joints of what drives the arm and of its velocity in the context, rad/s.
+    /// Root mean square over samples and joints of the driven velocities and of the context's
+    /// velocities, rad/s.
     speed: f32,
 }
 
 impl Samples {
-    /// With a damper of `damping`, N·m·s/rad.
+    /// The samples of `input`. The path has a damper of `damping`, N·m·s/rad.
     pub fn of(input: &ModelInput, damping: f64) -> Self {
         let [_, samples, joints] = input.u.dims();
         let [_, context, _] = input.y_context.dims();
@@ -53,14 +54,14 @@ impl Samples {
         Self { robots, joints, context }
     }
 
-    /// `[robot, 1, 1]`, rad/s.
+    /// The speed of each trajectory, `[robot, 1, 1]`, rad/s.
     pub fn speeds(&self, device: &Device) -> Tensor<3> {
         let speeds: Vec<f32> = self.robots.iter().map(|robot| robot.speed).collect();
         Tensor::from_data(TensorData::new(speeds, [self.robots.len(), 1, 1]), device)
     }
 
-    /// Tokens of `patch` samples and the one before them, `[robot, token, (patch + 1) · channel]`. Before the
-    /// first sample all is 0.
+    /// Tokens of `patch` samples and the one before them, `[robot, token, (patch + 1) · channel]`.
+    /// Before the first sample all channels are 0.
     pub fn tokens(&self, patch: usize, device: &Device) -> Tensor<3> {
         let channels = channels(self.joints);
         let width = (patch + 1) * channels;
@@ -89,7 +90,7 @@ impl Robot {
         let rate = rate_hz as f32;
         let steps = angles.iter().zip(&angles[joints..]);
         let later = steps.map(|(before, here)| (here - before) * rate);
-        // The first sample has none before: its velocity is that of the second.
+        // The first sample has none before it, so it gets the velocity of the second.
         let first = angles.iter().zip(&angles[joints..]).take(joints);
         let first = first.map(|(before, here)| (here - before) * rate);
         let velocities: Vec<f32> = first.chain(later).collect();
@@ -99,7 +100,7 @@ impl Robot {
         Self { driven, angles, velocities, distances, speed }
     }
 
-    /// `[sample, channel]`.
+    /// The channels of each sample, `[sample, channel]`.
     fn described(&self, joints: usize, context: usize) -> Vec<f32> {
         let per_speed = 1.0 / self.speed;
         let per_distance = per_speed / DISTANCE_S;

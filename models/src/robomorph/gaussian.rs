@@ -1,4 +1,5 @@
-//! A head that says how sure it is: mean and variance of each entry, independent of the others.
+//! A head that predicts its uncertainty: mean and variance of each entry, independent of the
+//! others.
 
 use burn::tensor::{Tensor, activation};
 
@@ -8,21 +9,21 @@ pub(super) const NUMBERS: usize = 2;
 /// Arrays in the shape of a head's numbers that [`negative_log_likelihood`] keeps.
 pub(super) const KEPT_BY_LOSS: usize = 8;
 
-/// Bounds of the logarithm of the variance: deviations from 9e-4 to 7.4 of the normalization's.
-/// Below is rounding, and a variance that falls without end on entries that are easy would drown
-/// all others; above is no prediction.
+/// Bounds of the logarithm of the variance. They are standard deviations of 9e-4 and 7.4 in
+/// normalized units. A smaller one is below rounding. A variance that falls without end on easy
+/// entries would also outweigh all other entries. A larger one is no prediction.
 const LEAST_LOG_VARIANCE: f32 = -14.0;
 const LARGEST_LOG_VARIANCE: f32 = 4.0;
 
-/// Mean and logarithm of the variance `[batch, sample, channel]` from the numbers of a head
-/// `[batch, sample, 2 · channel]`. The bounds are soft (Chua et al. 2018), so that no entry is
-/// without a gradient.
+/// Splits the output of a head `[batch, sample, 2 · channel]` into the mean and the logarithm of
+/// the variance, `[batch, sample, channel]` each. The bounds are soft (Chua et al. 2018), so that
+/// every entry has a gradient.
 pub(super) fn split(numbers: Tensor<3>) -> (Tensor<3>, Tensor<3>) {
     let [batch, samples, width] = numbers.dims();
     let channels = width / NUMBERS;
     let mean = numbers.clone().slice([0..batch, 0..samples, 0..channels]);
     let raw = numbers.slice([0..batch, 0..samples, channels..width]);
-    // softplus(x) = x + softplus(-x): written so that what is added within the bounds is small.
+    // softplus(x) = x + softplus(-x). In this form the added terms are small within the bounds.
     let above = activation::softplus(raw.clone() - LARGEST_LOG_VARIANCE, 1.0);
     let capped = raw - above;
     let below = activation::softplus(capped.clone().neg() + LEAST_LOG_VARIANCE, 1.0);
@@ -30,7 +31,7 @@ pub(super) fn split(numbers: Tensor<3>) -> (Tensor<3>, Tensor<3>) {
     (mean, log_variance)
 }
 
-/// Negative logarithm of the likelihood of each entry, less the constant ½ ln 2π.
+/// Negative log-likelihood of each entry, without the constant ½ ln 2π.
 pub(super) fn negative_log_likelihood(numbers: Tensor<3>, truth: Tensor<3>) -> Tensor<3> {
     let (mean, log_variance) = split(numbers);
     let squares = (truth - mean).square() * log_variance.clone().neg().exp();

@@ -78,10 +78,11 @@ const KEPT_BY_LOSS: usize = 3;
 /// Encoder-decoder Transformer that predicts the whole horizon in one pass
 /// (Bazzi et al. 2024, *RoboMorph*; block structure of its code, forgi86/sysid-transformers).
 ///
-/// A token is `patch` consecutive samples, flattened; 1 in the paper. The encoder sees what it is [told](Told), u alone
-/// in the paper, and y of the context in both directions. The decoder sees what it is told of the horizon,
-/// causally, and all of the encoder's output. It is given no past y of its own and predicts positions, or on request the
-/// displacements whose sums they are.
+/// A token is `patch` consecutive samples, flattened; 1 in the paper. The encoder sees the
+/// [known](Told) series, which is u alone in the paper, and y of the context in both directions.
+/// The decoder sees the known series of the horizon, causally, and all of the encoder's output. It
+/// does not see its own past y. It predicts positions, or on request displacements that are summed
+/// to positions.
 #[derive(Module, Debug)]
 pub(crate) struct RoboMorph {
     encoder_input: Linear,
@@ -108,9 +109,10 @@ pub(crate) struct RoboMorph {
 }
 
 impl RoboMorph {
-    /// The series told of whole trajectories `[batch, sample, channel]` and y of their context `[batch, context, joint]`
-    /// to y of the horizon `[batch, horizon, joint]`; a gaussian head gives `[batch, horizon, 2 · joint]`,
-    /// mean and logarithm of the variance as [`gaussian::split`] takes them apart.
+    /// Maps the known series of whole trajectories `[batch, sample, channel]` and y of their
+    /// context `[batch, context, joint]` to y of the horizon `[batch, horizon, joint]`. A gaussian
+    /// head gives `[batch, horizon, 2 · joint]`, which [`gaussian::split`] splits into mean and
+    /// logarithm of the variance.
     fn forward<A: Activations>(&self, known: A, y_context: A) -> A {
         let [batch, samples, _] = known.dims();
         let [_, context, _] = y_context.dims();

@@ -6,15 +6,15 @@ use crate::activations::{Activations, mish};
 use crate::initialization::InitialWeights;
 use crate::layers::Linear;
 
-/// Of the convolutions inside blocks.
+/// Kernel of the convolutions inside blocks.
 const KERNEL: usize = 5;
 
-/// What a condition does to the channels of a block.
+/// How a condition changes the channels of a block.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Modulation {
-    /// Is added to them (Diffuser).
+    /// The condition is added (Diffuser).
     Shift,
-    /// Scales them, then is added to them (FiLM, Perez et al. 2018).
+    /// The condition scales the channels and is added (FiLM, Perez et al. 2018).
     ScaleAndShift,
 }
 
@@ -65,8 +65,8 @@ impl ConvBlock {
     }
 }
 
-/// Two convolutions, the condition between them, past which the input goes as it is or, where the
-/// widths differ, through a convolution of kernel 1.
+/// Two convolutions with the condition between them. The input is added at the end, through a
+/// convolution of kernel 1 where the widths differ.
 #[derive(Module, Debug)]
 pub(crate) struct ResidualBlock {
     first: ConvBlock,
@@ -78,7 +78,7 @@ pub(crate) struct ResidualBlock {
 }
 
 impl ResidualBlock {
-    /// `condition` is its width.
+    /// A block for conditions of width `condition`.
     pub fn new(
         input: usize,
         output: usize,
@@ -96,8 +96,8 @@ impl ResidualBlock {
         }
     }
 
-    /// x `[batch, input, sample]` with `condition` `[batch, 1, width]` to
-    /// `[batch, output, sample]`.
+    /// Maps `x` `[batch, input, sample]` to `[batch, output, sample]`, with `condition` `[batch, 1,
+    /// width]`.
     pub fn forward<A: Activations>(&self, x: A, condition: &A) -> A {
         let hidden = self.first.forward(x.clone());
         let numbers = self.condition.forward(mish(condition.clone())).transposed();

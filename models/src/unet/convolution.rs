@@ -4,7 +4,7 @@ use burn::tensor::Tensor;
 use crate::activations::Activations;
 use crate::initialization::InitialWeights;
 
-/// With the parameter names, layout and initial weights of `torch.nn.Conv1d`.
+/// A convolution with the parameter names, layout and initial weights of `torch.nn.Conv1d`.
 #[derive(Module, Debug)]
 pub(crate) struct Conv1d {
     /// `[output, input, kernel]`
@@ -47,7 +47,8 @@ impl Conv1d {
     }
 }
 
-/// With the parameter names, layout and initial weights of `torch.nn.ConvTranspose1d`.
+/// A transposed convolution with the parameter names, layout and initial weights of
+/// `torch.nn.ConvTranspose1d`.
 #[derive(Module, Debug)]
 pub(crate) struct ConvTranspose1d {
     /// `[input, output, kernel]`
@@ -59,7 +60,7 @@ pub(crate) struct ConvTranspose1d {
 }
 
 impl ConvTranspose1d {
-    /// Weights and biases uniform on ±1/√(output · kernel): PyTorch counts from this side.
+    /// Weights and biases uniform on ±1/√(output · kernel), as in PyTorch.
     pub fn new(
         input: usize,
         output: usize,

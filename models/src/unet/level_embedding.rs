@@ -34,7 +34,7 @@ fn waves(levels: &[usize], width: usize) -> Vec<f32> {
     values
 }
 
-/// What a U-Net is told of the noise: a sinusoid through two linear maps with Mish between.
+/// The noise level as a U-Net sees it: a sinusoid, then two linear maps with Mish between.
 #[derive(Module, Debug)]
 pub(crate) struct LevelEmbedding {
     expand: Linear,
@@ -51,7 +51,7 @@ impl LevelEmbedding {
         }
     }
 
-    /// `[batch, 1, width]`, where the noisy series is.
+    /// The embedding `[batch, 1, width]`, on the device of `noisy`.
     pub fn forward<A: Activations>(&self, levels: &[usize], noisy: &A) -> A {
         let sinusoid = sinusoid(levels, self.width, noisy);
         self.contract.forward(mish(self.expand.forward(sinusoid)))

@@ -1,7 +1,7 @@
 //! The 1-D U-Net that Diffuser and CDCNN share (Ronneberger et al. 2015; in the form of Janner et
 //! al. 2022, which Chi et al. 2023 took over).
 //!
-//! Inside, series are `[batch, channel, sample]`, as convolutions have them.
+//! Inside, series are `[batch, channel, sample]`, the layout of convolutions.
 
 mod block;
 mod convolution;
@@ -21,13 +21,13 @@ pub(crate) use level_embedding::{LevelEmbedding, sinusoid};
 /// The sizes of a [`UNet`].
 #[derive(Clone, Debug)]
 pub(crate) struct UNetConfig {
-    /// Channels of the series, and of what is told beside it.
+    /// Channels of the noisy series and of the known series beside it.
     pub inputs: usize,
     /// Channels of the answer.
     pub channels: usize,
     /// Channels of each stage. Every stage but the last halves the samples.
     pub widths: Vec<usize>,
-    /// Width of what every block is conditioned on.
+    /// Width of the condition of every block.
     pub condition: usize,
     pub modulation: Modulation,
 }
@@ -86,7 +86,7 @@ impl UNetConfig {
     }
 }
 
-/// That a U-Net has stages, and that all but the last can halve `samples`.
+/// Checks that a U-Net has stages, and that all stages but the last can halve `samples`.
 pub(crate) fn check_stages(
     field: &'static str,
     stages: usize,
@@ -100,7 +100,7 @@ pub(crate) fn check_stages(
     divides("the stride of all stages", 1 << (stages - 1), "samples", samples)
 }
 
-/// Two blocks, then half the samples.
+/// Two blocks. Then the number of samples is halved.
 #[derive(Module, Debug)]
 struct DownStage {
     first: ResidualBlock,
@@ -109,7 +109,8 @@ struct DownStage {
     downsample: Option<Conv1d>,
 }
 
-/// Two blocks on the series beside that of the stage down, then twice the samples.
+/// Two blocks on the series and the skip connection from the stage down. Then the number of samples
+/// is doubled.
 #[derive(Module, Debug)]
 struct UpStage {
     first: ResidualBlock,
@@ -128,8 +129,8 @@ pub(crate) struct UNet {
 }
 
 impl UNet {
-    /// x `[batch, input, sample]` to `[batch, channel, sample]`, every block conditioned on `condition`
-    /// `[batch, 1, width]`; `local` `[batch, first width, sample]` is added after the first block.
+    /// Maps `x` `[batch, input, sample]` to `[batch, channel, sample]`. Every block has `condition`
+    /// `[batch, 1, width]`. `local` `[batch, first width, sample]` is added after the first block.
     pub fn forward<A: Activations>(&self, mut x: A, condition: &A, mut local: Option<A>) -> A {
         let mut skips = Vec::with_capacity(self.down.len());
         for stage in &self.down {
@@ -146,7 +147,7 @@ impl UNet {
         for block in &self.middle {
             x = block.forward(x, condition);
         }
-        // The first stage's series is left over: what it had to say went down with the others.
+        // The skip connection of the first stage is not used, as in the published networks.
         for (stage, skip) in self.up.iter().zip(skips.into_iter().rev()) {
             x = stage.first.forward(x.and(skip, 1), condition);
             x = stage.upsample.forward(stage.second.forward(x, condition));

@@ -1,4 +1,4 @@
-//! A short training is enough to predict better than the last position held.
+//! After a short training, models predict better than holding the last position does.
 
 use models::ValidationPart;
 use serde_json::json;
@@ -8,7 +8,7 @@ use spec::{DiffuserSpec, Known, ModelSpec, Normalization, TrainSpec};
 use crate::synthetic::{JOINTS, batch, every_kind, training_of};
 use crate::{CONTEXT_VALUES, HORIZON_VALUES, ROW, briefly_trained, known, train, trainer};
 
-/// As `ValidationReport::rmse_rad`, of the last known position held.
+/// The error of `ValidationReport::rmse_rad` for holding the last position of the context.
 fn hold_last_rmse(batch: &Series) -> f64 {
     let mut total = 0.0;
     for y in batch.y().chunks_exact(ROW) {
@@ -23,8 +23,8 @@ fn hold_last_rmse(batch: &Series) -> f64 {
     total / (batch.robots() * JOINTS) as f64
 }
 
-/// The validation error of every model of `architecture` falls below this share of that of holding the last
-/// position.
+/// Checks that the validation error of every model of `architecture` falls below this share of that
+/// of holding the last position.
 #[track_caller]
 fn check_learning(architecture: &str) {
     let held_out = batch(1_000_000, 32);
@@ -34,7 +34,7 @@ fn check_learning(architecture: &str) {
             continue;
         }
         let share = match &model {
-            // Slower to learn: u is noise to it as well.
+            // It learns more slowly, since it also models the noise of u.
             ModelSpec::Diffuser(DiffuserSpec { known: Known::JointNoise, .. }) => 1.0,
             _ => 0.6,
         };
@@ -50,7 +50,7 @@ fn check_learning(architecture: &str) {
 
 macro_rules! every_architecture_learns {
     ($($name:ident($spec:ident) = $label:tt,)*) => {
-        /// A test for each architecture.
+        /// Makes a test for each architecture.
         #[allow(non_snake_case, reason = "they are called as in `spec::architectures`")]
         mod learns {
             $(#[test]
@@ -92,7 +92,7 @@ fn a_residual_of_the_exact_integrator_starts_at_its_prediction() {
 
 #[test]
 fn over_a_lagged_integrator_any_weights_go_on_where_the_arm_is() {
-    // A mass behind a damping of 10, of which the network has seen nothing.
+    // A mass behind a damping of 10. The network has seen none.
     let mut lagged = batch(64, 4);
     let u = lagged.u().to_vec();
     for (u, y) in u.chunks_exact(ROW).zip(lagged.y_mut().chunks_exact_mut(ROW)) {

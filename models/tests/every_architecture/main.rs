@@ -1,4 +1,4 @@
-//! What every architecture promises, whatever it is made of.
+//! Tests that every architecture must pass.
 
 #![expect(clippy::unwrap_used, reason = "a test ends at what it did not expect")]
 

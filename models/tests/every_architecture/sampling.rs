@@ -1,4 +1,4 @@
-//! Answers and samples: their keys, their starts, and what is refused.
+//! Answers and samples: their random keys, warm starts, and refusals.
 
 use models::{Device, ModelError, Sampling, TrainedModel, ValidationPart, WarmStart};
 use spec::{EmaSpec, Lengths, SamplerKind, SamplerSpec, TrainSpec};
@@ -66,7 +66,7 @@ fn no_answer_depends_on_the_positions_of_the_horizon() {
     }
 }
 
-/// A planner asks for no more than it looks at.
+/// A planner asks only for the part of the horizon that it needs.
 #[test]
 fn the_least_horizon_is_answered_and_no_longer_than_it_has_to_be() {
     let batch = batch(53, 3);
@@ -191,8 +191,8 @@ fn every_sampler_gives_finite_positions() {
     }
 }
 
-/// One step from level 0, at which there is next to no noise, cannot move far from where it began;
-/// from pure noise it lands elsewhere.
+/// One step from level 0, which has almost no noise, cannot move far from its start. From pure
+/// noise it ends elsewhere.
 #[test]
 fn a_warm_start_stays_near_the_previous_prediction() {
     let batch = batch(62, 2);

@@ -1,4 +1,4 @@
-//! What a training does depends on its spec and batches alone, and goes on where it stopped.
+//! A training depends only on its spec and batches, and continues where it stopped.
 
 use models::{Device, TrainedModel, Trainer, TrainingData, ValidationPart, ValidationReport};
 use series::{Series, Shape};
@@ -7,7 +7,7 @@ use spec::{CdtSpec, EmaSpec, Known, ModelSpec, TrainSpec};
 use crate::synthetic::{CONTEXT, DATA, SAMPLES, batch, every_kind, kind, train_spec, training_of};
 use crate::{known, train, trainer};
 
-/// Torques and positions of an arm with one joint less than the others here.
+/// Torques and positions of an arm with one joint less than the other tests have.
 fn six_joints(robots: usize) -> Series {
     let shape = Shape { robots, samples: SAMPLES as usize, joints: 6 };
     let values = shape.values().unwrap();
@@ -36,7 +36,7 @@ fn an_arm_of_six_joints_is_trained_kept_and_predicted() {
         let error = model.predict(&known(&seven)).unwrap_err().to_string();
         assert_eq!(error, "the model was given 7 joints, expected 6");
 
-        // A Panda's checkpoints say what they always said.
+        // Checkpoints of a Panda have no field for the joints, as before.
         let config = String::from_utf8(files.config).unwrap();
         assert!(config.contains("\"joints\": 6"), "{config}");
         let config = trainer(&spec).checkpoint().unwrap().config;
@@ -128,7 +128,7 @@ fn readings_of_the_papers_weights_differ_as_they_should() {
         let model = ModelSpec::Diffuser(spec::DiffuserSpec { known, weights, ..diffuser.clone() });
         trainer(&training_of(model)).step(&batch(0, 8)).unwrap().loss
     };
-    // Known u has no errors, whatever their weight; y's weight is a scale.
+    // Known u has no errors, so its weight does not matter. y's weight is a scale.
     let masked = loss(Known::CleanAndMasked, [1.0, 3.0]);
     assert_eq!(masked, loss(Known::CleanAndMasked, [100.0, 3.0]));
     assert!((loss(Known::CleanAndMasked, [1.0, 1.0]) * 3.0 - masked).abs() < 1e-5 * masked);

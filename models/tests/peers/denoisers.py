@@ -1,10 +1,10 @@
-"""Makes the files of ../data/NAME/ whose model is a denoiser: weights of PyTorch's, what they answer, gradients,
-the weights after a step of Adam, and what whole chains of samplers make of given noise.
-`src/agreement_with_pytorch.rs` must get the same.
+"""Makes the files of ../data/NAME/ for denoisers: PyTorch's weights, their answers, gradients, the weights after a
+step of Adam, and the results of whole sampler chains for given noise. `src/agreement_with_pytorch.rs` must get the
+same.
 
     PYTHONPATH=../../../python python denoisers.py [NAME ...]
 
-Begin a new one with ../data/NAME/config.json, of which `model` alone is read. Without names all are made.
+Begin a new one with ../data/NAME/config.json, of which only `model` is read. Without names all are made.
 """
 
 import json
@@ -20,7 +20,7 @@ DATA = Path(__file__).parent.parent / "data"
 CONTEXT, HORIZON, BATCH = 16, 8, 3
 SAMPLES = CONTEXT + HORIZON
 NOISE_LEVELS = 20
-"""Of every diffusion here."""
+"""The number of noise levels of every diffusion here."""
 SAMPLER = {"kind": "ddpm", "steps": None, "eta": 0.0, "spacing": "trailing"}
 LEVELS = torch.tensor([3, 17, 0])
 CHAINS = {
@@ -91,7 +91,7 @@ def main(folder: Path, model: dict) -> None:
         trained.predict(u.numpy(), y[:, :CONTEXT].numpy(), sampler=SAMPLER | change, draw=lambda: next(given))
         expected[f"chain.{chain}"] = seen["answer"].clone()
 
-    # From here on in double precision, so that the differences found are torqued's alone.
+    # The rest runs in double precision, so that any difference is torqued's.
     network.double()
     noisy, wanted = torch.randn(shape), torch.randn(shape)
     answer = network(noisy.double(), LEVELS, seen["known"].double().clone())

@@ -1,9 +1,9 @@
-"""Makes the files of ../data/NAME/ whose model answers in one pass: weights of PyTorch's, what they predict,
+"""Makes the files of ../data/NAME/ for models that answer in one pass: PyTorch's weights, their predictions,
 gradients, and the weights after four optimizer steps. `src/agreement_with_pytorch.rs` must get the same.
 
     PYTHONPATH=../../../python python one_pass.py [NAME ...]
 
-Begin a new one with ../data/NAME/config.json, of which `model` alone is read. Without names all are made.
+Begin a new one with ../data/NAME/config.json, of which only `model` is read. Without names all are made.
 """
 
 import json
@@ -26,7 +26,7 @@ RATE_HZ = 60.0
 LEARNING_RATES = [5e-3, 1e-2, 1e-2, 1e-2 * (0.1 + 0.9 * 0.5)]
 """Two steps of warmup to 1e-2, then a cosine that would reach a tenth of it after four."""
 STEP_OF_GRADIENTS = 2
-"""Whose random numbers the gradients are computed with: it scores draws of one robot."""
+"""The step whose random numbers are used for the gradients. It scores draws of one robot."""
 
 
 def main(folder: Path, model: dict) -> None:
@@ -39,8 +39,8 @@ def main(folder: Path, model: dict) -> None:
         # Norm weights of 1, biases of 0 and near-uniform attention would hide mistakes.
         parameter.data += 0.3 / getattr(network, "pace", 1.0) * torch.randn_like(parameter)
     if model.get("head") == "gaussian":
-        # Else few entries, of small variance, make the loss: sums that cancel, in PyTorch's single
-        # precision as in any.
+        # Otherwise a few entries of small variance would dominate the loss. Their sums would
+        # cancel, in PyTorch's single precision and in any other.
         network.head.weight.data *= 0.3
 
     time = torch.arange(samples) / RATE_HZ
@@ -80,7 +80,7 @@ def main(folder: Path, model: dict) -> None:
             shorter = trained.predict(u[:, :end].numpy(), y[:, :context].numpy())
             expected["prediction.shorter"] = torch.tensor(shorter)
 
-    # From here on in double precision, so that the differences found are torqued's alone.
+    # The rest runs in double precision, so that any difference is torqued's.
     network.double()
     u_normal, y_normal = ((u - u_mean) / u_std).double(), ((y - y_mean) / y_std).double()
     if is_physical:
@@ -129,12 +129,12 @@ def context_of_step(model: dict, step: int) -> int:
 
 
 def draws_of_step(network: torch.nn.Module, step: int) -> dict:
-    """The robots and the numbers that a step of training with seed 0 scores draws of."""
+    """The robots whose draws a step of training with seed 0 scores, and the normal numbers of these draws."""
     chosen, drawn = [], []
     count = DRAWS * (sum(network.counts) + 1 + STRETCH)
     for row in range(BATCH):
         source = words((0, TRAINING, step, row))
-        # Where the points of the context begin: there is one place.
+        # The points of the context have only one possible start.
         below(source, 1)
         chosen.append(below(source, network.points) == 0)
         drawn.append(torch.tensor(normals(source, count), dtype=torch.float64).unflatten(0, (DRAWS, -1)))

@@ -1,10 +1,11 @@
-"""Times the PyTorch twin of a network as `models/examples/model_rates.rs` times ours.
+"""Measures the PyTorch twin of a network like `models/examples/model_rates.rs` measures ours.
 
-Reads a question from standard input, `{"config": .., "what": "training" | "inference",
-"compiled": .., "threads": .., "steps": ..}`, with the `config.json` of a checkpoint; prints
-`{"version": .., "times": ..}` with the same times. Single precision. A step is noise, forward,
-loss, backward, Adam, and its multiply-adds those of PyTorch's products and convolutions; a prediction that of `torqued.checkpoint.TrainedModel`, except that a pass is
-the network's alone. PYTHONPATH must have the repository's `python`.
+Reads a question from standard input, `{"config": .., "what": "training" | "inference", "compiled": .., "threads":
+.., "steps": ..}`, with the `config.json` of a checkpoint. Prints `{"version": .., "times": ..}` with the same
+times. All in single precision. A training step is noise, forward pass, loss, backward pass and Adam. Its
+multiply-adds are those of PyTorch's matrix products and convolutions. A prediction is that of
+`torqued.checkpoint.TrainedModel`, but a pass is that of the network alone. PYTHONPATH must contain the repository's
+`python`.
 """
 
 import json

@@ -1,5 +1,5 @@
-"""The random numbers of `random/src/lib.rs` and `models/src/randomness.rs`, written anew: ChaCha with 12 rounds
-(Bernstein 2008), keyed by what a number is for."""
+"""A second implementation of the random numbers of `random/src/lib.rs` and `models/src/randomness.rs`: ChaCha with
+12 rounds (Bernstein 2008), keyed by purpose."""
 
 import math
 import struct
@@ -8,9 +8,9 @@ from collections.abc import Iterator
 import numpy as np
 
 TRAINING = 1
-"""`Purpose::Training`, of (step, trajectory of the batch)."""
+"""The value of `Purpose::Training`, keyed by (step, trajectory of the batch)."""
 CUT = 5
-"""`Purpose::Cut`, of (step, 0)."""
+"""The value of `Purpose::Cut`, keyed by (step, 0)."""
 ROUNDS = 12
 QUARTERS = [(0, 4, 8, 12), (1, 5, 9, 13), (2, 6, 10, 14), (3, 7, 11, 15)]
 QUARTERS += [(0, 5, 10, 15), (1, 6, 11, 12), (2, 7, 8, 13), (3, 4, 9, 14)]
@@ -34,12 +34,12 @@ def words(key: tuple[int, int, int, int]) -> Iterator[int]:
 
 
 def below(source: Iterator[int], end: int) -> int:
-    """As `Noise::below`."""
+    """Whole numbers like those of `Noise::below`."""
     return next(source) * end >> 32
 
 
 def normals(source: Iterator[int], count: int) -> list[float]:
-    """As `fill_normal`, both branches of Box and Muller, in single precision."""
+    """Normal numbers like those of `fill_normal`, with both branches of Box and Muller, in single precision."""
     found = []
     while len(found) < count:
         unit, turn = (np.float32(next(source) >> 8) / np.float32(1 << 24) for _ in range(2))

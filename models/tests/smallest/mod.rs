@@ -1,6 +1,6 @@
 //! The smallest model of every architecture that learns, plain and with each of its options.
 //!
-//! `NAME.json` has the fields of the plain one and, by option, those that the option changes.
+//! `NAME.json` has the fields of the plain model and, for each option, the fields that it changes.
 
 use std::fs;
 use std::path::Path;
@@ -8,12 +8,12 @@ use std::path::Path;
 use serde_json::{Map, Value};
 use spec::ModelSpec;
 
-/// By name, such as `robomorph` and `robomorph, gaussian`.
+/// The models by name, such as `robomorph` and `robomorph, gaussian`.
 pub fn models() -> Vec<(String, Value)> {
     ModelSpec::ARCHITECTURES.iter().flat_map(|architecture| of(architecture)).collect()
 }
 
-/// That of [`models`] with this name.
+/// The model of [`models`] with this name.
 pub fn model(name: &str) -> Value {
     let found = models().into_iter().find(|(model, _)| model == name);
     found.unwrap_or_else(|| panic!("no model is called {name:?}")).1

@@ -1,4 +1,4 @@
-//! Arms that obey q̇ = u / D exactly, and the smallest training that can learn from them.
+//! Arms that obey q̇ = u / D exactly, and the smallest training that learns from them.
 
 #![allow(dead_code, reason = "each test file uses its own part")]
 
@@ -20,7 +20,7 @@ pub const CONTEXT: u32 = 16;
 pub const DATA: TrainingData =
     TrainingData { samples: SAMPLES, joints: JOINTS, rate_hz: 60.0, statistics: None };
 
-/// A training of a model of some two thousand parameters.
+/// A training of a model with some two thousand parameters.
 pub fn train_spec() -> TrainSpec {
     TrainSpec {
         data: DataSource::Dataset(1),
@@ -64,12 +64,12 @@ pub fn train_spec() -> TrainSpec {
     }
 }
 
-/// The same of `model`, normalized as it asks.
+/// The same training of `model`, with the normalization that it needs.
 pub fn training_of(model: ModelSpec) -> TrainSpec {
     TrainSpec { normalization: Normalization::default_for(&model), model, ..train_spec() }
 }
 
-/// Batch number `index`, always the same.
+/// Batch number `index`, which is always the same.
 pub fn batch(index: u64, size: usize) -> Series {
     let samples = SAMPLES as usize;
     let mut generator = ChaCha8Rng::seed_from_u64(index);
@@ -93,13 +93,13 @@ pub fn batch(index: u64, size: usize) -> Series {
     Series::new(shape, DATA.rate_hz, u, y).expect("values of this shape")
 }
 
-/// A model of every architecture, plain and with each of its options, the smallest that learn.
+/// The smallest model of every architecture that learns, plain and with each of its options.
 pub fn every_kind() -> Vec<(String, ModelSpec)> {
     let models = smallest::models().into_iter();
     models.map(|(name, model)| (name, serde_json::from_value(model).unwrap())).collect()
 }
 
-/// That of [`every_kind`] with this name.
+/// The model of [`every_kind`] with this name.
 pub fn kind(name: &str) -> ModelSpec {
     serde_json::from_value(smallest::model(name)).unwrap()
 }

@@ -1,8 +1,8 @@
-//! Bytes per second into and out of a store, as `cargo xtask bench objects` asks for them: with objects in a folder, and in
-//! a bucket of an S3 server in this process.
+//! Measures bytes per second into and out of a store, for `cargo xtask bench objects`: with objects
+//! in a folder, and in a bucket of an S3 server in this process.
 //!
-//! `object_rates FOLDER OBJECTS MEGABYTES` writes so many objects of that size in either, and reads them again. It prints
-//! a JSON object with megabytes per second of each.
+//! `object_rates FOLDER OBJECTS MEGABYTES` writes OBJECTS objects of this size to each, and reads
+//! them again. It prints a JSON object with the megabytes per second of each.
 
 #[expect(dead_code, clippy::unwrap_used, reason = "it fails and dies for tests")]
 #[path = "../../tests/s3_server/mod.rs"]
@@ -85,7 +85,7 @@ async fn rates(
     Ok(json!({"write": write, "download": download, "read": open[0], "read_again": open[1]}))
 }
 
-/// Writes an object as a task does: into a file, which is then published.
+/// Writes an object like a task: into a file, which is then published.
 async fn write(store: &Store, number: usize, megabytes: usize) -> Outcome<StoredObject> {
     let mut writer = store.write_object(&format!("objects/{number}.parquet")).await?;
     let written = tokio::task::spawn_blocking(move || {
@@ -98,12 +98,12 @@ async fn write(store: &Store, number: usize, megabytes: usize) -> Outcome<Stored
     written.await?
 }
 
-/// Bytes of which no two objects have the same.
+/// Bytes that differ for every object.
 fn piece(number: usize) -> Bytes {
     (0..PIECE).map(|index| u8::try_from((index ^ number) % 251).unwrap_or_default()).collect()
 }
 
-/// Has what was written here fetched again.
+/// Deletes the local copies, so that the next reader fetches the objects again.
 fn forget_copies(folder: &Path) -> Outcome<()> {
     let copies = folder.join("cache");
     if copies.exists() {

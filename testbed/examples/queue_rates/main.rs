@@ -1,17 +1,20 @@
-//! The queue as `cargo xtask bench queue` drives it: a program that submits, and processes of workers.
+//! The queue for `cargo xtask bench queue`: a program that submits, and processes of workers.
 //!
-//! `queue_rates ROLE FOLDER DATABASE ...`, where DATABASE is `sqlite`, in the folder, or a URL of PostgreSQL:
+//! `queue_rates ROLE FOLDER DATABASE ...`, where DATABASE is `sqlite`, in the folder, or a URL of
+//! PostgreSQL:
 //!
-//! - `cluster` (alone) starts a PostgreSQL of its own. For each name that it reads it creates a database and prints its URL
-//!   and the server's process; it ends with its input.
+//! - `cluster` (without other arguments) starts its own PostgreSQL. For each name that it reads it
+//!   creates a database, and prints its URL and the server's process. It ends with its input.
 //! - `setup` creates the tables.
-//! - `submit many N` submits a job of N tasks, `submit each N` N jobs of one task.
-//! - `offer N PERIOD_MS` submits N jobs of one task, one every so often.
+//! - `submit many N` submits a job of N tasks, and `submit each N` submits N jobs of one task.
+//! - `offer N PERIOD_MS` submits N jobs of one task, one every PERIOD_MS.
 //! - `metrics N` prints how many values of metrics N trainings record per second.
-//! - `runs N POINTS` leaves N runs of trainings, the last one with a metric of so many points, and prints the id of that.
-//! - `work N` is a process of N workers with connections of their own; see `working.rs` for what it reads and prints.
+//! - `runs N POINTS` makes N runs of trainings, the last one with a metric of POINTS points, and
+//!   prints the last one's id.
+//! - `work N` is a process of N workers, each with its own connections. See `working.rs` for its
+//!   input and output.
 //!
-//! Programs that measure other queues understand the same words, `cluster`, `metrics` and `runs` apart.
+//! Programs that measure other queues have the same roles, except `cluster`, `metrics` and `runs`.
 
 mod recording;
 mod submitting;
@@ -80,7 +83,7 @@ fn cluster() -> Outcome<()> {
     Ok(())
 }
 
-/// The present, which processes of one machine agree on, in microseconds since 1970.
+/// The present in microseconds since 1970. All processes of a machine agree on it.
 fn now_us() -> u64 {
     let elapsed = SystemTime::UNIX_EPOCH.elapsed().unwrap_or_default();
     u64::try_from(elapsed.as_micros()).unwrap_or(u64::MAX)

@@ -1,4 +1,4 @@
-//! Metrics of trainings, as fast as the database takes them.
+//! Metrics of trainings, recorded as fast as the database can.
 
 use std::time::{Duration, Instant};
 
@@ -12,15 +12,15 @@ use crate::submitting::{nothing, submit};
 const LASTS: Duration = Duration::from_secs(3);
 const LEASE: Duration = Duration::from_secs(60);
 
-/// Values at a time: those of as many steps of a training.
+/// Values per write: one for each of this many steps of a training.
 const BATCH: u64 = 100;
 
-/// A training, for what its spec takes of a list.
+/// A training whose spec has the fields that lists show.
 const TRAINING: &[u8] =
     br#"{"kind": "train", "steps": 10000, "model": {"preset": "robomorph-small"},
     "data": {"stream": {"preset": "D2-mixed"}}}"#;
 
-/// What a training records.
+/// The metrics that a training records.
 const KEYS: [&str; 5] = [
     "train/gradient_norm",
     "train/learning_rate",
@@ -29,10 +29,10 @@ const KEYS: [&str; 5] = [
     "validation/rmse_deg",
 ];
 
-/// Points that are recorded at once.
+/// Points per write.
 const PART: usize = 4000;
 
-/// Prints how many values `trainings` record per second, each with connections of its own.
+/// Prints how many values `trainings` trainings record per second, each with its own connections.
 pub async fn run(place: &Location, trainings: u32) -> Outcome<()> {
     let server = Store::open_at(place, Access::Server).await?;
     for number in 0..trainings {
@@ -57,8 +57,8 @@ pub async fn run(place: &Location, trainings: u32) -> Outcome<()> {
     Ok(())
 }
 
-/// Leaves `count` runs that have ended, each with the metrics of a step and the last one with `points` losses as well.
-/// Prints the id of the last.
+/// Makes `count` runs that have ended, each with the metrics of a step. The last one also has
+/// `points` losses. Prints the last one's id.
 pub async fn runs(place: &Location, count: u32, points: u64) -> Outcome<()> {
     let store = Store::open_at(place, Access::Server).await?;
     let spec = spec::parse(TRAINING)?.to_json();

@@ -1,4 +1,4 @@
-//! Jobs of tasks that do nothing. A task's payload is the moment at which its submission was called.
+//! Jobs of tasks that do nothing. A task's payload is the time of its submission.
 
 use std::time::Duration;
 
@@ -11,7 +11,7 @@ use store::{
 
 use crate::{Outcome, now_us};
 
-/// Submissions that are on their way at once, as from many clients of one server.
+/// Number of simultaneous submissions, as from many clients of one server.
 const CLIENTS: u32 = 8;
 
 /// A job of `count` tasks.
@@ -43,7 +43,7 @@ pub async fn many_jobs(place: &Location, count: u32) -> Outcome<()> {
     Ok(())
 }
 
-/// `count` jobs of one task, one every `period`.
+/// Submits `count` jobs of one task, one every `period`.
 pub async fn every_so_often(place: &Location, count: u32, period: Duration) -> Outcome<()> {
     let store = open(place).await?;
     let mut ticks = tokio::time::interval(period);
@@ -70,7 +70,7 @@ pub async fn submit(store: &Store, job: NewJob) -> Result<(), StoreError> {
     store.submit(submission).await.map(|_| ())
 }
 
-/// A job of `tasks` tasks that do nothing, submitted now.
+/// A job of `tasks` tasks that do nothing, with the present as the time of its submission.
 pub fn nothing(tasks: u32) -> NewJob {
     let called_at = now_us();
     let spec = json!({"kind": "nothing", "called_at_us": called_at});

@@ -1,5 +1,6 @@
-//! A process of workers. It prints `ready` when their connections stand, and then obeys the lines that it reads: `go` has
-//! them begin, `count` prints how many tasks they have completed. At the end of its input it prints a report and ends.
+//! A process of workers. It prints `ready` when all are connected, and then obeys the lines that it
+//! reads: `go` lets them begin, and `count` prints how many tasks they have completed. At the end
+//! of its input it prints a report and ends.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -12,10 +13,11 @@ use tokio::io::{AsyncBufReadExt, BufReader};
 
 use crate::{Outcome, now_us};
 
-/// Of the server and of the workers, which compare it.
+/// The version of the server and of the workers, which compare it.
 pub const VERSION: &str = "bench";
 
-/// As in torqued's worker (`worker/src/claim_loop.rs`, `worker/src/presence.rs`), whose claim loop this is.
+/// The same as in torqued's worker (`worker/src/claim_loop.rs`, `worker/src/presence.rs`), whose
+/// claim loop this is.
 const KNOWN_FOR: Duration = Duration::from_secs(1);
 const RETRY: Duration = Duration::from_secs(2);
 const SHOW_EVERY: Duration = Duration::from_secs(10);
@@ -24,7 +26,7 @@ const LEASE: Duration = Duration::from_secs(15);
 #[derive(Default)]
 struct Work {
     completed: AtomicU64,
-    /// From the call of a task's submission to its claim, in microseconds.
+    /// Time from each task's submission to its claim, in microseconds.
     waits_us: Mutex<Vec<u64>>,
 }
 
@@ -51,11 +53,11 @@ pub async fn run(place: &Location, workers: u32) -> Outcome<()> {
     }
     let waits = work.waits_us.lock().unwrap_or_else(PoisonError::into_inner);
     println!("{}", json!({"waits_us": *waits}));
-    // What they are doing is of no interest any more.
+    // Work in progress does not matter any more.
     std::process::exit(0);
 }
 
-/// A worker says every so often that it is alive.
+/// Reports regularly that a worker is alive.
 async fn show(store: Store, name: String) {
     let process = WorkerProcess {
         name,
@@ -104,7 +106,7 @@ async fn look(
     }
     let Some(task) = store.claim(name, &Resources::default(), LEASE).await? else {
         match bell {
-            // What was queued before it listened is looked for once more.
+            // Tasks that were queued before it listened are looked for once more.
             None => *bell = Some(store.bell().await?),
             Some(bell) => bell.wait(bell.patience()).await?,
         }

@@ -1,4 +1,4 @@
-//! Laws of PostgreSQL alone: who is let in, who keeps house, and what becomes of work while it is away.
+//! Laws of PostgreSQL alone: access, housekeeping, and work while the database is away.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -68,7 +68,7 @@ async fn a_schema_of_another_version_is_left_alone() {
     drop(dir);
 }
 
-/// Ids are given in another order than transactions commit in.
+/// Ids are assigned in another order than transactions commit.
 #[tokio::test(flavor = "multi_thread")]
 async fn an_event_is_not_told_before_one_with_a_smaller_id_that_is_still_being_written() {
     const INSERT: &str =
@@ -154,7 +154,7 @@ async fn running(store: &Store) -> Fence {
     store.claim("w1", &spec::Resources::default(), LONG).await.unwrap().unwrap().fence
 }
 
-/// A database that goes away in the middle of everything, for longer than a lease lasts, and comes back.
+/// The database goes away during all kinds of work for longer than a lease, and comes back.
 #[tokio::test(flavor = "multi_thread")]
 async fn work_waits_for_a_database_that_went_away() {
     let mut cluster = Cluster::start(Durability::None);
@@ -197,7 +197,7 @@ async fn a_worker_that_listens_hears_of_a_task_through_a_database_that_was_away(
     let store = Arc::new(Store::open_at(&location, Access::Server).await.unwrap());
     let mut bell = store.bell().await.unwrap();
     cluster.crash();
-    // The connection that broke is looked at like a ring, and is made anew.
+    // A broken connection counts as a ring, and is opened again.
     let _ = bell.wait(LONG).await;
     cluster.restart();
     let mut bell = store.bell().await.unwrap();

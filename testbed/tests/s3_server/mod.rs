@@ -1,6 +1,7 @@
-//! An S3 server on a loopback port, with a temporary folder for its buckets, that fails as it is told to.
+//! An S3 server on a loopback port, with a temporary folder for its buckets. Tests choose its
+//! faults.
 //!
-//! It answers on threads of its own, so that whoever waits for it may block.
+//! It runs on its own threads, so that a test may block while it waits.
 
 use std::collections::{HashMap, VecDeque};
 use std::io::ErrorKind;
@@ -33,13 +34,13 @@ pub const BUCKET: &str = "lab";
 pub const KEY: &str = "torqued-tests";
 pub const SECRET: &str = "not much of a secret";
 
-/// What is asked for.
+/// The kind of a request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Asked {
     List,
     Get,
     Head,
-    /// An object is sent whole.
+    /// An upload of a whole object.
     Put,
     Copy,
     BeginParts,
@@ -49,38 +50,38 @@ pub enum Asked {
     Delete,
 }
 
-/// What becomes of a request.
+/// The fault of a request.
 #[derive(Clone, Copy, Debug)]
 pub enum Fault {
-    /// 503 in its place.
+    /// Answers 503 instead.
     Busy,
-    /// 403 in its place.
+    /// Answers 403 instead.
     Denied,
-    /// 404 in its place, as if the bucket were gone.
+    /// Answers 404 instead, as if the bucket were gone.
     NoBucket,
-    /// The connection is closed in the middle of the request's body.
+    /// Closes the connection in the middle of the request's body.
     BreakOff,
-    /// It is done, and the connection closed without an answer.
+    /// Does the work, and closes the connection without an answer.
     LoseAnswer,
-    /// So many bytes of the answer's body, then the end of the connection.
+    /// Sends this many bytes of the answer's body and closes the connection.
     CutAnswer(usize),
-    /// So many bytes of the answer's body, then nothing any more.
+    /// Sends this many bytes of the answer's body, and then nothing.
     StallAnswer(usize),
-    /// So many bytes of the answer's body, as if they were all.
+    /// Sends this many bytes of the answer's body as if they were all.
     ShortenAnswer(usize),
-    /// One bit of the answer's body is another one.
+    /// Flips one bit of the answer's body.
     GarbleAnswer,
-    /// The answer's body in small pieces.
+    /// Sends the answer's body in small pieces.
     DripAnswer,
-    /// Moments in the answer are those of a clock that is 28 years behind, when days of the week were the same.
+    /// Uses a clock that is 28 years behind. The days of the week were the same then.
     OtherClock,
 }
 
-/// How it is spoken to.
+/// The protocol of its connections.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Transport {
     Plain,
-    /// With a certificate of an authority that nobody knows.
+    /// TLS with a certificate of an unknown authority.
     Tls,
 }
 
@@ -89,7 +90,7 @@ pub struct S3Server {
     transport: Transport,
     faults: Arc<Faults>,
     address: SocketAddr,
-    /// `None` while it is down.
+    /// `None` while the server is down.
     running: Option<Runtime>,
 }
 
@@ -100,7 +101,7 @@ struct Faults {
 }
 
 impl S3Server {
-    /// Starts it, with one empty bucket.
+    /// Starts the server with one empty bucket.
     pub fn start() -> Self {
         Self::start_with(Transport::Plain)
     }
@@ -115,12 +116,12 @@ impl S3Server {
         server
     }
 
-    /// Ends it and all its connections at once.
+    /// Ends the server and all its connections at once.
     pub fn die(&mut self) {
         self.running.take().expect("a server that runs").shutdown_background();
     }
 
-    /// Starts it again where it was.
+    /// Starts the server again on the same port.
     pub fn come_back(&mut self) {
         let mut runtime = tokio::runtime::Builder::new_multi_thread();
         let runtime = runtime.worker_threads(1).enable_all().build().unwrap();
@@ -134,7 +135,7 @@ impl S3Server {
         let bind = async move {
             loop {
                 match TcpListener::bind(address).await {
-                    // The one that died may still be about to.
+                    // The earlier server may still be closing.
                     Err(error) if error.kind() == ErrorKind::AddrInUse => {
                         tokio::time::sleep(Duration::from_millis(1)).await;
                     }
@@ -149,17 +150,17 @@ impl S3Server {
         self.running = Some(runtime);
     }
 
-    /// The next requests of a kind fail, one after the other.
+    /// The next requests of this kind get these faults, one after the other.
     pub fn fail(&self, asked: Asked, faults: impl IntoIterator<Item = Fault>) {
         lock(&self.faults.planned).entry(asked).or_default().extend(faults);
     }
 
-    /// How many faults of a kind are still to come.
+    /// Number of planned faults of this kind that are left.
     pub fn faults_left(&self, asked: Asked) -> usize {
         lock(&self.faults.planned).get(&asked).map_or(0, VecDeque::len)
     }
 
-    /// How many requests of a kind came so far.
+    /// Number of requests of this kind so far.
     pub fn count(&self, asked: Asked) -> usize {
         lock(&self.faults.asked).get(&asked).copied().unwrap_or_default()
     }
@@ -171,12 +172,12 @@ impl S3Server {
         }
     }
 
-    /// The file with the certificate of its authority.
+    /// The file with the certificate of the server's authority.
     pub fn authority() -> PathBuf {
         PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/tests/s3_server/authority.pem"))
     }
 
-    /// The variables with which a program reaches it.
+    /// The environment variables with which a program reaches the server.
     pub fn variables(&self) -> Vec<(String, String)> {
         [
             ("TORQUED_S3_ENDPOINT", self.endpoint().as_str()),
@@ -187,7 +188,7 @@ impl S3Server {
         .to_vec()
     }
 
-    /// Its variables and `more`, for a client that does not wait for long.
+    /// The server's options and `more`, for a client with short timeouts.
     pub fn options(&self, more: &[(&str, &str)]) -> S3Options {
         let owned = |(name, value): &(&str, &str)| ((*name).to_owned(), (*value).to_owned());
         let mut options =
@@ -200,12 +201,12 @@ impl S3Server {
         options
     }
 
-    /// A place for objects in its bucket.
+    /// A place for objects in the server's bucket.
     pub fn url(prefix: &str) -> ObjectsUrl {
         format!("s3://{BUCKET}/{prefix}").parse().unwrap()
     }
 
-    /// A prefix of its bucket.
+    /// A prefix of the server's bucket.
     pub async fn objects(&self, prefix: &str) -> RemoteObjects {
         Self::url(prefix).connect(&self.options(&[])).await.unwrap()
     }
@@ -215,7 +216,7 @@ impl S3Server {
         self.folder.path().join(BUCKET).join(path)
     }
 
-    /// The parts of uploads that were neither completed nor given up.
+    /// Number of parts of uploads that were neither completed nor aborted.
     pub fn parts_left(&self) -> usize {
         let entries = std::fs::read_dir(self.folder.path()).unwrap();
         let names = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());
@@ -241,7 +242,7 @@ async fn serve(
     loop {
         let (socket, _) = listener.accept().await.unwrap();
         let (service, faults, tls) = (service.clone(), Arc::clone(&faults), tls.clone());
-        // How a connection ends is the client's business.
+        // The end of a connection is the client's business.
         tokio::spawn(async move {
             match transport {
                 Transport::Plain => talk(TokioIo::new(socket), service, faults).await,
@@ -262,7 +263,8 @@ async fn talk(socket: impl Read + Write + Unpin + Send, service: S3Service, faul
     drop(hyper::server::conn::http1::Builder::new().serve_connection(socket, answer).await);
 }
 
-/// For 127.0.0.1, by [`S3Server::authority`]. Nobody keeps this key secret, nor trusts its authority.
+/// A certificate for 127.0.0.1 by [`S3Server::authority`]. Its key is public, and no system trusts
+/// its authority.
 pub fn tls() -> ServerConfig {
     let certificate = CertificateDer::from_pem_slice(include_bytes!("server.pem")).unwrap();
     let key = PrivateKeyDer::from_pem_slice(include_bytes!("server.key")).unwrap();
@@ -275,7 +277,7 @@ pub fn tls() -> ServerConfig {
         .unwrap()
 }
 
-/// A connection that is closed without an answer.
+/// An error that closes a connection without an answer.
 #[derive(Debug, thiserror::Error)]
 #[error("closed on purpose")]
 struct Closed;
@@ -299,7 +301,8 @@ async fn answer(
         _ => None,
     };
     if refused.is_some() {
-        // A connection that is closed before all was read is broken for its client.
+        // Closing before the whole request is read would look like a broken connection to the
+        // client.
         let _ = BodyExt::collect(request.into_body()).await;
         return refused;
     }
@@ -341,7 +344,7 @@ async fn answer(
     Some(Response::from_parts(head, body))
 }
 
-/// The same text with years 28 less: the first number of four digits after each `mark`.
+/// The same text with years reduced by 28: the first number of four digits after each `mark`.
 fn earlier(text: &str, mark: &str) -> String {
     let mut parts: Vec<String> = if mark.is_empty() {
         vec![String::new(), text.to_owned()]

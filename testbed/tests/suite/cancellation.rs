@@ -27,7 +27,7 @@ pub async fn a_running_task_is_told_and_then_ends_its_job(f: Fixture) {
     assert_eq!(lease, Lease::Held { cancel_requested: true });
     f.store.stopped(first).await.unwrap();
     assert_eq!(f.state(job).await, JobState::Running);
-    // The second noticed too late: it succeeded, the job was cancelled all the same.
+    // The second one noticed too late. It succeeded, but the job was cancelled.
     f.store.complete(second, None).await.unwrap();
     assert_eq!(f.state(job).await, JobState::Cancelled);
     let states: Vec<_> = f.store.tasks(job).await.unwrap().iter().map(|task| task.state).collect();
@@ -75,7 +75,7 @@ pub async fn a_cancelled_pipeline_cancels_its_members(f: Fixture) {
 }
 
 pub async fn a_cancelled_pipeline_spares_what_others_need(f: Fixture) {
-    // Asked for alone; member of another pipeline; needed by a job outside.
+    // One is asked for alone, one is a member of another pipeline, and a job outside needs one.
     let asked_alone = f.submit_one(simulate(1)).await;
     let first = f.submit(pipeline(1)).await;
     let mut renamed = pipeline(1);

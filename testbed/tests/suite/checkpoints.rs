@@ -72,7 +72,7 @@ pub async fn a_step_that_is_taken_again_keeps_its_checkpoints_id(f: Fixture) {
     assert_eq!(new.files.len(), 2);
     f.store.read_object(&new.files[0].object).await.unwrap();
     assert!(f.store.read_object(&old.files[0].object).await.is_err(), "replaced bytes are gone");
-    // Once more under the same lease: the same paths, which must survive.
+    // Commits again under the same lease. The paths are the same and must survive.
     commit(&f, &task, 200, true).await;
     f.store.read_object(&new.files[0].object).await.unwrap();
 }
@@ -136,7 +136,7 @@ pub async fn one_checkpoint_of_a_training_is_the_best_and_one_the_last(f: Fixtur
     let expected = [(100, false, false), (200, true, false), (300, false, true)];
     assert_eq!(marks().await, expected);
 
-    // Once more at the best step, as at the end of a training: it stays the best.
+    // Commits the best step again, as at the end of a training. It stays the best.
     let digest = digest_of(&train(&simulate(1), vec![]));
     let which = WhichCheckpoint::Step(200);
     let best = f.store.checkpoint_by_digest(digest, which).await.unwrap().unwrap();

@@ -15,7 +15,7 @@ use super::{Fixture, LONG, alone, evaluate, pipeline, simulate, task, train};
 
 const CLIENTS: u64 = 16;
 
-/// The answers of many clients that begin together.
+/// Runs many clients that begin together, and gives their answers.
 async fn at_once<F>(f: &Fixture, client: impl Fn(Store, u64) -> F) -> Vec<F::Output>
 where
     F: Future<Output: Send> + Send + 'static,
@@ -29,12 +29,12 @@ where
     answers
 }
 
-/// A job of many tasks of one stage.
+/// A job of many tasks in one stage.
 fn wide(seed: u64, tasks: u32) -> NewJob {
     NewJob { tasks: (0..tasks).map(|ordinal| task(0, ordinal, 2)).collect(), ..simulate(seed) }
 }
 
-/// Claims until nothing is left.
+/// Claims tasks until none is left.
 async fn claim_all(store: &Store, worker: &str) -> Vec<ClaimedTask> {
     let mut claimed = Vec::new();
     while let Some(task) = store.claim(worker, &Resources::default(), LONG).await.unwrap() {
@@ -43,7 +43,7 @@ async fn claim_all(store: &Store, worker: &str) -> Vec<ClaimedTask> {
     claimed
 }
 
-/// Works off what there is, and what becomes free meanwhile.
+/// Completes all tasks, also those that become free meanwhile.
 async fn work_until(store: Store, worker: String, job: JobId) {
     while !store.job(job).await.unwrap().state.is_final() {
         match store.claim(&worker, &Resources::default(), LONG).await.unwrap() {
@@ -104,7 +104,7 @@ pub async fn the_last_tasks_of_a_job_end_together(f: Fixture) {
     }
 }
 
-/// Whoever ends a task while others are queued leaves the job to those who end the others.
+/// A client that ends a task while others are queued leaves the job to the clients that end these.
 pub async fn no_stage_and_no_job_is_left_open(f: Fixture) {
     let mut jobs = Vec::new();
     for seed in 0..60 {
@@ -419,7 +419,7 @@ pub async fn a_zombie_and_the_holder_commit_one_shard(f: Fixture) {
     }
 }
 
-/// Everybody does anything; what stands at the end follows from the rules all the same.
+/// Sixteen clients do random operations. The final states must still follow the rules.
 pub async fn whatever_happens_jobs_and_tasks_agree(f: Fixture) {
     at_once(&f, |store, number| async move {
         let worker = format!("w{number}");
@@ -465,19 +465,19 @@ pub async fn whatever_happens_jobs_and_tasks_agree(f: Fixture) {
     }
 }
 
-/// The state of a job is what its tasks make it.
+/// Checks that the state of a job follows from those of its tasks.
 async fn agrees(f: &Fixture, job: &store::Job) {
     let tasks = f.store.tasks(job.id).await.unwrap();
     let any = |state| tasks.iter().any(|task| task.state == state);
     let is_open = any(TaskState::Queued) || any(TaskState::Running) || any(TaskState::Waiting);
-    let told = |task: &store::Task| task.state != TaskState::Running || task.cancel_requested;
+    let ending = |task: &store::Task| task.state != TaskState::Running || task.cancel_requested;
     let fits = match job.state {
         JobState::Waiting => tasks.iter().all(|task| task.state == TaskState::Waiting),
         JobState::Queued => any(TaskState::Queued) && !any(TaskState::Running),
         JobState::Running => is_open,
         JobState::Succeeded => tasks.iter().all(|task| task.state == TaskState::Succeeded),
-        JobState::Failed => any(TaskState::Failed) && tasks.iter().all(told),
-        JobState::Cancelled => tasks.iter().all(told) && !any(TaskState::Queued),
+        JobState::Failed => any(TaskState::Failed) && tasks.iter().all(ending),
+        JobState::Cancelled => tasks.iter().all(ending) && !any(TaskState::Queued),
     };
     let states: Vec<_> = tasks.iter().map(|task| task.state.as_str()).collect();
     assert!(fits, "job {} is {} with tasks {states:?}", job.id, job.state);

@@ -100,7 +100,7 @@ pub async fn what_shards_hold_adds_up_over_their_dataset(f: Fixture) {
         };
         f.store.commit_shard(task.fence, &shard, Some(&summary.to_result())).await.unwrap();
     }
-    // What another version left says nothing, and spoils nothing.
+    // The record of another version is ignored and breaks nothing.
     let task = f.must_claim().await;
     let shard = f.publish_shard(&task).await;
     f.store.commit_shard(task.fence, &shard, Some(&json!({"rows": 3}))).await.unwrap();

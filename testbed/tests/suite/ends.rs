@@ -1,4 +1,4 @@
-//! How tasks end, beside what leases have to do with it.
+//! The ends of tasks, apart from leases.
 
 use serde_json::json;
 use store::{AttemptOutcome, JobState, Page, Retry, TaskState};
@@ -21,8 +21,8 @@ pub async fn the_first_failure_is_the_jobs(f: Fixture) {
     f.store.fail(second.fence, "second", Retry::Never).await.unwrap();
     assert_eq!(f.error(job).await, "piece 0.1: second");
     assert_eq!(f.state(job).await, JobState::Failed);
-    let told = f.store.task(first.fence.task).await.unwrap();
-    assert!(told.cancel_requested && told.state == TaskState::Running);
+    let task = f.store.task(first.fence.task).await.unwrap();
+    assert!(task.cancel_requested && task.state == TaskState::Running);
     f.store.stopped(first.fence).await.unwrap();
     assert_eq!(f.error(job).await, "piece 0.1: second");
 }
@@ -64,9 +64,9 @@ pub async fn attempts_are_read_in_pages(f: Fixture) {
 pub async fn progress_of_a_job_is_that_of_its_tasks(f: Fixture) {
     let job = f.submit_one(simulate(1)).await;
     let (first, second) = (f.must_claim().await, f.must_claim().await);
-    let told = |rate| store::Progress { done: 1, rate_per_second: Some(rate), message: None };
-    f.store.renew(first.fence, super::LONG, &told(2.0)).await.unwrap();
-    f.store.renew(second.fence, super::LONG, &told(0.5)).await.unwrap();
+    let sent = |rate| store::Progress { done: 1, rate_per_second: Some(rate), message: None };
+    f.store.renew(first.fence, super::LONG, &sent(2.0)).await.unwrap();
+    f.store.renew(second.fence, super::LONG, &sent(0.5)).await.unwrap();
     let progress = f.store.job(job).await.unwrap().progress;
     assert_eq!((progress.done, progress.total), (2, 6));
     assert_eq!((progress.rate_per_second, progress.unit.as_str()), (Some(2.5), "trajectories"));
@@ -78,9 +78,9 @@ pub async fn progress_of_a_job_is_that_of_its_tasks(f: Fixture) {
 pub async fn an_attempt_begins_its_progress_anew(f: Fixture) {
     f.submit_one(train(&simulate(1), vec![])).await;
     let task = f.must_claim().await;
-    let told =
+    let sent =
         store::Progress { done: 7, rate_per_second: Some(1.0), message: Some("on".to_owned()) };
-    f.store.renew(task.fence, super::LONG, &told).await.unwrap();
+    f.store.renew(task.fence, super::LONG, &sent).await.unwrap();
     f.store.release(task.fence).await.unwrap();
     f.must_claim().await;
     let found = f.store.task(task.fence.task).await.unwrap();

@@ -32,7 +32,7 @@ async fn settled(tail: &mut EventTail, count: usize) -> Vec<Event> {
     panic!("{count} events were expected, and these settled: {events:?}");
 }
 
-/// All that is kept.
+/// All events in the store.
 async fn all(store: &Store) -> Vec<Event> {
     store.events(&EventFilter::default(), 0, i64::MAX, 100_000).await.unwrap()
 }
@@ -65,7 +65,7 @@ pub async fn every_change_of_a_job_and_its_tasks_is_told_in_order(f: Fixture) {
         "job succeeded",
     ];
     let mut found = states(&events);
-    // A claim and the beginning of its job are one moment, in which either may be first.
+    // A claim and the start of its job are one moment. Either event may come first.
     found[1..3].sort_by_key(|state| state.starts_with("job"));
     assert_eq!(found, expected);
     assert!(events.iter().all(|event| event.job == job));

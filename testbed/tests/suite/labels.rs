@@ -19,7 +19,7 @@ pub fn labels(name: Option<&str>, tags: &[&str]) -> Labels {
     Labels { name: name.map(str::to_owned), note: None, tags }
 }
 
-/// Name, note, own tags and the job's, as a thing has them.
+/// Name, note, own tags and the job's tags of a thing.
 type Shown = (Option<String>, Option<String>, Vec<String>, Vec<String>);
 
 async fn shown(f: &Fixture, thing: Thing, id: i64) -> Shown {
@@ -43,7 +43,7 @@ async fn shown(f: &Fixture, thing: Thing, id: i64) -> Shown {
     }
 }
 
-/// A training with a checkpoint and a simulation, and the ids of what they have.
+/// Makes a training with a checkpoint and a simulation, and gives the ids of their things.
 pub async fn one_of_each(f: &Fixture) -> [(Thing, i64); 4] {
     let training = f.submit_one(train(&simulate(1), vec![])).await;
     let checkpoint = commit(f, &f.must_claim().await, 100, false).await;
@@ -115,7 +115,7 @@ pub async fn a_thing_has_so_many_tags_and_no_more(f: Fixture) {
     let error = f.store.change_labels(Thing::Job, job.0, &tagging(&["more"])).await.unwrap_err();
     assert!(matches!(error, StoreError::TooManyTags { tags: 33, .. }), "{error}");
     assert_eq!(f.store.job(job).await.unwrap().tags, many);
-    // One that is there already, and one in the place of another.
+    // A tag may be added that exists already, or that replaces another.
     f.store.change_labels(Thing::Job, job.0, &tagging(&["t00"])).await.unwrap();
     let change = LabelChange { remove_tags: vec!["t00".to_owned()], ..tagging(&["more"]) };
     f.store.change_labels(Thing::Job, job.0, &change).await.unwrap();
@@ -172,7 +172,7 @@ pub async fn a_pruned_checkpoint_takes_its_labels_along(f: Fixture) {
     f.store.prune_checkpoints(task.fence, 1).await.unwrap();
     let tagged = Listing { tags: vec!["kept?".to_owned()], ..Listing::default() };
     assert!(f.store.list_checkpoints(&tagged).await.unwrap().items.is_empty());
-    // One of the same step keeps what was said of it.
+    // A checkpoint of the same step keeps its labels.
     let kept = commit(&f, &task, 300, false).await;
     f.store.change_labels(Thing::Checkpoint, kept.0, &naming("good")).await.unwrap();
     assert_eq!(commit(&f, &task, 300, true).await, kept);

@@ -1,6 +1,7 @@
-//! All laws, for a module of each database: `all_laws!(fixture)` makes a test of every law with a fixture of its own.
+//! All laws, for a module of each database: `all_laws!(fixture)` makes a test of every law, each
+//! with its own fixture.
 
-/// Tests of the laws that are named, each with what `$fixture` makes.
+/// Makes tests of the named laws, each with a value of `$fixture`.
 macro_rules! conforms {
     ($fixture:ident => $($room:ident: $($law:ident),+ $(,)?;)+) => {
         $(mod $room {
@@ -280,7 +281,7 @@ macro_rules! all_laws {
     };
 }
 
-/// Those that depend on where objects lie.
+/// The laws that depend on the place of objects.
 macro_rules! laws_of_objects {
     ($fixture:ident) => {
         $crate::suite::laws::conforms! {

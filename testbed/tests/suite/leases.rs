@@ -169,7 +169,7 @@ pub async fn a_finished_task_takes_no_second_ending(f: Fixture) {
     assert_eq!(task.progress.done, task.total);
 }
 
-/// A laptop that sleeps stops its server and its workers alike.
+/// A sleeping laptop stops its server and its workers alike.
 pub async fn leases_outlive_a_sleep_of_everybody(f: Fixture) {
     f.submit_one(train(&simulate(1), vec![])).await;
     let fence = f.must_claim().await.fence;

@@ -1,4 +1,4 @@
-//! The line of those that wait: whose turn it is, and from when on.
+//! The order of waiting tasks, and the time from which they may run.
 
 use spec::Resources;
 use store::{JobId, JobState, Need, Retry, StoreError, Wait};
@@ -6,7 +6,7 @@ use store::{JobId, JobState, Need, Retry, StoreError, Wait};
 use super::workers::worker;
 use super::{Fixture, LONG, beginning, pipeline_of, simulate, train};
 
-/// The jobs of the tasks that are claimed, each once, in order.
+/// The jobs of the claimed tasks, each once, in order.
 async fn order(f: &Fixture) -> Vec<JobId> {
     let mut jobs: Vec<JobId> = f.work_off().await.iter().map(|task| task.job).collect();
     jobs.dedup();
@@ -29,7 +29,7 @@ pub async fn a_job_is_not_begun_before_its_moment(f: Fixture) {
 }
 
 pub async fn a_moment_far_ahead_is_waited_for(f: Fixture) {
-    // Delays of retries that lie so far ahead were set by another clock; what a user said was not.
+    // A delay of a retry that ends so late was set by another clock. A user's start time is valid.
     let now = f.store.now().await.unwrap();
     f.submit_one(beginning(simulate(1), now, 366 * 24)).await;
     assert!(f.claim().await.is_none());
@@ -80,7 +80,7 @@ pub async fn a_drained_worker_ends_its_task_and_claims_no_other(f: Fixture) {
     assert_eq!(f.store.workers().await.unwrap()[0].drained_at, drained_at, "it lasts");
     assert!(f.store.claim("w2", &nothing, LONG).await.unwrap().is_some(), "others go on");
 
-    // Its successor after a crash is drained, too; after an end in order it is not.
+    // A drained worker's successor after a crash is drained, too. After an orderly end it is not.
     f.store.register_worker(&worker("w1", 2)).await.unwrap();
     assert!(f.claim().await.is_none());
     f.store.undrain_worker("w1").await.unwrap();

@@ -8,7 +8,7 @@ use store::{
 use super::labels::{labels, naming, one_of_each, tagging};
 use super::{Fixture, alone, checkpoints::commit, pipeline, simulate, train, with_execution};
 
-/// The ids of a page, and where it ends.
+/// The ids of a page, and the position of its end.
 async fn page(f: &Fixture, thing: Thing, listing: &Listing) -> (Vec<i64>, Option<Position>) {
     match thing {
         Thing::Job => {
@@ -124,7 +124,7 @@ pub async fn words_are_found_in_any_case_and_no_character_stands_for_others(f: F
         let found = jobs(&f, Listing { text: Some(text.to_owned()), ..Listing::default() }).await;
         assert_eq!(found, expected, "{text:?}");
     }
-    // The name that it was submitted with is another one's now.
+    // The name of its submission now belongs to another one.
     let of_spec = Listing { text: Some("train-set".to_owned()), ..Listing::default() };
     assert!(jobs(&f, of_spec.clone()).await.is_empty());
     let change = LabelChange { name: TextChange::Remove, ..LabelChange::default() };
@@ -158,7 +158,7 @@ pub async fn every_order_reads_all_of_a_list_once_in_both_directions(f: Fixture)
     for seed in 1..=4 {
         f.submit(pipeline(seed)).await;
     }
-    // Equal names and priorities, and steps that several trainings have.
+    // Some have equal names and priorities, and several trainings have equal steps.
     for seed in 5..=7 {
         f.submit_one(with_execution(simulate(seed), i32::try_from(seed % 2).unwrap() - 1, 3)).await;
     }
@@ -222,7 +222,7 @@ pub async fn orders_are_those_of_their_fields(f: Fixture) {
     assert_eq!(order(Sort::Finished).await, at([3, 1, 0, 2, 4]));
 }
 
-/// Rows that come between two pages neither repeat nor hide others.
+/// Rows that appear between two pages neither repeat nor hide others.
 pub async fn rows_that_appear_meanwhile_change_no_page_behind(f: Fixture) {
     let mut seed = 0;
     for name in ["b", "m", "m", "y"] {

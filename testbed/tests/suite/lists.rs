@@ -11,7 +11,7 @@ async fn page(store: &Store, job: JobId, after: Option<TaskId>, limit: u32) -> V
 /// Caught: all tasks of a job were read with their results to show some of them.
 pub async fn tasks_are_read_in_pages_in_the_order_in_which_they_run(f: Fixture) {
     let mut job = evaluate(&simulate(1), &train(&simulate(1), vec![]), vec![]);
-    // Not in the order of their ids.
+    // The tasks are not in the order of their ids.
     job.tasks = vec![task(1, 0, 1), task(0, 1, 1), task(0, 0, 1)];
     let job = f.submit_one(job).await;
     let other = f.submit_one(simulate(2)).await;
@@ -30,7 +30,7 @@ pub async fn tasks_are_read_in_pages_in_the_order_in_which_they_run(f: Fixture) 
     assert_eq!(first.iter().map(|task| task.id).collect::<Vec<_>>(), [all[0].id, all[1].id]);
 }
 
-/// Two simulations with three tasks each, of which the first has ended with results.
+/// Two simulations with three tasks each. The first simulation has ended with results.
 async fn with_results(f: &Fixture, results: [Value; 3]) -> [JobId; 2] {
     let jobs = [f.submit(alone(simulate(1))).await.job, f.submit(alone(simulate(2))).await.job];
     for result in results {

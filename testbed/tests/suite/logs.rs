@@ -121,7 +121,7 @@ pub async fn old_attempts_of_a_job_lose_their_logs(f: Fixture) {
     let running = f.must_claim().await;
     f.log(&running, 0, "runs all the time\n").await;
     let kept = i64::from(Store::LOGS_PER_JOB);
-    // The last of them prunes for all that ended before it.
+    // The last one prunes the logs of all that ended before it.
     for _ in 0..kept + 3 {
         let task = f.must_claim().await;
         f.log(&task, 0, "short\n").await;

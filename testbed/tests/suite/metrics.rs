@@ -69,7 +69,7 @@ pub async fn a_long_series_shows_what_replaced_and_forgotten_points_have_left(f:
     metrics[4321].value = 1e6;
     metrics[7000].value = f64::NAN;
     metrics[9000].value = -1e6;
-    // As a training records them: a few at a time, so that spans are filled by several.
+    // A training records a few points at a time, so that several writes fill a span.
     for part in metrics.chunks(900) {
         f.store.record_metrics(fence, part).await.unwrap();
     }

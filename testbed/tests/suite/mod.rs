@@ -1,4 +1,4 @@
-//! The laws of the store, as functions that every database it supports must pass.
+//! The laws of the store, as functions that every supported database must pass.
 
 pub mod artifacts;
 pub mod cancellation;
@@ -53,11 +53,11 @@ pub const LONG: Duration = Duration::from_secs(600);
 /// An empty store that is deleted with its folder.
 pub struct Fixture {
     pub store: Store,
-    /// Where its objects lie, for changing them behind its back.
+    /// Its object store, so that tests can change objects directly.
     pub objects: Arc<dyn ObjectStore>,
     /// Its data folder.
     pub dir: TempDir,
-    /// Servers and databases that go with it.
+    /// Servers and databases that must live as long as the store.
     #[expect(dead_code, reason = "held to be dropped")]
     pub keep: Box<dyn Any + Send + Sync>,
 }
@@ -115,7 +115,7 @@ pub fn evaluate(data: &NewJob, trained: &NewJob, needs: Vec<Need>) -> NewJob {
     NewJob { needs, reads, reuse, ..job("evaluate", spec, Output::Run, tasks) }
 }
 
-/// Says what is the case when it runs.
+/// A job whose answer depends on the time of its run.
 pub fn verify(data: JobId) -> NewJob {
     let spec = json!({"kind": "verify", "data": data});
     let reuse = JobReuse { whole: false, parts: PartReuse::Nothing };
@@ -123,7 +123,7 @@ pub fn verify(data: JobId) -> NewJob {
     NewJob { needs, reuse, ..job("verify", spec, Output::Nothing, vec![task(0, 0, 1)]) }
 }
 
-/// One shard of as many trajectories of 4 samples as come out.
+/// An import into one shard of trajectories of 4 samples. Their number is known at its end.
 pub fn import(file: Digest) -> NewJob {
     let output = Output::Dataset { trajectories: 0, samples: 4 };
     let job = job("import", json!({"kind": "import", "file": file}), output, vec![task(0, 0, 0)]);
@@ -143,13 +143,13 @@ pub fn asking(job: NewJob, resources: Resources) -> NewJob {
     NewJob { resources, ..job }
 }
 
-/// A job that may not begin before so many hours from now; they may have passed.
+/// A job that may not begin before `hours` hours from now. Negative hours lie in the past.
 pub fn beginning(job: NewJob, now: Timestamp, hours: i64) -> NewJob {
     let moment = Moment::from_milliseconds(now.milliseconds() + hours * 3_600_000);
     NewJob { not_before: Some(moment), ..job }
 }
 
-/// So many processors and GPUs, with tags.
+/// Resources of processors, GPUs and tags.
 pub fn resources(cpus: u32, gpus: u32, tags: &[&str]) -> Resources {
     let tags = tags.iter().map(|tag| (*tag).to_owned()).collect();
     Resources { cpus: (cpus > 0).then_some(cpus), gpus, memory_gb: None, tags }
@@ -214,7 +214,7 @@ impl Fixture {
         self.claim_with(&Resources::default()).await
     }
 
-    /// As a worker that offers this.
+    /// Claims a task as a worker with these resources.
     pub async fn claim_with(&self, offers: &Resources) -> Option<ClaimedTask> {
         self.store.claim("w1", offers, LONG).await.unwrap()
     }
@@ -263,7 +263,7 @@ impl Fixture {
         self.store.job(job).await.unwrap().error.unwrap_or_default()
     }
 
-    /// Puts other bytes in the place of an object's.
+    /// Replaces the bytes of an object.
     pub async fn damage(&self, path: &str, bytes: Bytes) {
         self.objects.put(&path.into(), bytes.into()).await.unwrap();
     }

@@ -67,7 +67,7 @@ pub async fn damaged_bytes_are_refused(f: Fixture) {
     assert_eq!(error.to_string(), says);
 }
 
-/// Caught: damaged bytes were sent whole, under the digest of those that were published.
+/// Caught: damaged bytes were sent completely, under the digest of the published bytes.
 pub async fn the_last_bytes_of_a_damaged_object_are_never_sent(f: Fixture) {
     let data = bytes(1_000_000);
     let object = f.store.put_object("a/b", data.clone()).await.unwrap();
@@ -174,7 +174,7 @@ pub async fn what_was_published_but_not_committed_is_swept(f: Fixture) {
     let orphan = f.publish_shard(&killed).await;
     assert_eq!(f.store.sweep_orphans(Duration::from_secs(3600)).await.unwrap(), 0, "too young");
     assert!(f.store.read_object(&orphan.robots).await.is_ok());
-    // Some stores tell seconds.
+    // Some stores round times to seconds.
     tokio::time::sleep(Duration::from_millis(1100)).await;
     assert_eq!(f.store.sweep_orphans(Duration::ZERO).await.unwrap(), 2);
     assert!(f.store.read_object(&orphan.robots).await.is_err());

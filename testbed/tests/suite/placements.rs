@@ -33,7 +33,7 @@ pub async fn a_placement_is_kept_as_the_engine_showed_it_last(f: Fixture) {
     }
     let records = f.store.placements().await.unwrap();
     assert_eq!(records.len(), 1);
-    // Where it ran is known, also when the engine has forgotten.
+    // Its node is still known after the engine has forgotten the worker.
     assert_eq!(records[0].placed, Placed { node: Some("n1".to_owned()), ..ended });
     assert!(records[0].asked_at <= records[0].changed_at);
     f.store.record_placements(&[running]).await.unwrap();
@@ -68,7 +68,7 @@ pub async fn why_a_worker_put_its_task_down_in_time_is_known_afterwards(f: Fixtu
     f.store.take_back("w1", end).await.unwrap();
     let attempts = f.store.attempts(job, Page::default()).await.unwrap();
     assert_eq!(attempts[0].reason.as_deref(), Some("worker w1 was preempted by Slurm"));
-    // The reason of an attempt that ended otherwise stays.
+    // An attempt that ended in another way keeps its reason.
     let task = f.must_claim().await;
     f.store.complete(task.fence, None).await.unwrap();
     f.store.take_back("w1", end).await.unwrap();

@@ -62,7 +62,7 @@ pub async fn a_failed_job_cancels_those_that_need_it_and_fails_its_pipeline(f: F
     assert!(f.claim().await.is_none());
     assert!(f.store.task(other.fence.task).await.unwrap().cancel_requested);
 
-    // What was still running ends without changing what is final.
+    // Running tasks end without changing final states.
     f.store.complete(other.fence, None).await.unwrap();
     assert_eq!(f.states(&members).await, [Failed, Cancelled, Cancelled]);
     let states: Vec<_> =

@@ -95,7 +95,7 @@ pub async fn a_job_that_no_living_worker_can_take_says_so(f: Fixture) {
     assert_eq!(f.store.waits(&both).await.unwrap(), waits(Some(drained.clone())));
     assert_eq!(f.store.why_all_wait().await.unwrap(), Some(drained));
 
-    // A job that has all of its tasks with workers waits for nobody.
+    // A job whose tasks are all with workers waits for no worker.
     f.store.undrain_worker("w1").await.unwrap();
     for _ in 0..3 {
         f.claim_with(&gpu).await.unwrap();

@@ -43,7 +43,7 @@ pub async fn a_job_that_failed_is_done_again(f: Fixture) {
     assert!(second.job != first && !second.reused);
 }
 
-/// Of two cells the second fails; the report comes after both.
+/// The second of two cells fails. The report follows both.
 pub async fn an_evaluation_takes_over_the_cells_of_one_that_failed(f: Fixture) {
     let evaluation = || evaluate(&simulate(1), &train(&simulate(1), vec![]), vec![]);
     f.submit_one(evaluation()).await;
@@ -66,7 +66,7 @@ pub async fn an_evaluation_takes_over_the_cells_of_one_that_failed(f: Fixture) {
     assert_eq!(f.work_off().await.len(), 3);
 }
 
-/// What is left to do then is the stage after.
+/// Only the last stage is left to do.
 pub async fn an_evaluation_that_lacks_its_report_alone_begins_with_it(f: Fixture) {
     let evaluation = || evaluate(&simulate(1), &train(&simulate(1), vec![]), vec![]);
     let first = f.submit_one(evaluation()).await;
@@ -213,7 +213,7 @@ pub async fn experiments_are_what_somebody_asked_for(f: Fixture) {
     for seed in 1..40 {
         pipelines.push(f.submit(pipeline(seed)).await.job);
     }
-    // The first pipeline has the job that was there, the others made all of theirs.
+    // The first pipeline has the existing job. The others made all of theirs.
     pipelines.reverse();
     let page = Page { before: None, limit: 30 };
     let first = f.store.experiments(None, page).await.unwrap();

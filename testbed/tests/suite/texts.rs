@@ -1,4 +1,5 @@
-//! Texts of people and specs come back as they were written, and in the same order whatever the database's locale.
+//! Texts of users and specs come back unchanged, and in the same order in every locale of the
+//! database.
 
 use bytes::Bytes;
 use serde_json::json;
@@ -9,7 +10,7 @@ use store::{
 
 use super::{Fixture, LONG, simulate, task, train};
 
-/// Letters of many scripts, quotes, marks of parameters, and what looks like an escape.
+/// Letters of many scripts, quotes, parameter marks, and a text that looks like an escape.
 pub const UNUSUAL: &str = "Länge «λ» 腕 🦾 'quoted' \"twice\" $1 ? % \\u0000 \n\ttabbed";
 
 pub async fn an_unusual_name_comes_back(f: Fixture) {
@@ -28,9 +29,9 @@ pub async fn an_unusual_error_comes_back(f: Fixture) {
 pub async fn an_unusual_message_comes_back(f: Fixture) {
     f.submit_one(train(&simulate(1), vec![])).await;
     let task = f.must_claim().await;
-    let told = Progress { done: 3, rate_per_second: Some(0.25), message: Some(UNUSUAL.to_owned()) };
-    f.store.renew(task.fence, LONG, &told).await.unwrap();
-    assert_eq!(f.store.task(task.fence.task).await.unwrap().progress, told);
+    let sent = Progress { done: 3, rate_per_second: Some(0.25), message: Some(UNUSUAL.to_owned()) };
+    f.store.renew(task.fence, LONG, &sent).await.unwrap();
+    assert_eq!(f.store.task(task.fence.task).await.unwrap().progress, sent);
 }
 
 pub async fn a_spec_keeps_every_digit_and_sign(f: Fixture) {
@@ -68,7 +69,7 @@ pub async fn a_large_result_comes_back(f: Fixture) {
     assert_eq!(result[99_999], json!(values[99_999]));
 }
 
-/// Upper case before lower case, and both before accents: the order of their bytes.
+/// Upper case comes before lower case, and both come before accents, because bytes are compared.
 const IN_ORDER: [&str; 6] = ["B", "Z-a", "a", "a b", "a_b", "ä"];
 
 pub async fn keys_of_metrics_come_in_the_order_of_their_bytes(f: Fixture) {

@@ -1,4 +1,4 @@
-//! Deleting, restoring, and deleting for good.
+//! Deletion, restoration and final deletion.
 
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -20,10 +20,10 @@ const ASKED: DeletionOrder<'_> = DeletionOrder { respect: Respect::All, keep: LO
 const FORCED: DeletionOrder<'_> =
     DeletionOrder { respect: Respect::Open, keep: LONG, reason: None };
 
-/// Whatever its date.
+/// Everything, whatever its date.
 const ANY: Ripe = Ripe::After(Duration::ZERO);
 
-/// Does everything that there is to do, and leaves what its kind leaves.
+/// Completes all tasks. Each leaves the results of its kind.
 async fn work(f: &Fixture) {
     while let Some(task) = f.claim().await {
         match task.kind.as_str() {
@@ -77,7 +77,7 @@ async fn final_checkpoint(f: &Fixture, job: JobId) -> Item {
     f.store.checkpoints_of_job(job).await.unwrap().last().unwrap().id.into()
 }
 
-/// Whether something is there to be read.
+/// Whether something can be read.
 async fn is_there(store: &Store, item: Item) -> bool {
     let found = match item.kind {
         ItemKind::Job => store.job(JobId(item.id)).await.map(|_| ()),
@@ -92,7 +92,7 @@ async fn is_there(store: &Store, item: Item) -> bool {
     }
 }
 
-/// The things that lists tell of.
+/// The things in the lists.
 async fn listed(store: &Store) -> BTreeSet<Item> {
     let page = Page { before: None, limit: 500 };
     let jobs = store.jobs(JobFilter::default(), page).await.unwrap();
@@ -105,7 +105,7 @@ async fn listed(store: &Store) -> BTreeSet<Item> {
     jobs.chain(runs).chain(datasets).chain(checkpoints.iter().map(|row| row.id.into())).collect()
 }
 
-/// Every object that a row names is there with its bytes; returns how many.
+/// Checks that every object of a row exists with its bytes, and gives the number of objects.
 async fn assert_whole(store: &Store) -> usize {
     let (mut place, mut count) = (store::ObjectPlace::default(), 0);
     loop {
@@ -195,10 +195,10 @@ pub async fn jobs_that_have_ended_keep_what_they_read_unless_that_is_passed_over
     let refused = f.store.delete(data, &ASKED).await.unwrap_err();
     assert!(matches!(refused, StoreError::Needed { .. }), "{refused}");
     f.store.delete(data, &FORCED).await.unwrap();
-    // Those that read it are as they were.
+    // Jobs that read it are unchanged.
     assert_eq!(f.states(&[trained, evaluated]).await, [JobState::Succeeded; 2]);
     assert!(is_there(&f.store, weights).await);
-    // What was made from a checkpoint and is deleted itself keeps it no more.
+    // A deleted result of a checkpoint no longer keeps the checkpoint.
     f.store.delete(evaluated.into(), &FORCED).await.unwrap();
     f.store.delete(weights, &ASKED).await.unwrap();
 }
@@ -220,7 +220,7 @@ pub async fn a_job_goes_with_all_that_it_left_and_comes_back_with_it(f: Fixture)
     }
     let back = f.store.restore(trained.into()).await.unwrap();
     assert_eq!(BTreeSet::from_iter(back), BTreeSet::from([run, last]));
-    // It had been deleted by itself.
+    // It had been deleted separately.
     assert!(!is_there(&f.store, early).await);
     f.store.restore(early).await.unwrap();
     let deleted = f.store.delete(run, &FORCED).await.unwrap();
@@ -229,7 +229,7 @@ pub async fn a_job_goes_with_all_that_it_left_and_comes_back_with_it(f: Fixture)
 }
 
 pub async fn a_pipeline_goes_with_the_jobs_that_were_made_for_it_alone(f: Fixture) {
-    // One that somebody asked for by itself, too.
+    // One of them was also asked for alone.
     let asked = f.submit_one(simulate(1)).await;
     work(&f).await;
     let (id, [simulated, trained, evaluated]) = finished(&f, 1).await;
@@ -242,7 +242,7 @@ pub async fn a_pipeline_goes_with_the_jobs_that_were_made_for_it_alone(f: Fixtur
     assert!(is_there(&f.store, asked.into()).await);
     let back = f.store.restore(id.into()).await.unwrap();
     assert_eq!(jobs(&back), BTreeSet::from([trained.0, evaluated.0]));
-    // Another pipeline keeps what both have.
+    // Another pipeline keeps the jobs that both have.
     let more = evaluate(&simulate(1), &simulate(9), vec![Need::New(0)]);
     let both = super::pipeline_of(vec![train(&simulate(1), vec![Need::Existing(asked)]), more]);
     let other = f.submit(both).await.job;
@@ -264,7 +264,7 @@ pub async fn a_job_that_lost_its_results_stands_in_for_no_other(f: Fixture) {
         f.store.delete(item, &FORCED).await.unwrap();
         let usable = f.store.usable_job_by_digest(digest, &succeeded).await.unwrap();
         assert!(usable.is_none(), "{item}");
-        // It still says what the digest means.
+        // The digest still leads to it.
         let any = f.store.job_by_digest(digest, &succeeded).await.unwrap().unwrap();
         assert_eq!(any.id, trained);
         let which = WhichCheckpoint::Final;
@@ -272,14 +272,14 @@ pub async fn a_job_that_lost_its_results_stands_in_for_no_other(f: Fixture) {
         let anew = f.submit(alone(spec.clone())).await;
         assert!(!anew.reused);
         f.store.cancel(anew.job).await.unwrap();
-        // The pipeline is done again as far as it must be.
+        // The pipeline runs again as far as necessary.
         let again = f.submit(pipeline(1)).await;
         assert!(!again.reused);
         let [first, second, third] = f.members(again.job).await.try_into().unwrap();
         assert_eq!((first, third), (simulated, evaluated));
         assert_ne!(second, trained);
         f.store.cancel(again.job).await.unwrap();
-        // What needs it is refused.
+        // A job that needs it is refused.
         let needing = evaluate(&data, &training, vec![Need::Existing(trained)]);
         let needing = store::NewJob { spec: json!({"other": item.id}), ..needing };
         let needing = store::NewJob { digest: Digest::of_json(&needing.spec), ..needing };
@@ -288,7 +288,7 @@ pub async fn a_job_that_lost_its_results_stands_in_for_no_other(f: Fixture) {
         f.store.restore(item).await.unwrap();
         assert_eq!(f.submit(pipeline(1)).await.job, id);
     }
-    // A checkpoint that was only passed through is no loss.
+    // A checkpoint from before the end is no loss.
     let early = f.store.checkpoints_of_job(trained).await.unwrap()[0].id;
     f.store.delete(early.into(), &FORCED).await.unwrap();
     assert_eq!(f.submit_one(spec).await, trained);
@@ -340,14 +340,14 @@ pub async fn the_trash_is_read_in_pages_and_tells_of_what_was_asked_for_alone(f:
 
 pub async fn what_is_purged_leaves_neither_bytes_nor_rows_that_claim_them(f: Fixture) {
     let (id, [simulated, _, _]) = finished(&f, 1).await;
-    // Another dataset of the same bytes, under names of its own.
+    // Another dataset has the same bytes under its own names.
     f.submit(Submission { reuse: store::Reuse::Never, ..alone(simulate(1)) }).await;
     work(&f).await;
     let other = f.store.datasets(None, Page::default()).await.unwrap()[0].id;
     let all = assert_whole(&f.store).await;
     let own: Vec<_> = f.store.shards(dataset_id(&f, simulated).await).await.unwrap();
     f.store.delete(id.into(), &FORCED).await.unwrap();
-    // Nothing is ripe before its date, and what is in the trash is whole.
+    // Nothing may be purged before its date, and everything in the trash is complete.
     assert_eq!(f.store.purge(Ripe::AtItsDate { leap: Duration::ZERO }).await.unwrap(), []);
     assert_eq!(assert_whole(&f.store).await, all);
     assert!(!f.store.purge(ANY).await.unwrap().is_empty());
@@ -361,7 +361,7 @@ pub async fn what_is_purged_leaves_neither_bytes_nor_rows_that_claim_them(f: Fix
     assert!(matches!(gone, StoreError::NotFound { .. }), "{gone}");
     assert_eq!(f.store.shards(other).await.unwrap().len(), 3);
     assert_eq!(f.store.trash(None, 10).await.unwrap(), []);
-    // Some stores tell seconds.
+    // Some stores round times to seconds.
     tokio::time::sleep(Duration::from_millis(1100)).await;
     assert_eq!(f.store.sweep_orphans(Duration::ZERO).await.unwrap(), 0, "objects were left");
 }
@@ -382,7 +382,7 @@ pub async fn a_job_that_others_refer_to_keeps_its_spec(f: Fixture) {
     let found = f.store.job_by_digest(digest, &JobState::ALL).await.unwrap().unwrap();
     assert_eq!((found.id, found.spec), (simulated, simulate(1).spec));
     assert_eq!(f.states(&[id, trained, evaluated]).await, [JobState::Succeeded; 3]);
-    // It goes with the last that does.
+    // It goes with the last job that refers to it.
     f.store.delete(id.into(), &FORCED).await.unwrap();
     f.store.purge(ANY).await.unwrap();
     assert!(f.store.job_by_digest(digest, &JobState::ALL).await.unwrap().is_none());
@@ -394,7 +394,7 @@ pub async fn what_would_be_purged_is_what_is_purged(f: Fixture) {
     finished(&f, 2).await;
     f.store.put_object("orphan", Bytes::from_static(b"nobody's")).await.unwrap();
     f.store.delete(id.into(), &FORCED).await.unwrap();
-    // Some stores tell seconds.
+    // Some stores round times to seconds.
     tokio::time::sleep(Duration::from_millis(1100)).await;
     let before = assert_whole(&f.store).await;
     let foretold = f.store.garbage(ANY, Duration::ZERO).await.unwrap();
@@ -434,7 +434,7 @@ pub async fn jobs_that_failed_go_by_themselves_when_nothing_depends_on_them(f: F
     finished(&f, 1).await;
     let lonely = f.submit_one(simulate(2)).await;
     f.store.cancel(lonely).await.unwrap();
-    // Its checkpoint is evaluated.
+    // Its checkpoint was evaluated.
     let data = simulate(1);
     let simulated = f.submit_one(data.clone()).await;
     let training = store::NewJob { spec: json!({"other": 1}), ..train(&data, vec![]) };
@@ -446,7 +446,7 @@ pub async fn jobs_that_failed_go_by_themselves_when_nothing_depends_on_them(f: F
     let needs = vec![Need::Existing(simulated)];
     f.submit_one(evaluate(&data, &training, needs)).await;
     work(&f).await;
-    // A pipeline of which a member succeeded.
+    // A member of this pipeline succeeded.
     let partly = f.submit(pipeline(3)).await.job;
     for _ in 0..3 {
         let task = f.must_claim().await;
@@ -535,7 +535,7 @@ pub async fn a_submission_and_a_deletion_agree(f: Fixture) {
         let reader = alone(train(&simulate(seed), vec![Need::Existing(simulated)]));
         let submission = async move { first.submit(reader).await };
         let deletion = async move { second.delete(item, &FORCED).await };
-        // Whoever is spawned first is not always the first.
+        // The client that is spawned first is not always the first to run.
         let (submitted, deleted) = if seed % 2 == 0 {
             let (a, b) = (tokio::spawn(submission), tokio::spawn(deletion));
             (a.await.unwrap(), b.await.unwrap())

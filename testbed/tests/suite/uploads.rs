@@ -53,7 +53,7 @@ pub async fn a_file_that_breaks_off_leaves_nothing(f: Fixture) {
         let entries = std::fs::read_dir(f.dir.path().join("objects/uploads")).unwrap();
         entries.map(|entry| entry.unwrap().file_name()).collect::<Vec<_>>()
     };
-    // What was written is deleted on a thread of its own.
+    // A separate thread deletes the written bytes.
     for _ in 0..200 {
         if files().len() == 1 {
             break;
@@ -68,7 +68,7 @@ pub async fn a_file_that_breaks_off_leaves_nothing(f: Fixture) {
 pub async fn a_file_is_no_orphan_and_what_was_not_committed_is(f: Fixture) {
     let kept = send(&f, "kept", &[b"kept"]).await;
     f.store.put_object("uploads/lost", "lost".into()).await.unwrap();
-    // Some stores tell seconds.
+    // Some stores round times to seconds.
     tokio::time::sleep(Duration::from_millis(1100)).await;
     assert_eq!(f.store.sweep_orphans(Duration::ZERO).await.unwrap(), 1);
     assert!(f.store.open_upload(&kept).is_ok());

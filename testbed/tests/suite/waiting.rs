@@ -5,10 +5,10 @@ use tokio::task::JoinHandle;
 
 use super::{Fixture, LONG, alone, evaluate, simulate, train};
 
-/// Longer than anything here takes that rings.
+/// Longer than a ring in these tests takes.
 const IN_VAIN: Duration = Duration::from_millis(300);
 
-/// Somebody who waits to be told of a task, from now on.
+/// A client that waits for news of a task, from now on.
 async fn waiting(store: &Store, longest: Duration) -> JoinHandle<bool> {
     let mut bell = store.bell().await.unwrap();
     tokio::spawn(async move { tokio::time::timeout(longest, bell.wait(LONG)).await.is_ok() })

@@ -1,4 +1,4 @@
-//! Backups: copies of a store that is used meanwhile.
+//! Backups: copies of a store that is in use.
 
 use sqlx::AssertSqlSafe;
 use store::{Access, Location, StoreError, Transfer, TransferProgress};
@@ -12,13 +12,13 @@ impl Places {
     }
 }
 
-/// Makes a backup of a store while something is written to it.
+/// Makes a backup of a store during writes.
 async fn back_up(places: &Places, from: &Location, to: &Location) {
     let server = places.open(from, Access::Worker).await.unwrap();
     let before = server.tokens().await.unwrap().len();
     let transfer = places.prepare_backup(from, to).await;
     let contents = transfer.contents();
-    // The store goes on, and what comes after the backup's moment is not in it.
+    // Writes after the backup's moment are not part of it.
     let late = server.submit(alone(simulate(99))).await.unwrap().job;
     server.forget_tokens().await.unwrap();
     let progress = TransferProgress::default();

@@ -1,4 +1,4 @@
-//! A store with something in every table, and with what databases keep in different ways.
+//! A store with rows in every table, and with values that databases store in different ways.
 
 use std::time::Duration;
 
@@ -22,7 +22,7 @@ use crate::suite::{
     train, verify,
 };
 
-/// A data folder with tasks in every state; the running one is of a worker that died.
+/// A data folder with tasks in every state. The worker of the running task died.
 pub async fn filled() -> TempDir {
     let dir = tempfile::tempdir().unwrap();
     let store = Store::open(dir.path(), Access::Server).await.unwrap();
@@ -49,7 +49,7 @@ pub async fn filled() -> TempDir {
 async fn finished_pipeline(f: &Fixture) {
     let asked = Idempotency { key: UNUSUAL.to_owned(), request: Digest::of(b"request") };
     f.submit(Submission { idempotency: Some(asked), ..pipeline(1) }).await;
-    // A member that is there already.
+    // This job exists already and becomes a member.
     f.submit(alone(simulate(1))).await;
     while let Some(task) = f.claim().await {
         if task.run.is_some() && task.stage == 0 {
@@ -71,14 +71,14 @@ async fn finished_pipeline(f: &Fixture) {
     }
 }
 
-/// Metrics, a checkpoint and an artifact.
+/// Records metrics, a checkpoint and an artifact.
 async fn record(f: &Fixture, task: &ClaimedTask) {
     let values = [0.1, -0.0, f64::NAN, f64::INFINITY, f64::MIN_POSITIVE, 1e300, 3.0];
     let mut metrics = Vec::new();
     for (step, value) in (1..).zip(values) {
         metrics.push(Metric { key: UNUSUAL.to_owned(), step, value });
     }
-    // More than one statement takes.
+    // These need more than one statement.
     metrics.extend((1..=15_000_u32).map(|step| Metric {
         key: "loss".to_owned(),
         step: u64::from(step),
@@ -168,7 +168,7 @@ async fn labels_of_everything(f: &Fixture) {
     }
 }
 
-/// As a client of MLflow logs it.
+/// Logs a run like a client of MLflow.
 async fn tracked_run(f: &Fixture) {
     let tag = (UNUSUAL.to_owned(), UNUSUAL.to_owned());
     let tags = [tag];
@@ -197,7 +197,7 @@ async fn tracked_run(f: &Fixture) {
     f.store.change_tracked_run(&run.identifier, &change).await.unwrap();
 }
 
-/// In the trash, and purged from it; the job stays for those that read its data.
+/// Deletes and purges things. One job stays for those that read its data.
 async fn deleted_things(f: &Fixture) {
     let order =
         |reason| DeletionOrder { respect: Respect::Open, keep: Duration::from_secs(3600), reason };
@@ -253,7 +253,7 @@ async fn jobs_to_do(f: &Fixture) {
     let job = f.submit_one(beginning(asked, now, 100)).await;
     f.submit_one(verify(job)).await;
     f.submit(Submission { reuse: Reuse::Never, ..pipeline(6) }).await;
-    // A task that is tried again later.
+    // This task is retried later.
     let task = f.must_claim().await;
     f.store.fail(task.fence, "a first time", Retry::Allowed).await.unwrap();
     tokio::time::sleep(Duration::from_millis(2)).await;

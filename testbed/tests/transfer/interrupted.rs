@@ -1,4 +1,4 @@
-//! Moves that end in the middle, and go on when they are repeated.
+//! Moves that stop in the middle, and continue when they are repeated.
 
 use std::path::Path;
 
@@ -10,7 +10,7 @@ use crate::s3_server::{Asked, Fault};
 use crate::suite::{alone, simulate};
 
 impl Places {
-    /// Runs a move until `reached`, and gives it up.
+    /// Runs a move until `reached`, and drops it.
     async fn give_up(
         &self,
         from: &Location,
@@ -31,7 +31,7 @@ impl Places {
         }
     }
 
-    /// Neither servers nor workers open it.
+    /// Checks that neither servers nor workers open it.
     async fn assert_unfinished(&self, place: &Location) {
         for access in [Access::Server, Access::Worker] {
             let error = self.open(place, access).await.unwrap_err();
@@ -45,7 +45,7 @@ impl Places {
     }
 }
 
-/// Some object with more bytes than one piece.
+/// An object with more bytes than one piece.
 fn checkpoint(objects: &[(String, Vec<u8>)]) -> &(String, Vec<u8>) {
     let is_large = |(path, bytes): &&(String, Vec<u8>)| {
         path.starts_with("checkpoints/") && bytes.len() > 600_000
@@ -119,7 +119,7 @@ async fn objects_that_were_copied_before_are_compared_and_not_copied_again() {
     places.prepare(&from, &to).await.unwrap().run(&progress).await.unwrap();
     let found = usize::try_from(progress.found()).unwrap();
     assert!(found > 0 && found < all.len(), "{found} of {}", all.len());
-    // Those that were found were not sent, even with what else is written: probes and the mark.
+    // Objects that existed were not sent. The count includes probes and the mark.
     let sent = places.bucket.count(Asked::Put) - before;
     assert!(sent < all.len(), "{sent} sent of {}, {found} found", all.len());
     assert!(places.objects(&to) == all);
@@ -131,7 +131,8 @@ async fn a_bucket_that_fails_leaves_an_unfinished_place() {
     let places = Places::filled().await;
     let (from, to) = (places.first(), places.postgres_and_s3());
     let transfer = places.prepare(&from, &to).await.unwrap();
-    // A refusal of what is sent again after a lost answer would be settled by reading it back, so none is lost here.
+    // A refusal after a lost answer would be settled by reading the object back. So no answer is
+    // lost here.
     places.bucket.fail(Asked::Put, [Fault::Busy, Fault::Denied]);
     let error = transfer.run(&TransferProgress::default()).await.unwrap_err();
     assert!(error.object_path().is_some(), "{error}");
@@ -151,7 +152,7 @@ async fn a_move_that_is_given_up_between_rows_leaves_none() {
     assert_ne!(places.jobs_in_postgres(), "0");
 }
 
-/// The program may die between the commit of the rows and the end of the mark.
+/// The program may stop between the commit of the rows and the removal of the mark.
 #[tokio::test(flavor = "multi_thread")]
 async fn rows_that_are_there_already_are_compared() {
     let places = Places::filled().await;

@@ -22,7 +22,7 @@ use self::filled::filled;
 use crate::s3_server::S3Server;
 use crate::suite::{alone, simulate};
 
-/// Places for stores, of which the first has one.
+/// Places for stores. The first one has a store.
 struct Places {
     first: TempDir,
     between: TempDir,
@@ -87,7 +87,7 @@ impl Places {
         }
     }
 
-    /// Moves the first store to some place and from there to the last.
+    /// Moves the first store to another place and from there to the last one.
     async fn there_and_back(&self, between: &Location) {
         let (rows, objects) = (dump(self.first.path()).await, self.objects(&self.first()));
         let contents = self.transfer(&self.first(), between).await.unwrap();
@@ -129,7 +129,7 @@ async fn sqlite(folder: &Path) -> SqliteConnection {
     SqliteConnectOptions::new().filename(folder.join("torqued.sqlite")).connect().await.unwrap()
 }
 
-/// Table and name of every column of a data folder, the store's own tables aside.
+/// Table and name of every column of a data folder, without the store's own tables.
 async fn columns(connection: &mut SqliteConnection) -> Vec<(String, String)> {
     sqlx::query_as(
         "SELECT found.name, of.name FROM sqlite_schema AS found JOIN pragma_table_info(found.name) AS of \
@@ -141,10 +141,10 @@ async fn columns(connection: &mut SqliteConnection) -> Vec<(String, String)> {
     .unwrap()
 }
 
-/// Tables that belong to a database and do not move.
+/// Tables that describe a database and do not move.
 const STAYING: [&str; 5] = ["store", "probe", "server", "session", "event"];
 
-/// Every row of every table, as SQLite quotes it.
+/// Every row of every table, in SQLite's quoted form.
 async fn dump(folder: &Path) -> Vec<String> {
     let mut connection = sqlite(folder).await;
     let columns = columns(&mut connection).await;
@@ -180,8 +180,8 @@ fn files(root: &Path) -> Vec<(String, Vec<u8>)> {
     files
 }
 
-/// A migration that adds a table or a column to one database alone, or whose tables nobody listed, ends here: a move
-/// refuses a data folder with a table that it does not know.
+/// This fails for a migration that adds a table or a column to one database only, or a table that
+/// is not listed here. A move refuses a data folder with an unknown table.
 #[tokio::test(flavor = "multi_thread")]
 async fn both_databases_have_the_same_tables_and_columns_and_a_filled_store_has_values_in_all() {
     let places = Places::filled().await;
@@ -198,7 +198,7 @@ async fn both_databases_have_the_same_tables_and_columns_and_a_filled_store_has_
         columns.iter().map(|(table, name)| format!("{table}.{name}")).collect();
     assert_eq!(names.iter().map(String::as_str).collect::<BTreeSet<_>>(), in_postgres);
 
-    // What a cluster's engine says of the workers of a database stays there, and who is logged in to it.
+    // The engine's records of a database's workers and the sessions of its users do not move.
     let moves = |table: &str| !["engine", "placement", "session"].contains(&table);
     for (table, name) in columns.into_iter().filter(|(table, _)| moves(table)) {
         let select = format!("SELECT count(\"{name}\") FROM \"{table}\"");

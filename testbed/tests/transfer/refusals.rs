@@ -1,4 +1,4 @@
-//! Moves that are refused, and the reasons that are given.
+//! Moves that are refused, with their reasons.
 
 use spec::Resources;
 use store::{Access, Duty, Location, Store, StoreError};
@@ -74,7 +74,7 @@ async fn a_place_with_a_worker_is_not_moved_to() {
     places.transfer(&places.first(), &places.postgres()).await.unwrap();
 }
 
-/// A server of the place would delete what is no object of its store.
+/// A server there would delete files that are not objects of its store.
 #[tokio::test(flavor = "multi_thread")]
 async fn a_bucket_with_files_of_somebody_else_is_not_moved_to() {
     let places = Places::filled().await;

@@ -1,5 +1,6 @@
-// Graphile Worker, with the words of testbed/examples/queue_rates: `node queue.mjs ROLE FOLDER DATABASE ...`.
-// Batches as in https://worker.graphile.org/docs/performance: tasks are fetched into each process ahead of their execution.
+// Graphile Worker with the roles of testbed/examples/queue_rates: `node queue.mjs ROLE FOLDER
+// DATABASE ...`. Batches are those of https://worker.graphile.org/docs/performance: each process
+// fetches tasks ahead of their execution.
 
 import { createInterface } from "node:readline";
 import { EventEmitter } from "node:events";
@@ -45,7 +46,7 @@ async function work(workers) {
       pgPool: pool,
       events,
       noHandleSignals: true,
-      // Its output is for answers.
+      // Its output is only for answers.
       logger: new Logger(() => (level, message) => level === "error" && console.error(message)),
       preset: {
         worker: {
@@ -67,7 +68,7 @@ async function work(workers) {
     else if (line === "count") console.log(completed);
     else throw new Error(`what is ${line}?`);
   }
-  // A pipe takes a long line in pieces.
+  // A pipe delivers a long line in pieces.
   process.stdout.write(`${JSON.stringify({ waits_us: waits })}\n`, () => process.exit(0));
 }
 
@@ -75,7 +76,7 @@ if (role === "setup") {
   await runMigrations({ connectionString });
 } else if (role === "submit") {
   await withClient(async (client) => {
-    // A statement that adds very many takes far longer than its share.
+    // A statement with very many tasks would be slower per task.
     for (let left = Number(rest[1]); left > 0; left -= BATCH) await add(client, Math.min(left, BATCH));
   });
 } else if (role === "offer") {

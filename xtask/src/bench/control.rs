@@ -17,20 +17,21 @@ use super::serving::Serving;
 use super::wanted::{Peers, Report, Wanted};
 use crate::{process, product};
 
-/// Passes of a network that each prediction takes.
+/// Numbers of network passes per prediction.
 const STEPS: [u32; 4] = [1, 5, 10, 100];
 
-/// The bound on 5 warm-started steps, ms. With AVX-512 it is the paper's bound on a prediction, with less it is twice that.
+/// The bounds on a prediction in 5 warm-started steps, ms: the paper's with AVX-512, and twice that
+/// otherwise.
 const GOAL: (f64, f64) = (40.0, 80.0);
 const GOAL_STEPS: u32 = 5;
 
-/// One sample at 60 Hz, ms.
+/// The period of samples at 60 Hz, ms.
 const PERIOD_MS: f64 = 1000.0 / 60.0;
 
-/// Of the trainings' samples.
+/// Samples of the trainings' context.
 const CONTEXT: usize = 320;
 
-/// Networks that predict in one pass, and those that remove noise.
+/// The network that predicts in one pass. The others are denoisers.
 const ONE_PASS: &str = "robomorph";
 const DENOISERS: [&str; 3] = ["cdt", "diffuser", "cdcnn"];
 
@@ -46,7 +47,7 @@ pub(super) fn run(wanted: Wanted) -> anyhow::Result<Report> {
     }
     drop(workers);
 
-    // Without workers, which would compete for the processor.
+    // There are no workers, because they would compete for the processor.
     let server = Serving::start(&torqued, data.path(), 0)?;
     let checkpoints = checkpoints(&torqued, &server)?;
     let mut measurements = Vec::new();
@@ -93,7 +94,7 @@ pub(super) fn run(wanted: Wanted) -> anyhow::Result<Report> {
     Ok(Report { notes, measurements })
 }
 
-/// Leaves a checkpoint after one step.
+/// Trains for one step, which leaves a checkpoint.
 fn train(torqued: &Path, data: &Path, server: &Serving, architecture: &str) -> anyhow::Result<()> {
     let spec = json!({
         "kind": "train", "data": {"stream": {"preset": "D1-multisine"}}, "context": CONTEXT,
@@ -142,7 +143,7 @@ struct Stream {
     samples: usize,
 }
 
-/// Of each loop, ms.
+/// Times of each loop, ms.
 struct Times {
     whole: Vec<f64>,
     compute: Vec<f64>,
@@ -177,7 +178,7 @@ impl Stream {
         Ok(stream)
     }
 
-    /// The first tenth of the loops does not count.
+    /// Measures the times of `loops` loops. The first tenth does not count.
     fn measure(&mut self, loops: usize) -> anyhow::Result<Times> {
         let mut times = Times { whole: Vec::new(), compute: Vec::new() };
         for index in 0..loops + loops / 10 {
@@ -213,7 +214,7 @@ impl Stream {
     }
 }
 
-/// `[count][7]` of slow waves, as a recording has them.
+/// `[count][7]` values of slow waves, in the layout of a recording.
 fn rows(first: usize, count: usize, scale: f64) -> Value {
     let value = |row: usize, joint: usize| scale * (0.02 * row as f64 + joint as f64).sin();
     (first..first + count)
@@ -226,7 +227,7 @@ fn rising(mut values: Vec<f64>) -> Vec<f64> {
     values
 }
 
-/// How many steps take `budget_ms`, if all take as long as those between 1 and 10.
+/// The number of steps within `budget_ms`, if each step takes as long as those between 1 and 10.
 fn steps_within(budget_ms: f64, times: &[(u32, f64)]) -> Option<f64> {
     let of = |steps| times.iter().find(|(found, _)| *found == steps).map(|(_, ms)| *ms);
     let (one, ten) = (of(1)?, of(10)?);

@@ -1,10 +1,10 @@
 //! Forward dynamics and whole trajectories per second, beside Pinocchio and MuJoCo.
 //!
-//! Ours and theirs take turns, so that what else the machine does falls on all of them; medians
-//! count. One evaluation of ours includes sines, cosines and its share of the integrator; Pinocchio's
-//! is a call of `aba`, MuJoCo's a call of `mj_step` with the integrator that is implicit in damping.
-//! Trajectories are compared at equal accuracy: with the fewest Runge-Kutta steps per sample that
-//! keep MuJoCo's errors where ours are held, too.
+//! Our program and the others take turns, so that other load on the machine affects all of them.
+//! Medians count. One evaluation of ours includes sines, cosines and its share of the integrator.
+//! Pinocchio's is a call of `aba`, and MuJoCo's a call of `mj_step` with the integrator that is
+//! implicit in damping. Trajectories are compared at equal accuracy: MuJoCo uses the fewest
+//! Runge-Kutta steps per sample that keep its errors within the bound for ours.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -26,13 +26,14 @@ const ROUNDS: usize = 5;
 /// Trajectories on which accuracy is measured.
 const COMPARED: u64 = 128;
 
-/// How far off the 99th percentile of trajectories may be, µrad.
+/// The bound on the 99th percentile of the trajectories' errors, µrad.
 const ACCURACY: Goal = Goal::AtMost(100.0);
 
-/// Operations of forward dynamics per multiply-add that the processor can do at most, in percent.
+/// Operations of forward dynamics as a share of the processor's peak in multiply-adds, percent.
 const SHARE_OF_PEAK: Goal = Goal::AtLeast(60.0);
 
-/// Both families of excitation, gravity on; nothing is rejected, so that all do the same work.
+/// A spec with both families of excitation and gravity. Nothing is rejected, so that all programs
+/// do the same work.
 pub(super) fn spec(trajectories: u64) -> Value {
     json!({
         "kind": "simulate",
@@ -84,14 +85,14 @@ struct Ours {
     operations_per_evaluation: f64,
 }
 
-/// What `tests/peers/aba_rates.cpp` prints; rates of one thread and of two.
+/// The output of `tests/peers/aba_rates.cpp`, with rates of one thread and of two.
 #[derive(Clone, Debug, Deserialize)]
 struct Aba {
     version: String,
     evaluations_per_s: [f64; 2],
 }
 
-/// What `tests/peers/mujoco_rates.py` prints; rates of one thread and of two.
+/// The output of `tests/peers/mujoco_rates.py`, with rates of one thread and of two.
 #[derive(Clone, Debug, Deserialize)]
 struct MuJoCo {
     steps_per_s: [f64; 2],
@@ -115,7 +116,7 @@ struct Theirs {
     mjx: OnJax,
 }
 
-/// Runge-Kutta steps per sample that MuJoCo needs, and errors.
+/// Runge-Kutta steps per sample that MuJoCo needs, and the errors.
 #[derive(Clone, Debug, Deserialize)]
 struct Accuracy {
     version: String,
@@ -124,10 +125,10 @@ struct Accuracy {
     recorded_p99_rad: f64,
 }
 
-/// All measured once, one after the other.
+/// One measurement of every program, in turn.
 struct Round {
     ours: Vec<Ours>,
-    /// Multiply-adds of f32 per second at most, on one thread and on two.
+    /// Peak of f32 multiply-adds per second, on one thread and on two.
     peaks: [f64; 2],
     theirs: Option<Theirs>,
 }
@@ -136,10 +137,10 @@ type OneOnJax = fn(&Theirs) -> &OnJax;
 
 const ON_JAX: &[(&str, OneOnJax)] = &[("frax", |it| &it.frax), ("mujoco-mjx", |it| &it.mjx)];
 
-/// The programs that we compare ourselves with, ready to be measured.
+/// The programs for the comparison, ready to be measured.
 struct Simulators {
     python: PathBuf,
-    /// Pythons with simulators on JAX.
+    /// Python environments with simulators on JAX.
     frax: PathBuf,
     mjx: PathBuf,
     aba: PathBuf,
@@ -158,7 +159,8 @@ impl Simulators {
         Ok(Self { python, frax, mjx, aba, dataset, accuracy })
     }
 
-    /// The batches of simulators on JAX are those of `before`, which found the fastest.
+    /// Measures all of them. Simulators on JAX use the batch sizes of `before`, which searched for
+    /// the fastest.
     fn measure(&self, before: Option<&Theirs>) -> anyhow::Result<Theirs> {
         let substeps = self.accuracy.substeps.to_string();
         let mut mujoco = mujoco_rates(&self.python, "rates", &self.dataset);
@@ -198,7 +200,7 @@ pub(super) fn answer<T: DeserializeOwned>(command: &mut Command) -> anyhow::Resu
         .with_context(|| format!("{program} said {}", String::from_utf8_lossy(&output.stdout)))
 }
 
-/// The table, without the million.
+/// The table of all measurements except those of the million trajectories.
 fn compare(rounds: &[Round], accuracy: Option<&Accuracy>) -> anyhow::Result<Vec<Measurement>> {
     let theirs = |value: &dyn Fn(&Theirs) -> f64| {
         let values: Option<Vec<f64>> =
@@ -219,7 +221,7 @@ fn compare(rounds: &[Round], accuracy: Option<&Accuracy>) -> anyhow::Result<Vec<
     {
         for threads in [1, 2] {
             let ours = |value: fn(&Ours) -> f64| our_median(rounds, precision, threads, value);
-            // What was promised was promised of two cores.
+            // The goals are for two cores.
             let goal = |bound: Option<f64>| bound.filter(|_| threads == 2).map(Goal::AtLeast);
             let of = format!("{precision}, {}", in_words(threads));
             let evaluations = ours(|it| it.evaluations_per_s / 1e6)?;
@@ -236,7 +238,7 @@ fn compare(rounds: &[Round], accuracy: Option<&Accuracy>) -> anyhow::Result<Vec<
             if steps.is_some() {
                 measurements.push(Measurement::compared(&name, evaluations, steps, "M/s", goals.1));
             }
-            // They take all cores; what was measured of ours took two.
+            // They use all cores. Our measurement used two.
             let on_jax = if precision == "f32" && threads == 2 { ON_JAX } else { &[] };
             for (peer, of) in on_jax {
                 let Some(value) = theirs(&|it| of(it).evaluations_per_s / 1e6) else { continue };
@@ -421,7 +423,8 @@ mod tests {
     fn shares_of_the_peak_count_operations_of_the_precision() {
         let round = |speed| Round { ours: ours(speed), peaks: PEAKS, theirs: None };
         let measurements = compare(&[round(1.0), round(2.0), round(3.0)], None).unwrap();
-        // 4 and 8 million evaluations of 1000 operations per second, of 5 and 10 G.
+        // 4 and 8 million evaluations per second with 1000 operations each, of a peak of 5 and 10
+        // G.
         let share = |name: &str| find(&measurements, name, "").ours;
         assert_eq!(share("share of peak, f32, 1 thread"), 80.0);
         assert_eq!(share("share of peak, f64, 2 threads"), 80.0);

@@ -1,4 +1,4 @@
-//! Predictions of a single trajectory: a pass of the network, and whole chains of samplers.
+//! Predictions for a single trajectory: one pass of the network, and whole chains of samplers.
 
 use super::measurement::{Goal, Measurement};
 use super::networks::{self, Network, Rounds, Subject, Twin};

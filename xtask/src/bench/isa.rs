@@ -1,12 +1,12 @@
-//! Measuring the lesser instructions of a larger machine.
+//! Measures the smaller instruction sets of a machine.
 
 use std::process::{Command, ExitCode};
 
 use anyhow::Context;
 use simd::InstructionSet;
 
-/// Switches that keep PyTorch, its libraries and NumPy to AVX2. Pinocchio is compiled for it, see
-/// [`crate::peers::cxx_flags`].
+/// Variables that restrict PyTorch, its libraries and NumPy to AVX2. Pinocchio is compiled for it,
+/// see [`crate::peers::cxx_flags`].
 const PEERS_ON_AVX2: [(&str, &str); 4] = [
     ("ATEN_CPU_CAPABILITY", "avx2"),
     ("MKL_ENABLE_INSTRUCTIONS", "AVX2"),
@@ -14,7 +14,8 @@ const PEERS_ON_AVX2: [(&str, &str); 4] = [
     ("OPENBLAS_CORETYPE", "Haswell"),
 ];
 
-/// Runs this command once more with these instructions for all programs that it starts, unless it has them.
+/// Runs this command again with these instructions for all programs that it starts, unless they are
+/// set already.
 pub(super) fn again(instructions: InstructionSet) -> anyhow::Result<Option<ExitCode>> {
     if InstructionSet::chosen()? == instructions {
         return Ok(None);
@@ -30,12 +31,12 @@ pub(super) fn again(instructions: InstructionSet) -> anyhow::Result<Option<ExitC
     Ok(Some(code.map_or(ExitCode::FAILURE, ExitCode::from)))
 }
 
-/// A bound for what is measured: the first with AVX-512, the second with less.
+/// A bound of a measurement: the first value with AVX-512, the second without.
 pub(super) fn bound(avx512: f64, less: f64) -> f64 {
     if InstructionSet::best().to_string() == "AVX-512" { avx512 } else { less }
 }
 
-/// Whether AVX2 is measured, be there more or not.
+/// Whether AVX2 is measured, on a processor with or without more.
 pub(crate) fn is_avx2(instructions: InstructionSet) -> bool {
     instructions.to_string() == "AVX2"
 }

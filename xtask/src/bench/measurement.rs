@@ -2,30 +2,30 @@ use std::fmt::{self, Write};
 
 use serde::{Serialize, Serializer};
 
-/// One number, with what it is compared to.
+/// One measured number, with its comparison.
 #[derive(Clone, Debug, Serialize)]
 pub struct Measurement {
     pub name: String,
     pub ours: f64,
-    /// The same, by the program we compare ourselves with.
+    /// The same measurement of the other program.
     pub peer: Option<f64>,
     pub peer_version: Option<String>,
     pub unit: String,
     /// `ours / peer`.
     pub ratio: Option<f64>,
-    /// Of the ratio or, for a number without a peer, of the number.
+    /// The goal of the ratio, or of the number if there is no peer.
     pub goal: Option<Goal>,
     pub met: Option<bool>,
 }
 
-/// A bound; JSON has the number alone.
+/// A bound. In JSON it is only the number.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Goal {
     AtMost(f64),
     AtLeast(f64),
 }
 
-/// What another program reached.
+/// The number of another program.
 #[derive(Clone, Debug)]
 pub struct Peer {
     pub value: f64,
@@ -79,8 +79,8 @@ impl Measurement {
         }
     }
 
-    /// A number beside a peer's, with a goal for their ratio. Without the peer there is nothing to
-    /// hold to the goal.
+    /// A number with a peer's number, and a goal for their ratio. Without the peer there is no
+    /// goal.
     pub fn compared(
         name: impl Into<String>,
         ours: f64,

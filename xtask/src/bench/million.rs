@@ -1,4 +1,4 @@
-//! A million trajectories simulated and written, by the command that needs no server.
+//! A million trajectories, simulated and written by the command that needs no server.
 
 use std::path::Path;
 
@@ -8,19 +8,19 @@ use crate::places::target;
 use crate::product;
 
 pub(super) const TRAJECTORIES: u64 = 1_000_000;
-/// Simulated before, to see whether memory grows with the number.
+/// A smaller number, simulated first, to see whether memory grows with the number.
 const FEWER: u64 = 100_000;
 
-/// Seconds allowed with AVX-512, and with less.
+/// Bounds in seconds, with AVX-512 and without.
 const SECONDS: (f64, f64) = (100.0, 150.0);
 const PEAK_GIB: Goal = Goal::AtMost(1.0);
-/// Of the million's memory over the hundred thousand's: flat, but for chance.
+/// The bound on the ratio of both peaks of memory. Memory is constant except for chance.
 const GROWTH: Goal = Goal::AtMost(1.1);
 
-/// Needs 17 GB of disk, which are free again afterwards.
+/// Measures the million. It needs 17 GB of disk, which are free again afterwards.
 pub(super) fn run(torqued: &Path) -> anyhow::Result<Vec<Measurement>> {
     std::fs::create_dir_all(target())?;
-    // On the disk that is built on: what holds temporary files is often smaller.
+    // The files go to the build's disk, because the one for temporary files is often smaller.
     let folder = tempfile::Builder::new().prefix("bench-million-").tempdir_in(target())?;
     let (fewer, _) = simulate(torqued, folder.path(), FEWER)?;
     let (all, bytes) = simulate(torqued, folder.path(), TRAJECTORIES)?;
@@ -36,7 +36,7 @@ pub(super) fn run(torqued: &Path) -> anyhow::Result<Vec<Measurement>> {
     ])
 }
 
-/// Simulates, and deletes what was written.
+/// Simulates, and deletes the files.
 fn simulate(
     torqued: &Path,
     folder: &Path,

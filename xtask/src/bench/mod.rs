@@ -1,4 +1,4 @@
-//! `cargo xtask bench NAME`: the one door to every benchmark.
+//! `cargo xtask bench NAME`: the command for every benchmark.
 
 mod control;
 mod dynamics;
@@ -31,23 +31,23 @@ use wanted::{Peers, Report, Size, Wanted};
 
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// What to measure
+    /// Benchmark to run
     #[arg(value_parser = PossibleValuesParser::new(ALL.map(|benchmark| benchmark.name)))]
     name: String,
 
-    /// Measure what we compare ourselves with, too, in the same sitting
+    /// Measure the programs that we compare ourselves with, too, in the same session
     #[arg(long)]
     peers: bool,
 
-    /// Networks of this size only
+    /// Measure only networks of this size
     #[arg(long, value_name = "SIZE")]
     size: Option<Size>,
 
-    /// The vector instructions that we and our peers are measured with, in place of the fastest: avx2, say
+    /// Instruction set for us and our peers instead of the fastest, such as avx2
     #[arg(long, value_name = "SET")]
     isa: Option<InstructionSet>,
 
-    /// Write the measurements here
+    /// File for the measurements
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
 }
@@ -142,7 +142,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     Ok(if missed { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }
 
-/// As one would type it.
+/// The command line for the same run.
 fn command_line(arguments: &Arguments) -> String {
     let peers = if arguments.peers { " --peers" } else { "" };
     let size = match arguments.size {

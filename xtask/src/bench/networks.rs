@@ -1,4 +1,4 @@
-//! The networks of ours and their PyTorch twins, measured in turns in processes of their own.
+//! Measures our networks and their PyTorch twins in turns, in separate processes.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -18,18 +18,19 @@ use crate::{peers, product};
 
 const ARCHITECTURES: [&str; 4] = ["robomorph", "cdt", "diffuser", "cdcnn"];
 
-/// What is measured of a network.
+/// The part of a network that is measured.
 pub(super) struct Subject {
-    /// As the example of `models` and the script of its peers call it.
+    /// Its name in the example of `models` and in the script of its peers.
     pub name: &'static str,
-    /// Where its times have the number whose ratio is told of each round.
+    /// JSON pointer to the number whose ratio is printed for each round.
     pub pointer: &'static str,
     pub small: Rounds,
-    /// Of networks of the paper's size.
+    /// Rounds for networks of the paper's size.
     pub paper: Rounds,
 }
 
-/// Many short ones beside few long ones: what else the machine does lasts for seconds.
+/// Numbers of rounds and of steps in each. Many short rounds resist other load on the machine,
+/// which lasts for seconds.
 #[derive(Clone, Copy)]
 pub(super) struct Rounds {
     pub count: usize,
@@ -43,16 +44,16 @@ pub(super) struct Network {
     rounds: Vec<Round>,
 }
 
-/// All measured once, one after the other.
+/// One measurement of every program, in turn.
 struct Round {
     ours: Ours,
-    /// Multiply-adds per second that the processor can do at most, on as many threads.
+    /// Peak of multiply-adds per second, on the same number of threads.
     peak: f64,
     eager: Option<Theirs>,
     compiled: Option<Theirs>,
 }
 
-/// What `models/examples/model_rates.rs` prints.
+/// The output of `models/examples/model_rates.rs`.
 #[derive(Clone, Debug, Deserialize)]
 struct Ours {
     threads: usize,
@@ -60,7 +61,7 @@ struct Ours {
     config: Value,
 }
 
-/// What `models/tests/peers/pytorch_rates.py` prints.
+/// The output of `models/tests/peers/pytorch_rates.py`.
 #[derive(Clone, Debug, Deserialize)]
 struct Theirs {
     version: String,
@@ -70,17 +71,17 @@ struct Theirs {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Twin {
     Eager,
-    /// By `torch.compile`.
+    /// The twin after `torch.compile`.
     Compiled,
 }
 
 impl Network {
-    /// Median over the rounds of what a JSON pointer finds in the times.
+    /// Median over the rounds of the value at a JSON pointer in the times.
     pub fn ours(&self, pointer: &str) -> Option<f64> {
         median_of(self.rounds.iter().map(|round| number(&round.ours.times, pointer)))
     }
 
-    /// The same of a twin, over the rounds in which it was measured.
+    /// The same for a twin, over the rounds in which it was measured.
     pub fn twin(&self, twin: Twin, pointer: &str) -> Option<Peer> {
         let theirs = self.rounds.iter().map(|round| match twin {
             Twin::Eager => round.eager.as_ref(),
@@ -92,12 +93,12 @@ impl Network {
         Some(Peer { value, version: format!("PyTorch {} {kind}", theirs.first()?.version) })
     }
 
-    /// Multiply-adds per second that the processor can do at most on the threads we have.
+    /// Peak of multiply-adds per second on our threads.
     pub fn peak(&self) -> f64 {
         median(self.rounds.iter().map(|round| round.peak).collect())
     }
 
-    /// Lowest and highest ratio of a round to eager PyTorch in it.
+    /// Lowest and highest ratio of our time to that of eager PyTorch, over the rounds.
     fn ratios(&self, pointer: &str) -> Option<[f64; 2]> {
         let ratios = self.rounds.iter().filter_map(|round| {
             let theirs = number(&round.eager.as_ref()?.times, pointer)?;
@@ -108,7 +109,7 @@ impl Network {
     }
 }
 
-/// Measures every network that is wanted; `table` makes rows of each.
+/// Measures every wanted network. `table` makes the rows of each.
 pub(super) fn run(
     subject: &Subject,
     wanted: Wanted,
@@ -133,7 +134,7 @@ pub(super) fn run(
         for architecture in ARCHITECTURES {
             let preset = format!("{architecture}-{name}");
             let mut rounds = Vec::new();
-            // Compiling takes minutes, and of the paper's networks many.
+            // Compiling takes minutes, and much longer for the paper's networks.
             let mut twins = match size {
                 Size::Small => vec![Twin::Eager, Twin::Compiled],
                 Size::Paper => vec![Twin::Eager],
@@ -141,7 +142,7 @@ pub(super) fn run(
             for round in 1..=count {
                 eprintln!("{preset}, round {round} of {count}");
                 let round = bench.round(&preset, &twins, steps, &mut notes)?;
-                // What was too large once is so again.
+                // A twin that ran out of memory once would do so again.
                 twins = round.eager.iter().map(|_| Twin::Eager).collect();
                 rounds.push(round);
             }
@@ -160,7 +161,7 @@ pub(super) fn run(
 struct Bench<'a> {
     subject: &'a Subject,
     example: PathBuf,
-    /// With PyTorch.
+    /// Python with PyTorch.
     python: Option<PathBuf>,
 }
 
@@ -211,7 +212,7 @@ impl Bench<'_> {
     }
 }
 
-/// What a program answers to a question on its standard input, both JSON.
+/// Runs a program with a JSON question on its standard input, and reads its JSON answer.
 fn asked<T: DeserializeOwned>(command: &mut Command, question: &Value) -> anyhow::Result<T> {
     let mut child = command
         .stdin(Stdio::piped())
@@ -232,7 +233,7 @@ fn number(times: &Value, pointer: &str) -> Option<f64> {
     times.pointer(pointer)?.as_f64()
 }
 
-/// None if one is missing.
+/// The median; `None` if a value is missing.
 fn median_of(values: impl Iterator<Item = Option<f64>>) -> Option<f64> {
     values.collect::<Option<Vec<f64>>>().filter(|values| !values.is_empty()).map(median)
 }
@@ -241,7 +242,7 @@ fn median_of(values: impl Iterator<Item = Option<f64>>) -> Option<f64> {
 pub(super) mod tests {
     use super::*;
 
-    /// Of rounds with these times of ours and of eager PyTorch.
+    /// A network with these times of ours and of eager PyTorch.
     pub fn network(rounds: &[(Value, Option<Value>)]) -> Network {
         let rounds = rounds.iter().map(|(ours, theirs)| Round {
             ours: Ours { threads: 2, times: ours.clone(), config: json!({}) },

@@ -1,4 +1,5 @@
-//! Bytes into and out of a store: a folder, and a bucket whose server shares the machine.
+//! Writes objects to a store and reads them: a folder, and a bucket whose server runs on the same
+//! machine.
 
 use serde::Deserialize;
 
@@ -7,7 +8,7 @@ use super::wanted::{Peers, Report, Wanted};
 use crate::places::target;
 use crate::product;
 
-/// As large as the shards of a million trajectories are.
+/// The size of the shards of a million trajectories.
 const MEGABYTES: u32 = 128;
 const OBJECTS: u32 = 8;
 

@@ -1,7 +1,7 @@
-//! Writing and reading the trajectories of a shard, beside pyarrow and polars.
+//! Writing and reading the trajectories of a shard, compared with pyarrow and polars.
 //!
-//! All on one thread, in MB of plain columns per second, so that rates are comparable whatever the
-//! compression; writing ends when the file is on the disk.
+//! All run on one thread. Rates are in MB of plain columns per second, so that they do not depend
+//! on the compression. Writing ends when the file is on the disk.
 
 use std::path::Path;
 use std::process::Command;
@@ -49,17 +49,17 @@ pub(super) fn run(wanted: Wanted) -> anyhow::Result<Report> {
     Ok(Report { notes, measurements: compare(&rounds) })
 }
 
-/// What `store/examples/parquet_rates.rs` prints.
+/// The output of `store/examples/parquet_rates.rs`.
 #[derive(Clone, Debug, Deserialize)]
 struct Ours {
-    /// Bytes of the columns as they are in memory.
+    /// Bytes of the columns in memory.
     raw_bytes: u64,
     file_bytes: u64,
     write_s: f64,
     read_s: f64,
 }
 
-/// What `tests/peers/parquet_rates.py` prints.
+/// The output of `tests/peers/parquet_rates.py`.
 #[derive(Clone, Debug, Deserialize)]
 struct Theirs {
     pyarrow: String,
@@ -67,7 +67,7 @@ struct Theirs {
     file_bytes: u64,
     pyarrow_write_s: f64,
     pyarrow_read_s: f64,
-    /// Of the file that we wrote, as the next.
+    /// Time to read the file that our program wrote. The next field is alike.
     pyarrow_read_ours_s: f64,
     polars_read_ours_s: f64,
 }

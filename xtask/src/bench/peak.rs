@@ -1,4 +1,4 @@
-//! The processor's peak: the most multiply-adds that it can do.
+//! The processor's peak: the largest rate of multiply-adds.
 
 use std::thread;
 use std::time::{Duration, Instant};
@@ -7,11 +7,11 @@ use simd::{InstructionSet, multiply_adds};
 use statistics::median;
 
 const MEASURED: Duration = Duration::from_millis(50);
-/// Steps of [`multiply_adds`] between two looks at the clock.
+/// Steps of [`multiply_adds`] between two readings of the clock.
 const STEPS: u64 = 100_000;
 const REPETITIONS: usize = 5;
 
-/// Multiply-adds of f32 per second on so many threads at once, with the instructions that we are measured with.
+/// Multiply-adds of f32 per second on `threads` threads at once, with the measured instruction set.
 pub(super) fn multiply_adds_per_s(threads: usize) -> f64 {
     let rates = (0..REPETITIONS).map(|_| {
         thread::scope(|scope| {

@@ -1,4 +1,4 @@
-//! Seconds per stage of the quickstart, from the times the server keeps of its jobs.
+//! Seconds per stage of the quickstart, from the job times that the server records.
 
 use std::path::Path;
 use std::process::Command;

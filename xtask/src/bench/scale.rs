@@ -1,5 +1,5 @@
-//! A study of a lab: 10^4 jobs and 100 workers. What the queue takes of it is measured, with tasks that do nothing; how much
-//! that is beside tasks that last is simulated from it.
+//! A study of a lab: 10^4 jobs and 100 workers. The cost of the queue is measured with tasks that
+//! do nothing. Its share beside tasks that take time is simulated from this.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -25,7 +25,7 @@ const LOOK_EVERY: Duration = Duration::from_millis(100);
 /// Far longer than the jobs take.
 const PATIENCE: Duration = Duration::from_secs(300);
 
-/// Mean lengths of tasks that are simulated, s.
+/// Mean durations of simulated tasks, s.
 const TASK_SECONDS: [f64; 4] = [0.1, 1.0, 10.0, 600.0];
 
 pub(super) fn run(_: Wanted) -> anyhow::Result<Report> {
@@ -102,10 +102,10 @@ struct Study {
     wait_s: f64,
 }
 
-/// Has workers do jobs that all wait at the beginning. The queue hands out one after the other and needs `handover_s` for
-/// each; a job lasts `mean_s` on average.
+/// Simulates workers that do jobs which all wait at the beginning. The queue hands out one job
+/// after the other and needs `handover_s` for each. A job takes `mean_s` on average.
 fn simulate(jobs: u32, workers: u32, mean_s: f64, handover_s: f64) -> Study {
-    // Nanoseconds, which are ordered.
+    // Times are in nanoseconds, because integers can be ordered.
     let mut free: BinaryHeap<Reverse<u64>> = (0..workers).map(|_| Reverse(0)).collect();
     let (mut queue_free, mut end, mut worked) = (0.0_f64, 0.0_f64, 0.0);
     let mut waits = Vec::new();
@@ -128,9 +128,10 @@ fn simulate(jobs: u32, workers: u32, mean_s: f64, handover_s: f64) -> Study {
     }
 }
 
-/// A quantile of the exponential distribution with mean 1: each of `jobs` gets another one, in an order without a pattern.
+/// A quantile of the exponential distribution with mean 1. Each of `jobs` gets a different one, in
+/// an order without a pattern.
 fn exponential(job: u32, jobs: u32) -> f64 {
-    /// The golden ratio's part after the point: its multiples are spread evenly.
+    /// The fractional part of the golden ratio. Its multiples are evenly spread.
     const STEP: f64 = 0.618_033_988_749_895;
     let share = (f64::from(job) * STEP).fract();
     let half = 0.5 / f64::from(jobs);

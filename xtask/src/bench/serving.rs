@@ -4,7 +4,7 @@ use std::process::{Child, Command, Stdio};
 
 use anyhow::{Context, ensure};
 
-/// A server on a free port, killed when it is not needed any more.
+/// A server on a free port. Dropping it kills the server.
 pub(super) struct Serving {
     process: Child,
     pub url: String,
@@ -32,7 +32,7 @@ impl Serving {
 
 impl Drop for Serving {
     fn drop(&mut self) {
-        // What it was doing is committed or done again, and its workers end with it.
+        // Its work is committed or will be done again, and its workers end with it.
         let _ = self.process.kill();
         let _ = self.process.wait();
     }

@@ -1,5 +1,5 @@
-//! Training steps, 64 trajectories each, the memory that they take, and the share of the processor's multiply-adds
-//! that they use, by PyTorch's count of them.
+//! Training steps with 64 trajectories each: their time, their memory, and their share of the
+//! processor's multiply-adds by PyTorch's count.
 
 use super::isa;
 use super::measurement::{Goal, Measurement};
@@ -13,7 +13,7 @@ const SUBJECT: Subject = Subject {
     paper: Rounds { count: 3, steps: 1 },
 };
 
-/// Of eager PyTorch's memory.
+/// Ratio to the memory of eager PyTorch.
 const MEMORY: Goal = Goal::AtMost(0.6);
 
 pub(super) fn run(wanted: Wanted) -> anyhow::Result<Report> {
@@ -70,7 +70,7 @@ mod tests {
             ("cdt-small share of peak", None, None),
         ];
         assert_eq!(found, expected);
-        // 1e5 in 4 ms, of 1e8 per second.
+        // 1e5 in 4 ms, with a peak of 1e8 per second.
         assert_eq!(rows[2].ours, 25.0);
     }
 }

@@ -1,25 +1,25 @@
-//! What of a benchmark is asked for, and what it has to say.
+//! The options and the results of a benchmark.
 
 use clap::ValueEnum;
 
 use super::measurement::Measurement;
 
-/// What a benchmark has to say.
+/// The results of a benchmark.
 pub struct Report {
-    /// What was run, in which version, on what.
+    /// Programs, their versions and the machine.
     pub notes: Vec<String>,
     pub measurements: Vec<Measurement>,
 }
 
-/// What of a benchmark is asked for.
+/// The options of a benchmark.
 #[derive(Clone, Copy, Debug)]
 pub struct Wanted {
     pub peers: Peers,
-    /// All unless given.
+    /// Only networks of this size; all without it.
     pub size: Option<Size>,
 }
 
-/// Of the presets of networks.
+/// The size of the networks' presets.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Size {
     Small,

@@ -8,27 +8,28 @@ use anyhow::{Context, ensure};
 
 use super::notices;
 
-/// A shell, and where below `share` it looks for what completes commands.
+/// A shell, and the file below `share` with its completions.
 const COMPLETIONS: [(&str, &str); 3] = [
     ("bash", "bash-completion/completions/torqued"),
     ("zsh", "zsh/site-functions/_torqued"),
     ("fish", "fish/vendor_completions.d/torqued.fish"),
 ];
 
-/// Writes all documents into `share`, as the program tells them; what lies there is deleted.
+/// Writes all documents into `share`, with the texts that the program prints. It first deletes the
+/// folder.
 pub fn write(torqued: &Path, share: &Path) -> anyhow::Result<()> {
     if share.exists() {
         fs::remove_dir_all(share).with_context(|| format!("cannot delete {}", share.display()))?;
     }
     let manual = share.join("man/man1");
-    told_by(Command::new(torqued).args(["man", "--dir"]).arg(&manual))?;
+    stdout_of(Command::new(torqued).args(["man", "--dir"]).arg(&manual))?;
     for (shell, file) in COMPLETIONS {
-        put(&share.join(file), &told_by(Command::new(torqued).args(["completions", shell]))?)?;
+        put(&share.join(file), &stdout_of(Command::new(torqued).args(["completions", shell]))?)?;
     }
     put(&share.join("doc/torqued/third-party.txt"), notices::text()?.as_bytes())
 }
 
-fn told_by(command: &mut Command) -> anyhow::Result<Vec<u8>> {
+fn stdout_of(command: &mut Command) -> anyhow::Result<Vec<u8>> {
     let output = command.output().context("cannot run torqued")?;
     let error = String::from_utf8_lossy(&output.stderr);
     ensure!(output.status.success(), "{command:?}: {error}");

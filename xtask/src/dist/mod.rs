@@ -1,6 +1,7 @@
 //! `cargo xtask dist`: packages for machines without a compiler.
 //!
-//! Everything is made of the program that tests and benchmarks run; nothing is compiled a second time.
+//! Every package contains the program that tests and benchmarks run. Nothing is compiled a second
+//! time.
 
 mod deb;
 mod documents;
@@ -19,11 +20,11 @@ use crate::product;
 
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// The wheel for pip, and not the others unless they are named, too
+    /// Make the wheel for pip, and the others only if they are named, too
     #[arg(long)]
     wheel: bool,
 
-    /// The package for Debian, and not the others unless they are named, too
+    /// Make the package for Debian, and the others only if they are named, too
     #[arg(long)]
     deb: bool,
 }
@@ -47,19 +48,20 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         println!("{} ({:.1} MB)", package.display(), bytes as f64 / 1e6);
     }
     if all {
-        // The image is made of the Debian package, or from source, by whoever has an engine for it.
+        // The user builds the image from the Debian package, or from source, with an engine of
+        // their own.
         println!("{}", repository().join("deploy/container/Containerfile").display());
     }
     Ok(ExitCode::SUCCESS)
 }
 
-/// Where maturin looks for files that a wheel has beside program and modules, and `Cargo.toml` for those of the
-/// Debian package.
+/// The folder in which maturin looks for the additional files of a wheel, and `Cargo.toml` for
+/// those of the Debian package.
 fn documents_folder() -> PathBuf {
     repository().join("torqued.data/data/share")
 }
 
-/// Packages of earlier versions would stand beside the new one.
+/// Deletes packages of earlier versions, which would stay beside the new one.
 fn remove(folder: &Path, extension: &str) -> anyhow::Result<()> {
     for package in packages(folder)? {
         if package.extension().is_some_and(|it| it == extension) {
@@ -83,7 +85,7 @@ fn packages(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
     Ok(packages)
 }
 
-/// Gives a packager the moment of the commit for all files, so that the same commit makes the same bytes.
+/// Sets the commit's time as the time of all files, so that the same commit makes the same bytes.
 fn dated(command: &mut Command) -> &mut Command {
     const VARIABLE: &str = "SOURCE_DATE_EPOCH";
     if std::env::var_os(VARIABLE).is_none() {
@@ -92,7 +94,7 @@ fn dated(command: &mut Command) -> &mut Command {
             .current_dir(repository())
             .output();
         let moment = commit.ok().filter(|it| it.status.success());
-        // Without a repository files have the time of the build.
+        // Without a repository, files have the time of the build.
         if let Some(moment) = moment.and_then(|it| String::from_utf8(it.stdout).ok()) {
             command.env(VARIABLE, moment.trim());
         }

@@ -1,4 +1,4 @@
-//! The licences of the crates that are in the program, which want to be passed on with it.
+//! The licences of the crates in the program, which must accompany it.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
@@ -10,7 +10,7 @@ use serde::Deserialize;
 
 use crate::process::command;
 
-/// Begins of the names of files that licences and notices are in.
+/// Beginnings of the names of files with licences and notices.
 const FILES: [&str; 4] = ["LICENSE", "LICENCE", "COPYING", "NOTICE"];
 
 #[derive(Deserialize)]
@@ -62,7 +62,7 @@ pub fn text() -> anyhow::Result<String> {
     Ok(list)
 }
 
-/// Names and versions of what is linked into the program on this platform.
+/// Names and versions of the crates that are linked into the program on this platform.
 fn built() -> anyhow::Result<BTreeSet<String>> {
     let arguments = ["tree", "--package", "torqued", "--locked", "--edges", "normal"];
     let tree = cargo(&[&arguments[..], &["--prefix", "none", "--format", "{p}"]].concat())?;
@@ -88,7 +88,7 @@ impl Package {
         format!("{} {}", self.name, self.version)
     }
 
-    /// The licences and notices that lie beside the manifest.
+    /// The licences and notices beside the manifest.
     fn texts(&self) -> anyhow::Result<Vec<String>> {
         let folder = Path::new(&self.manifest_path).parent().unwrap_or_else(|| Path::new("/"));
         let mut files = Vec::new();

@@ -1,4 +1,4 @@
-//! The wheel: the program and the Python modules, put together by maturin.
+//! The wheel: the program and the Python modules, packed by maturin.
 
 use std::path::{Path, PathBuf};
 
@@ -8,14 +8,16 @@ use crate::places::target;
 use crate::process::{command, succeed};
 use crate::python;
 
-/// Writes the wheel into `folder`. maturin has cargo build what is built already: the same program, profile and features.
-/// What only a debugger reads is taken out of the copy in the wheel, which is half of it.
+/// Writes the wheel into `folder`. maturin asks cargo for the existing build, with the same
+/// program, profile and features. The copy in the wheel loses its debug information, which is half
+/// of it.
 pub fn build(folder: &Path) -> anyhow::Result<()> {
     let tools = target().join("dist-tools");
     let python = python::environment(&tools, REQUIREMENTS)?;
     let maturin = python.with_file_name("maturin").to_string_lossy().into_owned();
     let made = tempfile::Builder::new().prefix("wheel-").tempdir_in(&tools)?;
-    // Compressed below, and dated: with SOURCE_DATE_EPOCH cargo would compile everything again that is written in C.
+    // Compression and dates follow below. With SOURCE_DATE_EPOCH, cargo would compile all C code
+    // again.
     let arguments = ["build", "--release", "--locked", "--compression-method", "stored", "--out"];
     succeed(command(&maturin, &arguments).arg(made.path()))?;
 
@@ -32,7 +34,7 @@ pub fn build(folder: &Path) -> anyhow::Result<()> {
 
 const REQUIREMENTS: &str = "deploy/wheel/requirements.txt";
 
-/// The one thing that a folder has.
+/// The only entry of a folder.
 fn only(folder: &Path) -> anyhow::Result<PathBuf> {
     let entry = std::fs::read_dir(folder)?.next();
     Ok(entry.with_context(|| format!("nothing is in {}", folder.display()))??.path())

@@ -1,4 +1,4 @@
-//! How many tests passed and failed, as each test runner prints it.
+//! Reads the numbers of passed and failed tests from the output of each test runner.
 
 use std::ops::AddAssign;
 
@@ -13,7 +13,8 @@ impl Counts {
         if passed { Self { passed: 1, failed: 0 } } else { Self { passed: 0, failed: 1 } }
     }
 
-    /// A program that failed without a failed test (it did not compile, it crashed) counts as one.
+    /// Counts a program that failed without a failed test, because it did not compile or crashed,
+    /// as one failure.
     pub const fn agreeing_with(mut self, success: bool) -> Self {
         if !success && self.failed == 0 {
             self.failed = 1;

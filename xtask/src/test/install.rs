@@ -1,4 +1,4 @@
-//! What the tests need and a fresh machine lacks.
+//! Installs packages that the tests need and a fresh machine lacks.
 
 use std::fs;
 use std::process::Command;
@@ -6,7 +6,7 @@ use std::process::Command;
 use crate::places::repository;
 use crate::process::{self, command, succeed};
 
-/// Interpreter of the environment that the reader tests run in.
+/// The interpreter of the environment for the tests of readers.
 pub const PYTHON: &str = ".venv/bin/python";
 
 pub struct Installation {
@@ -26,14 +26,14 @@ pub const ALL: [Installation; 5] = [
 pub const SOFTWARE_VULKAN: Installation =
     Installation { name: "install a Vulkan driver", run: software_vulkan };
 
-/// Program that shows a package is there, and the package's name in Debian.
+/// The program that shows that a package is installed, and the package's name in Debian.
 const SYSTEM: [(&str, &str); 6] = [
     ("chromium", "chromium"),
     ("curl", "curl"),
     ("node", "nodejs"),
     ("npm", "npm"),
     ("python3", "python3"),
-    // For a processor that has no more than every x86-64 has.
+    // It emulates a processor with only the baseline of x86-64.
     ("qemu-x86_64", "qemu-user"),
 ];
 
@@ -53,14 +53,15 @@ fn system_packages() -> anyhow::Result<()> {
     debian_packages(&missing)
 }
 
-/// Whether the server's programs are there, which Debian keeps out of the way. Tests start clusters of their own.
+/// Whether the server's programs are installed. Debian keeps them outside of PATH. Tests start
+/// their own clusters.
 pub fn has_postgresql() -> bool {
     let versions = fs::read_dir("/usr/lib/postgresql").into_iter().flatten().flatten();
     versions.into_iter().any(|version| version.path().join("bin/initdb").exists())
 }
 
-/// For the tests of `--executor slurm`, which say that they are skipped where it cannot be had. The tests start daemons
-/// of their own.
+/// For the tests of `--executor slurm`. They report that they are skipped where Slurm is not
+/// available. The tests start their own daemons.
 fn slurm() -> anyhow::Result<()> {
     let missing = if process::exists("sbatch") { &[][..] } else { &["munge", "slurm-wlm"] };
     if let Err(error) = debian_packages(missing) {
@@ -86,8 +87,8 @@ fn debian_packages(missing: &[&str]) -> anyhow::Result<()> {
     apt_get(&arguments)
 }
 
-/// Whether Mesa's Vulkan on the processor is there, which the device tests run on where there is no
-/// GPU. It is a library; drivers say where they are in these folders.
+/// Whether Mesa's software driver for Vulkan is installed, which the device tests use where there
+/// is no GPU. It is a library. Files in these folders name the drivers.
 fn has_software_vulkan() -> bool {
     let folders = ["/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d"];
     let drivers = folders.iter().filter_map(|folder| fs::read_dir(folder).ok()).flatten().flatten();
@@ -109,7 +110,7 @@ fn nextest() -> anyhow::Result<()> {
         eprintln!("there already");
         return Ok(());
     }
-    // Without optimisation and without what updates it: 2 minutes on two cores.
+    // Built without optimisation and without the updater, it takes 2 minutes on two cores.
     let lean = ["--debug", "--no-default-features", "--features", "default-no-update"];
     let install = [&["install", "--locked"], &lean[..], &["cargo-nextest"]].concat();
     let mut install = command("cargo", &install);

@@ -1,4 +1,4 @@
-//! `cargo xtask test`: everything that must hold before a change is done.
+//! `cargo xtask test`: all checks that a change must pass.
 
 mod counts;
 mod install;
@@ -14,12 +14,12 @@ use counts::Counts;
 
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// Leave out what needs packages to be installed: the Python readers and the browser
+    /// Leave out tests that need installed packages: the Python readers and the browser
     #[arg(long)]
     quick: bool,
 
-    /// Test models on devices other than the processor, too: builds torqued with `gpu` and `ndarray`,
-    /// which takes as long as everything else together
+    /// Test models on devices other than the processor, too. This builds torqued with `gpu` and
+    /// `ndarray` and takes as long as everything else together
     #[arg(long)]
     devices: bool,
 }
@@ -28,7 +28,7 @@ pub struct Arguments {
 struct Step {
     name: &'static str,
     command: Command,
-    /// Reads the counts from what the command printed; without it, the step counts as one.
+    /// Reads the counts from the command's output. Without it, the step counts as one test.
     count: Option<fn(&str) -> Option<Counts>>,
 }
 
@@ -51,7 +51,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         }
         record(installation.name, Counts::one(result.is_ok()));
     }
-    // A list of an earlier run; there may be none.
+    // Deletes the list of an earlier run, if there is one.
     let _ = std::fs::remove_file(skipped_tests());
     for step in steps(arguments) {
         record(step.name, take(step));
@@ -121,7 +121,7 @@ fn steps(Arguments { quick, devices }: &Arguments) -> Vec<Step> {
         });
     }
     if !quick {
-        // After the device tests, whose program has the same name.
+        // This step follows the device tests, because their program has the same name.
         steps.push(Step {
             name: "build",
             command: command("cargo", &["build", "--release", "--bin", "torqued"]),
@@ -153,14 +153,14 @@ fn steps(Arguments { quick, devices }: &Arguments) -> Vec<Step> {
     steps
 }
 
-/// Where tests that cannot run on this machine say so, a line each: `NAME: REASON`. Their runner
-/// counts them as passed.
+/// The file in which tests report that this machine cannot run them, one line `NAME: REASON` each.
+/// Their runner counts them as passed.
 fn skipped_tests() -> std::path::PathBuf {
     repository().join("target/skipped-tests.txt")
 }
 
-/// Without installs, plain `cargo test` stands in for a missing nextest, and tests of a PostgreSQL that is not there are
-/// left out.
+/// Without installs, plain `cargo test` replaces a missing nextest, and tests of PostgreSQL are
+/// left out where it is missing.
 fn nextest_or_cargo_test(quick: bool) -> Command {
     let without_postgresql = quick && !install::has_postgresql();
     if without_postgresql {
@@ -187,10 +187,10 @@ fn nextest_or_cargo_test(quick: bool) -> Command {
     }
 }
 
-/// Models and program built with further devices: what tests them, and nothing else.
+/// Builds models and program with further devices, and runs only their tests.
 fn device_tests() -> Command {
     let mut command = command("cargo", &["nextest", "run", "--cargo-profile", "release"]);
-    // With the workspace's features, so that what both builds share is built once.
+    // It has the workspace's features, so that both builds share their common parts.
     command.arg("--workspace");
     command.args(["--features", "torqued/gpu,torqued/ndarray"]);
     command.args(["--test", "devices", "--test", "product", "--no-fail-fast"]);
@@ -203,7 +203,7 @@ fn telling_what_is_skipped(mut command: Command) -> Command {
     command
 }
 
-/// Makes the packages, as `cargo xtask dist`.
+/// Makes the packages, like `cargo xtask dist`.
 fn dist() -> Command {
     let own = std::env::current_exe().unwrap_or_else(|_| "target/release/xtask".into());
     command(&own.to_string_lossy(), &["dist"])
@@ -216,7 +216,7 @@ fn installed_packages() -> Command {
     command
 }
 
-/// Tells tests in other languages where the program is.
+/// Sets the program's path for tests in other languages.
 fn with_product(mut command: Command) -> Command {
     command.env("TORQUED", repository().join("target/release/torqued"));
     command

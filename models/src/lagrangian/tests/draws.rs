@@ -1,4 +1,4 @@
-//! Draws of robots, and the masses that they may have.
+//! Tests of drawn robots, and of the masses that they may have.
 
 use random::{ChaCha8Rng, SeedableRng};
 use series::MeasurementNoise;
@@ -80,7 +80,7 @@ fn draws_lie_around_the_most_likely_robot_and_closer_the_more_was_seen() {
     };
     let [nothing, little, much] = [2, 12, LONG].map(|context| seen(context, EXACT));
     assert!(nothing > 10.0 * little && little > 2.0 * much, "{nothing} {little} {much}");
-    // Where the arm is, and how fast, is not known exactly either.
+    // The position and the velocity at the end of the context are uncertain, too.
     assert!(seen(LONG, NOISE) > 2.0 * much);
 }
 
@@ -98,15 +98,15 @@ fn doubt_widens_draws() {
     assert!(width(Doubt { median: 0.0, tail: 0.8, torque: 0.0 }) > 1.3 * plain);
 }
 
-/// The law knows nothing of a slow torque at the second joint. Draws differ by more there, and in proportion to the
-/// torque of the context.
+/// The law does not know a slow torque at the second joint. Draws must differ more there, in
+/// proportion to the torque of the context.
 #[test]
 fn draws_have_torques_that_the_law_left_over() {
     let robot = Noisy::new(5);
     let doubt = Doubt { median: 0.0, tail: 0.0, torque: 0.0 };
     let width = |amplitude: f32, torque: f32| {
         let mut u = robot.u.clone();
-        // It was recorded as a torque of the motor, and moved nothing.
+        // It was recorded as a torque of the motor, but it moved nothing.
         for sample in 0..LONG {
             u[sample * 2 + 1] += amplitude * (0.05 * sample as f32).cos();
         }
@@ -125,7 +125,8 @@ fn draws_have_torques_that_the_law_left_over() {
     assert!((wider[1] / twice[1] - 1.0).abs() < 0.05, "{wider:?} {twice:?}");
 }
 
-/// A joint whose inertia is below that which the law gives every robot: its particle would have a negative mass.
+/// The joint's inertia is below the one that the law gives every robot, so its particle would have
+/// a negative mass.
 #[test]
 fn masses_are_negative_only_where_poses_keep_their_inertia() {
     let joint = JointLaw { armature: 0.5, ..JOINT };

@@ -86,7 +86,7 @@ fn a_prediction_has_the_same_bits_on_every_processor_and_in_every_company() {
         let motions = Motions::new(37, joints);
         let robots = motions.robots();
         let together = predict(&law, &robots, EXACT);
-        // Nothing was learned: some of these laws drive joints on and on.
+        // These laws are untrained, and some of them accelerate joints without end.
         assert!(together.iter().all(|position| position.is_finite()));
         for instructions in InstructionSet::available() {
             assert_eq!(law.predict(instructions, &robots, EXACT, &[]), together, "{instructions}");
@@ -99,7 +99,8 @@ fn a_prediction_has_the_same_bits_on_every_processor_and_in_every_company() {
     }
 }
 
-/// A planner asks for many torques after one past; the first of them is that at the last position.
+/// A planner asks for many torques after one past. The first of them is the torque at the last
+/// position.
 #[test]
 fn questions_of_one_past_are_one_robot_and_have_the_answers_of_each_alone() {
     let law = model(7).law();
@@ -124,7 +125,8 @@ fn questions_of_one_past_are_one_robot_and_have_the_answers_of_each_alone() {
 fn prediction_fits_the_numbers_that_training_fits() {
     for joints in [2, 7] {
         let mut model = model(joints);
-        // So much that no number of these robots comes to its bound, which training does not know.
+        // The noise is so large that no number of these robots reaches its bound. Training does not
+        // know bounds.
         model.noise = Param::from_tensor(model.noise.val().ones_like() * (30_f32.ln() / PACE));
         model.friction = Param::from_tensor(model.friction.val().ones_like() / PACE);
         let motions = Motions::new(3, joints);
@@ -186,7 +188,7 @@ fn particle_torques(model: &Lagrangian, q: &[f32], v: &[f32], a: &[f32]) -> Vec<
     values(particles.swap_dims(1, 2))
 }
 
-/// The energy of a particle of mass 1 is half its velocity squared, and the joints' power is what it gains:
+/// The energy of a particle of mass 1 is half its velocity squared. It grows by the joints' power,
 /// dE/dt = v · τ, whatever its Jacobian is.
 #[test]
 fn a_particle_gains_the_energy_that_the_joints_give_it() {
@@ -200,7 +202,7 @@ fn a_particle_gains_the_energy_that_the_joints_give_it() {
         let power = |torques: &[f32], v: &[f32]| -> f64 {
             torques.iter().zip(v).map(|(torque, v)| f64::from(torque * v)).sum()
         };
-        // At rest and with the acceleration v, a particle takes the torques M v.
+        // At rest and with the acceleration v, a particle needs the torques M v.
         let energies = |step: f32| -> Vec<f64> {
             let after = |x: &[f32; 4], rate: &[f32; 4]| -> Vec<f32> {
                 x.iter().zip(rate).map(|(x, rate)| x + step * rate).collect()
@@ -220,7 +222,7 @@ fn a_particle_gains_the_energy_that_the_joints_give_it() {
     }
 }
 
-/// Joints that do not feel each other: m (v' - v) / h + d v' = u. Each has a particle of its own.
+/// Uncoupled joints: m (v' - v) / h + d v' = u. Each has a particle of its own.
 fn separate(masses: &[f32], joint: JointLaw, damping: [f64; 2]) -> Law {
     let joints = masses.len();
     let numbers = Numbers { particles: joints, forces: 0, joints };
@@ -292,7 +294,7 @@ fn a_robot_that_stands_still_or_was_hardly_seen_has_the_mean_damping() {
     }
 }
 
-/// Joints that do not feel each other, moved by waves, and their positions with noise of 1 mrad.
+/// Uncoupled joints that waves move, and their positions with noise of 1 mrad.
 struct Noisy {
     law: Law,
     u: Vec<f32>,

@@ -1,4 +1,4 @@
-//! Robots that come to poses which their context did not have.
+//! Robots that reach poses outside of their context.
 
 use simd::InstructionSet;
 
@@ -11,18 +11,18 @@ use crate::lagrangian::numbers::Bounds;
 const CONTEXT: usize = 30;
 const HORIZON: usize = 60;
 
-/// A joint whose particle has the Jacobian 2 sin q and, over robots, a mass of -0.5: it takes away a hundredth of the
-/// joint's inertia at |q| = 0.05, and all of it at |q| = 0.52.
+/// A joint whose particle has the Jacobian 2 sin q and, over robots, a mass of -0.5. The particle
+/// reduces the joint's inertia by a hundredth at |q| = 0.05, and to nothing at |q| = 0.52.
 fn law() -> Law {
     let joint = JointLaw { armature: 0.5, ..JOINT };
     let mut law = separate(&[0.5], joint, [3.0, 1e-3]);
-    // From sine and cosine; the second and third direction do not move.
+    // The Jacobian's inputs are sine and cosine. The second and third direction do not move.
     law.particles = Dense::new(&[2.0, 0.0, 0.0, 0.0, 0.0, 0.0], &[0.0; 3]);
     law.prior.mean[0] = -0.5;
     law
 }
 
-/// Torques of a robot that stands at 0 until its horizon begins, N·m.
+/// Torques of a robot that rests at 0 until its horizon begins, N·m.
 fn torques(horizon: f32) -> Vec<f32> {
     let mut u = vec![0.0; CONTEXT - 1];
     u.resize(CONTEXT + HORIZON, horizon);
@@ -35,7 +35,7 @@ fn a_robot_that_comes_to_a_pose_of_too_little_inertia_has_no_negative_mass() {
     let y = [0.0; CONTEXT];
     let (near, far) = (torques(0.1), torques(8.0));
     let [near, far] = [&near, &far].map(|u| Recorded { u, y: &y, joints: 1, rate_hz: RATE_HZ });
-    // Nothing moves in the context, so that it tells nothing: robots have the mean numbers.
+    // Nothing moves in the context, so it identifies nothing: robots have the mean numbers.
     let rolled = |robot: &Recorded<'_>, bounds| {
         let numbers = law.known(InstructionSet::best(), robot, bounds).state.numbers;
         let recorded = Recorded { u: &robot.u[CONTEXT - 2..], y: &y[..2], ..*robot };
@@ -54,7 +54,7 @@ fn a_robot_that_comes_to_a_pose_of_too_little_inertia_has_no_negative_mass() {
     for instructions in InstructionSet::available() {
         assert_eq!(law.predict(instructions, &[near, far, near], EXACT, &[]), expected);
     }
-    // So it is with a draw, and with the robot of the filter.
+    // The same holds for a draw, and for the robot of the filter.
     let normals = vec![0.0; law.normals_of_draw()];
     let drawn = law.predict(InstructionSet::best(), &[near, far], EXACT, &[&normals, &normals]);
     assert_eq!(drawn, expected[..2 * HORIZON]);

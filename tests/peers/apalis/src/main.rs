@@ -1,5 +1,5 @@
-//! apalis, with the words of `testbed/examples/queue_rates`: `apalis_queue BATCH ROLE FOLDER DATABASE ...`, where BATCH is how
-//! many tasks a worker fetches at once.
+//! apalis with the roles of `testbed/examples/queue_rates`: `apalis_queue BATCH ROLE FOLDER
+//! DATABASE ...`. BATCH is the number of tasks that a worker fetches at once.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, SystemTime};
@@ -17,19 +17,20 @@ use tokio::task::LocalSet;
 
 const QUEUE: &str = "bench";
 
-/// Connections of a worker: more of them than it uses at once.
+/// Connections of a worker, more than it uses at once.
 const CONNECTIONS: u32 = 3;
 
-/// How often a worker looks into SQLite. Its hook for new tasks hears of those of its own process alone.
+/// Interval at which a worker polls SQLite. Its hook for new tasks sees only those of its own
+/// process.
 const LOOK_INTO_SQLITE_EVERY: Duration = Duration::from_millis(50);
 
-/// How often a worker looks into PostgreSQL although nobody notified it.
+/// Interval at which a worker polls PostgreSQL without a notification.
 const LOOK_INTO_POSTGRES_EVERY: Duration = Duration::from_secs(1);
 
-/// As torqued waits for another's transaction; one that gives up ends its worker.
+/// The same wait for another's transaction as in torqued. A worker that gives up ends.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(30);
 
-/// From the call of a task's submission to its execution, in microseconds.
+/// Time from each task's submission to its execution, in microseconds.
 type Waits = Arc<Mutex<Vec<u64>>>;
 
 #[derive(Clone)]
@@ -49,7 +50,8 @@ async fn main() -> anyhow::Result<()> {
     let open = || open(folder, database);
     match (*role, rest) {
         ("setup", []) => match open().await? {
-            // Another connection: this one is left with `synchronous = OFF`, which loses tasks in a power cut.
+            // On another connection, since this one is left with `synchronous = OFF`, which loses
+            // tasks in a power cut.
             Pool::Sqlite(pool) => SqliteStorage::setup(&pool).await?,
             Pool::Postgres(pool) => PostgresStorage::setup(&pool).await?,
         },
@@ -88,7 +90,7 @@ async fn open(folder: &str, database: &str) -> anyhow::Result<Pool> {
     Ok(Pool::Postgres(pool.await?))
 }
 
-/// Pushes tasks at once, whose payload is the present.
+/// Pushes `count` tasks at once. Their payload is the present time.
 async fn push(pool: &Pool, count: usize) -> anyhow::Result<()> {
     let called_at = vec![now_us(); count];
     match pool {
@@ -104,7 +106,8 @@ async fn push(pool: &Pool, count: usize) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Runs a worker of any backend to its end, on this thread: its future cannot be sent to another.
+/// Runs a worker of any backend to its end, on this thread, because its future cannot be sent to
+/// another.
 macro_rules! spawn_worker {
     ($backend:expr, $name:expr, $waits:expr) => {{
         let (name, waits) = ($name, Waits::clone($waits));
@@ -121,7 +124,7 @@ macro_rules! spawn_worker {
     }};
 }
 
-/// One worker on each pool, as they are told.
+/// Runs one worker on each pool, controlled by lines on standard input.
 async fn work(pools: Vec<Pool>, batch: usize) -> anyhow::Result<()> {
     let waits = Waits::default();
     println!("ready");
@@ -160,7 +163,8 @@ fn begin(pool: &Pool, name: String, batch: usize, waits: &Waits) {
     }
 }
 
-/// Tasks that workers of this process have executed and whose ends are stored; those come later, several at once.
+/// Number of tasks that workers of this process have executed and acknowledged. Acknowledgements
+/// come later, several at once.
 async fn acknowledged(pool: &Pool) -> anyhow::Result<i64> {
     let own = format!("{}-%", std::process::id());
     Ok(match pool {

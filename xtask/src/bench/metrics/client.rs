@@ -1,4 +1,4 @@
-//! A client of a server that speaks MLflow's protocol, torqued's or MLflow's own.
+//! A client of a server with MLflow's protocol: torqued's or MLflow's own.
 
 use std::thread::sleep;
 use std::time::Duration;
@@ -7,21 +7,21 @@ use anyhow::{Context, bail};
 use serde_json::{Value, json};
 use ureq::Agent;
 
-/// MLflow's server makes requests wait for tens of seconds when many write to SQLite.
+/// MLflow's server delays requests by tens of seconds when many clients write to SQLite.
 const TIMEOUT: Duration = Duration::from_secs(300);
-/// A request that was refused is sent again after so long, as MLflow's client does.
+/// Pause before a refused request is sent again, as MLflow's client does.
 const AGAIN_AFTER: Duration = Duration::from_millis(100);
 
-/// MLflow's own bound on a page of a metric.
+/// MLflow's bound on a page of a metric.
 const HISTORY_PAGE: usize = 25_000;
 
-/// Keeps one connection open.
+/// A client that keeps one connection open.
 pub struct Client {
     agent: Agent,
     url: String,
 }
 
-/// A point as it comes back.
+/// A point in an answer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Point {
     pub step: u64,
@@ -54,7 +54,7 @@ impl Client {
         read(answer.with_context(|| path.to_owned())?)
     }
 
-    /// Posts until it is accepted; returns the answer, and how often it was refused.
+    /// Posts until the server accepts. Gives the answer and the number of refusals.
     pub fn post_until_accepted(&self, path: &str, body: &str) -> anyhow::Result<(String, u64)> {
         const PATIENCE: u64 = 3000;
         let mut refused = 0;
@@ -71,7 +71,7 @@ impl Client {
         }
     }
 
-    /// Begins a run in the default experiment; its id.
+    /// Begins a run in the default experiment and gives its id.
     pub fn begin_run(&self, name: &str) -> anyhow::Result<String> {
         let body = json!({"experiment_id": "0", "run_name": name, "start_time": 1}).to_string();
         let (text, _) = self.post_until_accepted("/api/2.0/mlflow/runs/create", &body)?;
@@ -101,7 +101,7 @@ impl Client {
     }
 }
 
-/// MLflow writes 64-bit integers as texts or numbers.
+/// MLflow writes 64-bit integers as texts or as numbers.
 fn point(metric: &Value) -> Option<Point> {
     let step = match &metric["step"] {
         Value::String(step) => step.parse().ok()?,

@@ -1,4 +1,5 @@
-//! Many clients that log points to runs of their own, all at once, in batches as large as the protocol allows.
+//! Many clients that log points to their own runs at the same time, in batches as large as the
+//! protocol allows.
 
 use std::sync::Barrier;
 use std::thread;
@@ -10,20 +11,20 @@ use serde_json::json;
 use super::client::{Client, Point};
 
 pub const CLIENTS: usize = 64;
-/// Points of a request: MLflow's bound.
+/// Points per request, which is MLflow's bound.
 pub const BATCH: u64 = 1000;
 
 pub struct Logged {
-    /// Points of all clients.
+    /// Points per second, over all clients.
     pub per_second: f64,
-    /// Requests that the server refused, and that were sent again.
+    /// Number of requests that the server refused and that were sent again.
     pub refused: u64,
 }
 
-/// Has each client log so many batches, and reads all of them back.
+/// Lets each client log `batches` batches, and reads all of them back.
 ///
 /// # Errors
-/// When a point is missing, is there twice or has another value.
+/// A point is missing, occurs twice or has another value.
 pub fn log(url: &str, batches: u64) -> anyhow::Result<Logged> {
     let client = Client::new(url);
     let runs: Vec<String> = (0..CLIENTS)
@@ -54,7 +55,8 @@ pub fn log(url: &str, batches: u64) -> anyhow::Result<Logged> {
     Ok(Logged { per_second: points / seconds, refused })
 }
 
-/// Makes the bodies of all requests first, so that only the servers are measured; returns how often it was refused.
+/// Logs with one client and gives the number of refusals. All request bodies are made first, so
+/// that only the server is measured.
 fn log_alone(
     url: &str,
     number: usize,
@@ -81,7 +83,7 @@ fn body(number: usize, run: &str, batch: u64) -> String {
     json!({"run_id": run, "metrics": metrics}).to_string()
 }
 
-/// Another one for each client and step.
+/// A value that differs for each client and step.
 fn value(number: usize, step: u64) -> f64 {
     number as f64 + 1.0 / (step as f64 + 2.0)
 }

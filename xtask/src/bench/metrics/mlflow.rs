@@ -12,7 +12,7 @@ use anyhow::{Context, ensure};
 use super::client::Client;
 use crate::{machine, peers};
 
-/// It creates its tables first.
+/// A start includes the creation of tables.
 const STARTS_WITHIN: Duration = Duration::from_secs(180);
 
 pub struct MlflowServer {
@@ -20,14 +20,14 @@ pub struct MlflowServer {
     pub url: String,
 }
 
-/// Name and version.
+/// MLflow's name and version.
 pub fn version() -> anyhow::Result<String> {
     let python = peers::mlflow()?;
     let script = "import mlflow; print('MLflow', mlflow.__version__)";
     Ok(machine::said_by(&python.to_string_lossy(), &["-c", script]))
 }
 
-/// The database in a server's folder.
+/// The database in the folder of a server.
 pub fn database(folder: &Path) -> PathBuf {
     folder.join("mlflow.db")
 }
@@ -44,7 +44,7 @@ impl MlflowServer {
             .stdin(Stdio::null())
             .stdout(log.try_clone()?)
             .stderr(log)
-            // It starts processes of its own, which end with the group.
+            // The server starts more processes, which end with the group.
             .process_group(0)
             .spawn()
             .context("cannot run MLflow's server")?;
@@ -61,7 +61,7 @@ impl MlflowServer {
 
 impl Drop for MlflowServer {
     fn drop(&mut self) {
-        // Its database is of no interest any more.
+        // The database is not needed any more.
         let group = format!("-{}", self.process.id());
         let _ = Command::new("kill").args(["-KILL", "--", &group]).status();
         let _ = self.process.wait();

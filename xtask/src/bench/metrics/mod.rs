@@ -1,4 +1,5 @@
-//! Tracking beside MLflow's own server on SQLite: points that many clients log at once, a long curve, a long list of runs.
+//! Tracking, compared with MLflow's own server on SQLite: points that many clients log at once, a
+//! long curve, a long list of runs.
 
 mod client;
 mod logging;
@@ -22,18 +23,18 @@ use super::wanted::{Peers, Report, Wanted};
 use crate::places::target;
 use crate::{peers, product};
 
-/// Both servers in turn, so often.
+/// Rounds in which both servers are measured in turn.
 const ROUNDS: usize = 3;
 /// 10 000 points of each client.
 const BATCHES: u64 = 10;
-/// MLflow's server gets fewer: it takes a minute and a half for these.
+/// MLflow's server gets fewer batches. It needs a minute and a half for these.
 const BATCHES_OF_MLFLOW: u64 = 1;
 
 const CURVE_POINTS: u64 = 1_000_000;
-/// As many points as a figure shows, and as many as the API answers with at most.
+/// The number of points in a figure, and the largest number that the API gives.
 const DRAWN: [u32; 2] = [500, 5000];
 const RUNS: u32 = 10_000;
-/// Times that each answer is measured, after the first.
+/// Number of measurements of each answer, after the first one.
 const ASKED: usize = 40;
 
 const GOAL_RATE: Goal = Goal::AtLeast(50.0);
@@ -70,7 +71,7 @@ fn folder() -> anyhow::Result<tempfile::TempDir> {
     Ok(tempfile::Builder::new().prefix("bench-metrics-").tempdir_in(target())?)
 }
 
-/// Points per second, and how many requests MLflow's server refused.
+/// Points per second, and the number of requests that MLflow's server refused.
 fn log(torqued: &Path, version: Option<&str>) -> anyhow::Result<(Vec<Measurement>, u64)> {
     let (mut ours, mut theirs, mut refused) = (Vec::new(), Vec::new(), 0);
     for round in 1..=ROUNDS {
@@ -104,7 +105,7 @@ struct FilledMlflow {
 impl FilledMlflow {
     fn new(folder: &Path) -> anyhow::Result<Self> {
         eprintln!("filling MLflow's database");
-        // It creates the tables.
+        // A first start creates the tables.
         drop(MlflowServer::start(folder)?);
         let script = crate::places::repository().join("tests/peers/mlflow_fill.py");
         let output = Command::new(peers::mlflow()?)
@@ -143,7 +144,7 @@ fn read(
             Ok(())
         })?;
         let peer = match theirs {
-            // The page of MLflow's server asks for at most 2500.
+            // The page of MLflow's server asks for at most 2500 points.
             Some((mlflow, version)) if points <= 2500 => {
                 Some((mlflow_curve(mlflow, points)?, version))
             }
@@ -171,7 +172,8 @@ fn read(
     Ok(rows)
 }
 
-/// Logs runs as clients of MLflow do, each with five metrics and params like those in the peer's database.
+/// Logs runs like clients of MLflow, with five metrics each and with the params in the peer's
+/// database.
 fn track(client: &Client) -> anyhow::Result<()> {
     const KEYS: [&str; 5] = ["loss", "rmse", "rmse_deg", "seconds", "samples"];
     eprintln!("logging {RUNS} runs");
@@ -189,7 +191,7 @@ fn track(client: &Client) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// The median beside the peer's, and the quantile that the goal is of.
+/// The median with the peer's, and the quantile that has a goal.
 fn quantiles(what: &str, times: &[f64], peer: Option<&(Vec<f64>, &str)>) -> [Measurement; 2] {
     [("p50", 0.5, None), ("p95", 0.95, Some(GOAL_MS))].map(|(name, at, goal)| {
         let ours = measured_quantile(times, at);
@@ -209,7 +211,7 @@ fn quantiles(what: &str, times: &[f64], peer: Option<&(Vec<f64>, &str)>) -> [Mea
     })
 }
 
-/// Of the page's own route, which takes points at equal distances.
+/// The times of the page's own route, which gives points at equal distances.
 fn mlflow_curve(mlflow: &FilledMlflow, points: u32) -> anyhow::Result<Vec<f64>> {
     let path = format!(
         "/ajax-api/2.0/mlflow/metrics/get-history-bulk-interval?run_ids={}&metric_key=loss&max_results={points}",
@@ -240,7 +242,7 @@ fn search(client: &Client, experiment: &str, expected: usize) -> anyhow::Result<
     Ok(())
 }
 
-/// Milliseconds of each of several requests, the first of which is not counted; rising.
+/// The times of several requests in ms, in rising order. The first request does not count.
 fn times_ms(
     client: &Client,
     ask: impl Fn(&Client) -> anyhow::Result<()>,

@@ -1,4 +1,4 @@
-//! The PostgreSQL of a benchmark, which a program of `testbed` starts and ends.
+//! The PostgreSQL of a benchmark. A program of `testbed` starts and ends it.
 
 use std::io::{BufRead, BufReader, Write};
 use std::process::{Child, ChildStdin, ChildStdout, Stdio};
@@ -8,12 +8,12 @@ use serde::Deserialize;
 
 use super::program::Program;
 
-/// Ends when it is dropped.
+/// A cluster that ends when it is dropped.
 pub struct Cluster {
     child: Child,
     input: Option<ChildStdin>,
     output: BufReader<ChildStdout>,
-    /// Its first process, whose children are those of connections.
+    /// Its first process. The processes of connections are its children.
     pub server: u32,
 }
 

@@ -1,8 +1,9 @@
-//! The queue: tasks claimed and completed per second, how long a submitted job waits for an idle worker, and what idle
-//! workers cost; on SQLite and on a PostgreSQL of its own that syncs every commit.
+//! The queue: tasks claimed and completed per second, the delay between a job's submission and its
+//! start on an idle worker, and the cost of idle workers. It runs on SQLite and on a PostgreSQL of
+//! its own that syncs every commit.
 //!
-//! Workers are in processes beside this one, as torqued's are: up to four, so that 64 workers are 16 in each, every one
-//! with connections of its own.
+//! Workers run in separate processes, as torqued's do. There are up to four processes, so that 64
+//! workers are 16 in each. Every worker has its own connections.
 
 pub(super) mod cluster;
 mod processor_time;
@@ -28,38 +29,39 @@ const WORKERS: [u32; 3] = [1, 8, 64];
 const IDLE_WORKERS: u32 = 64;
 const TRAININGS: [u32; 2] = [1, 8];
 
-/// Workers may open connections and plan statements for so long before they are counted.
+/// Time for workers to open connections and plan statements, before tasks count.
 const WARM_UP: Duration = Duration::from_secs(2);
 const COUNTED: Duration = Duration::from_secs(3);
-/// Between two looks at how many tasks are done.
+/// Pause between two readings of the number of finished tasks.
 const LOOK_EVERY: Duration = Duration::from_millis(250);
 
-/// Jobs that idle workers are offered, one every so often.
+/// Number of jobs that idle workers are offered, one at a time.
 const OFFERS: u32 = 600;
 const OFFER_EVERY_MS: u32 = 25;
-/// The waits of the first third of them are not counted: each worker's first tasks plan their statements.
+/// One over the share of waits that do not count, because the first tasks of a worker plan its
+/// statements.
 const WARM_UP_SHARE: usize = 3;
 
 const SETTLE: Duration = Duration::from_secs(2);
-/// Longer than workers go on looking often.
+/// Longer than the time during which idle workers still ask often.
 const FALL_ASLEEP: Duration = Duration::from_secs(15);
 const IDLE: Duration = Duration::from_secs(10);
 
-/// As many tasks as torqued allows in a job.
+/// The largest number of tasks that torqued allows in a job.
 const TASKS_OF_A_JOB: u32 = 10_000;
 const JOBS: u32 = 3000;
-/// Tasks of queues that fetch several at once.
+/// Number of tasks for queues that fetch several at once.
 const TASKS_OF_PEERS: u32 = 60_000;
 
-/// Tasks per second beside apalis, which fetches and acknowledges one at a time like us.
+/// Ratio of tasks per second to apalis, which fetches and acknowledges one task at a time like us.
 const GOAL_RATE: Goal = Goal::AtLeast(1.0);
-/// Of a core.
+/// Percent of a core.
 const GOAL_IDLE_PERCENT: Goal = Goal::AtMost(2.0);
 
-/// apalis' default.
+/// The default of apalis.
 const APALIS_BATCH: u32 = 10;
 
-/// What is submitted.
+/// The kind of submitted jobs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Work {
     /// Jobs of many tasks.
@@ -70,7 +72,7 @@ enum Work {
 
 struct Database {
     name: &'static str,
-    /// ms from the call of a submission to the start of its task, the 99th percentile.
+    /// Bound on the 99th percentile of the time from a submission to the start of its task, ms.
     goal_wait_ms: Goal,
     cluster: Option<Cluster>,
 }
@@ -79,9 +81,9 @@ struct Database {
 struct Rival {
     program: Program,
     name: String,
-    /// Whether our rate is held to its own.
+    /// Whether our rate has a goal relative to its rate.
     is_bound: bool,
-    /// Whether it is measured beyond its rate.
+    /// Whether its waits are measured, too.
     waits: bool,
 }
 
@@ -149,8 +151,8 @@ fn measure(
         let rate = many.rate(workers)?;
         rows.push(Measurement::alone(&what, rate, "1/s", None));
         for rival in rivals {
-            // Some rivals slow down with the rows that killed workers leave, and with a long queue. A rival that we are held
-            // to gets a queue as long as ours.
+            // Some rivals become slower with the rows that killed workers leave, and with a long
+            // queue. A rival for which we have a goal gets a queue as long as ours.
             let fill = if rival.is_bound { TASKS_OF_A_JOB } else { TASKS_OF_PEERS };
             let mut queue = Queue::new(database, &rival.program, folder, Work::Many, fill)?;
             let peer = Peer { value: queue.rate(workers)?, version: rival.name.clone() };
@@ -202,12 +204,12 @@ fn measure(
     Ok(rows)
 }
 
-/// A program's queue in a database of its own.
+/// The queue of a program, in its own database.
 struct Queue<'a> {
     program: &'a Program,
     place: Place,
     work: Work,
-    /// Tasks that it has at the beginning of a measurement, at least.
+    /// Least number of queued tasks at the beginning of a measurement.
     fill: u32,
     queued: u64,
 }
@@ -252,7 +254,7 @@ impl<'a> Queue<'a> {
         sleep(WARM_UP);
         let (first, began) = (workers.count()?, Instant::now());
         let (mut last, mut seconds) = (first, 0.0);
-        // A queue that ran dry is not counted on.
+        // A measurement ends early if the queue is empty.
         while began.elapsed() < COUNTED && last < self.queued {
             sleep(LOOK_EVERY);
             last = workers.count()?;
@@ -263,7 +265,7 @@ impl<'a> Queue<'a> {
         Ok(per_second(last - first, seconds))
     }
 
-    /// Milliseconds from the call of a submission to the start of its task, the median and the 99th percentile.
+    /// Median and 99th percentile of the time from a submission to the start of its task, in ms.
     fn waits_ms(&mut self, workers: u32) -> anyhow::Result<[f64; 2]> {
         let mut workers = Workers::start(self.program, &self.place, workers)?;
         workers.go()?;

@@ -3,7 +3,7 @@
 use std::fs;
 use std::time::Duration;
 
-/// What a process's threads have spent so far; nothing once it has ended.
+/// The processor time of a process's threads so far; 0 after its end.
 pub fn of(process: u32) -> Duration {
     let threads = fs::read_dir(format!("/proc/{process}/task")).into_iter().flatten().flatten();
     let spent = threads.filter_map(|thread| {
@@ -14,7 +14,7 @@ pub fn of(process: u32) -> Duration {
     spent.sum()
 }
 
-/// What a process and its children have spent so far.
+/// The processor time of a process and its children so far.
 pub fn with_children(process: u32) -> Duration {
     let entries = fs::read_dir("/proc").into_iter().flatten().flatten();
     let processes = entries.filter_map(|entry| entry.file_name().to_str()?.parse().ok());
@@ -22,7 +22,7 @@ pub fn with_children(process: u32) -> Duration {
     of(process) + children.map(of).sum::<Duration>()
 }
 
-/// Field 4 of `/proc/PID/stat`; the second is a name that may hold anything.
+/// Field 4 of `/proc/PID/stat`. The second field is a name that may contain anything.
 fn parent(process: u32) -> Option<u32> {
     let stat = fs::read_to_string(format!("/proc/{process}/stat")).ok()?;
     let (_, after_name) = stat.rsplit_once(')')?;

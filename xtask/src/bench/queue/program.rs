@@ -1,4 +1,4 @@
-//! Programs that understand the words of `testbed/examples/queue_rates`.
+//! Programs with the arguments of `testbed/examples/queue_rates`.
 
 use std::path::PathBuf;
 use std::process::{Command, Stdio};
@@ -7,7 +7,7 @@ use anyhow::{Context, ensure};
 
 use crate::places::repository;
 
-/// What such a program is told in place of a URL.
+/// The argument of such a program in place of a URL.
 pub const SQLITE: &str = "sqlite";
 
 pub struct Program {
@@ -16,7 +16,7 @@ pub struct Program {
     leading: Vec<String>,
 }
 
-/// Where a queue is.
+/// The place of a queue.
 pub struct Place {
     pub folder: PathBuf,
     /// [`SQLITE`], or a URL of PostgreSQL.
@@ -28,7 +28,7 @@ impl Program {
         Self { path, leading: leading.into_iter().collect() }
     }
 
-    /// Not started yet, with its standard input at its end.
+    /// A command that is not started yet, with empty standard input.
     pub fn alone(&self, role: &str) -> Command {
         let mut command = Command::new(&self.path);
         command.args(&self.leading).arg(role).current_dir(repository()).stdin(Stdio::null());
@@ -41,7 +41,7 @@ impl Program {
         command
     }
 
-    /// Runs to the end, which must be a success, and returns what it prints.
+    /// Runs the program to its end and gives its output. It must succeed.
     pub fn run(&self, role: &str, place: &Place, rest: &[&str]) -> anyhow::Result<String> {
         let program = self.path.display();
         let output = self

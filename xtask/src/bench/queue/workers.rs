@@ -1,4 +1,4 @@
-//! Processes of workers, told what to do by lines.
+//! Processes of workers, controlled by lines on their standard input.
 
 use std::io::{BufRead, BufReader, Write};
 use std::process::{Child, ChildStdin, ChildStdout, Stdio};
@@ -10,24 +10,24 @@ use super::program::{Place, Program};
 
 const PROCESSES: u32 = 4;
 
-/// Killed when they are dropped before their end.
+/// Processes that are killed if they are dropped before their end.
 pub struct Workers(Vec<Process>);
 
 struct Process {
     child: Child,
-    /// Closed to end it.
+    /// Closing it ends the process.
     input: Option<ChildStdin>,
     output: BufReader<ChildStdout>,
 }
 
-/// What a process says at its end.
+/// The report of a process at its end.
 #[derive(Deserialize)]
 struct Report {
     waits_us: Vec<f64>,
 }
 
 impl Workers {
-    /// Returns when their connections stand.
+    /// Starts the processes and returns when all are connected.
     pub fn start(program: &Program, place: &Place, workers: u32) -> anyhow::Result<Self> {
         let mut started = Self(Vec::new());
         for share in shares(workers) {
@@ -48,12 +48,12 @@ impl Workers {
         Ok(started)
     }
 
-    /// Has them begin.
+    /// Lets them begin.
     pub fn go(&mut self) -> anyhow::Result<()> {
         self.0.iter_mut().try_for_each(|process| process.write("go"))
     }
 
-    /// Tasks that they have completed.
+    /// Number of tasks that they have completed.
     pub fn count(&mut self) -> anyhow::Result<u64> {
         for process in &mut self.0 {
             process.write("count")?;
@@ -70,8 +70,8 @@ impl Workers {
         self.0.iter().map(|process| process.child.id()).collect()
     }
 
-    /// Ends them, and tells how long each of their tasks had waited, in milliseconds: a list of each process, in the order
-    /// in which it began them.
+    /// Ends them and gives the time that each task had waited, in milliseconds: a list for each
+    /// process, in the order in which it began the tasks.
     pub fn end(mut self) -> anyhow::Result<Vec<Vec<f64>>> {
         let mut waits_ms = Vec::new();
         for process in &mut self.0 {
@@ -87,7 +87,7 @@ impl Workers {
 impl Drop for Workers {
     fn drop(&mut self) {
         for process in &mut self.0 {
-            // Most have ended.
+            // Most have ended already.
             let _ = process.child.kill();
             let _ = process.child.wait();
         }
@@ -108,7 +108,7 @@ impl Process {
     }
 }
 
-/// The workers of each process.
+/// The number of workers in each process.
 fn shares(workers: u32) -> Vec<u32> {
     let processes = PROCESSES.min(workers);
     let share = |process| workers / processes + u32::from(process < workers % processes);
