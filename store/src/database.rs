@@ -31,6 +31,8 @@ pub(crate) enum Scope {
     /// As `Rows`, of what means nothing without the process that wrote it: a lease, a sign of life. A power cut that ends
     /// all such processes together with the database may take it along.
     Lease,
+    /// As `Lease`, of one statement that locks nothing.
+    Statement,
 }
 
 /// Calls a statement: `sql!(database, "reading jobs", jobs(filter))`, whose operation completes

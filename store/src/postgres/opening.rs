@@ -7,7 +7,7 @@ use sqlx::migrate::{Migrate, Migration, MigrationType, Migrator};
 use sqlx::postgres::{PgConnectOptions, PgPoolOptions};
 use sqlx::{ConnectOptions, Connection, Executor, PgConnection, SqlStr};
 
-use super::Database;
+use super::{Database, claims};
 use crate::location::DatabaseUrl;
 use crate::patience::PATIENCE;
 use crate::{Access, StoreError};
@@ -48,6 +48,10 @@ const IDLE_TIMEOUT: Duration = Duration::from_secs(30);
 /// the parameters are.
 const PLAN_ONCE: &str = "SET plan_cache_mode = force_generic_plan";
 
+/// Sent in each new connection.
+static PREPARATION: LazyLock<String> =
+    LazyLock::new(|| format!("{PLAN_ONCE}; {}", claims::prepared()));
+
 /// A connection that nobody used for so long is asked whether it stands before it is used.
 const ASKED_AFTER: Duration = Duration::from_millis(200);
 
@@ -72,7 +76,9 @@ pub async fn open(url: &DatabaseUrl, access: Access) -> Result<Database, StoreEr
         .acquire_timeout(patience)
         .idle_timeout(IDLE_TIMEOUT)
         .after_connect(|connection, _| {
-            Box::pin(async { connection.execute(PLAN_ONCE).await.map(drop) })
+            Box::pin(async {
+                connection.execute(sqlx::raw_sql(PREPARATION.as_str())).await.map(drop)
+            })
         })
         .test_before_acquire(false)
         .before_acquire(|connection, used| Box::pin(is_alive(connection, used.idle_for)))

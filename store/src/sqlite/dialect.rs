@@ -92,9 +92,6 @@ macro_rules! locked {
     };
 }
 
-/// The same, passing over rows that somebody else keeps.
-pub(super) const LOCKED_OR_SKIPPED: &str = "";
-
 /// Two statements that change rows of different tables, as one.
 macro_rules! together {
     ($first:expr, $second:expr) => {

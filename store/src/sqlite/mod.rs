@@ -2,6 +2,7 @@
 
 #[macro_use]
 mod dialect;
+mod claims;
 mod events;
 #[cfg(test)]
 mod plans;
@@ -115,7 +116,7 @@ impl Database {
     ) -> Result<Transaction, StoreError> {
         // All processes are on this machine. What is not synced is so with the next commit that is.
         let begun = self.writer.begin_with(match scope {
-            Scope::Lease => "PRAGMA synchronous = NORMAL; BEGIN IMMEDIATE",
+            Scope::Lease | Scope::Statement => "PRAGMA synchronous = NORMAL; BEGIN IMMEDIATE",
             Scope::Queue | Scope::Task | Scope::Rows => {
                 "PRAGMA synchronous = FULL; BEGIN IMMEDIATE"
             }
