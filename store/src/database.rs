@@ -33,6 +33,8 @@ pub(crate) enum Scope {
     /// Like `Rows`, for rows that mean nothing without the process that wrote them: a lease or a
     /// heartbeat. A power cut that ends the database and all such processes may lose them.
     Lease,
+    /// Like `Lease`, for one statement that locks nothing.
+    Statement,
 }
 
 /// Calls a statement: `sql!(database, "reading jobs", jobs(filter))` or `sql!(transaction,

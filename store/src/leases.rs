@@ -3,7 +3,6 @@
 //! A claim raises the task's epoch. Every later write of the worker carries that epoch, and changes
 //! nothing if the task has a newer one. So a worker that was wrongly thought dead does no harm.
 
-use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use serde_json::Value;
@@ -11,7 +10,7 @@ use spec::{Digest, Resources};
 use wire::JobState;
 
 use crate::boxed;
-use crate::database::{Scope, Transaction, sql};
+use crate::database::{Database, Scope, Transaction, sql};
 use crate::rules::task::TaskStanding;
 use crate::{Epoch, JobId, RunId, Store, StoreError, TaskId, pipelines};
 
@@ -77,9 +76,35 @@ impl NextTask {
     pub fn begins_its_job(&self) -> bool {
         self.job_state == JobState::Queued
     }
+
+    /// The task as it is after the claim.
+    pub fn claimed(self) -> ClaimedTask {
+        let TaskStanding { attempt, epoch, .. } = self.standing.claimed();
+        let fence = Fence { epoch, ..self.task.fence };
+        ClaimedTask { fence, attempt, ..self.task }
+    }
+}
+
+/// The answer to a look for a task.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Look {
+    /// Whether there is a task that the worker could claim.
+    pub is_any_claimable: bool,
+    /// The version of the server that was started last; `None` before the first.
+    pub server_version: Option<String>,
 }
 
 impl Store {
+    /// Looks for a task that `worker` could claim, without claiming it. Idle workers look often, and
+    /// should not take SQLite's write lock only to find nothing.
+    ///
+    /// # Errors
+    /// When the database fails.
+    #[boxed]
+    pub async fn look(&self, worker: &str, offers: &Resources) -> Result<Look, StoreError> {
+        sql!(self.database(), "looking for a task", look(worker, offers))
+    }
+
     /// Leases the next task that asks for no more than `worker` offers, for `ttl`. The attempt
     /// counts from here on. A drained worker gets no task.
     ///
@@ -93,30 +118,34 @@ impl Store {
         ttl: Duration,
     ) -> Result<Option<ClaimedTask>, StoreError> {
         const OPERATION: &str = "claiming a task";
-        // Idle workers ask often, and should not take the write lock only to find nothing. A worker
-        // that has just had a task will probably find another one.
-        let is_busy = self.found_task().swap(false, Ordering::Relaxed);
-        if !is_busy && !sql!(self.database(), OPERATION, is_any_claimable(worker, offers))? {
-            return Ok(None);
-        }
-        let mut tx = self.begin(Scope::Lease, OPERATION).await?;
-        let Some(next) = sql!(&mut tx, next_task(worker, offers))? else { return Ok(None) };
-        let begins_its_job = next.begins_its_job();
-        let NextTask { mut task, standing, .. } = next;
-        let standing = standing.claimed();
-        (task.attempt, task.fence.epoch) = (standing.attempt, standing.epoch);
-        sql!(&mut tx, lease(task.fence.task, &standing, worker, ttl))?;
-        if begins_its_job && tx.take_the_queue().await? {
-            start(&mut tx, task.job).await?;
-            tx.commit().await?;
-        } else {
-            tx.commit().await?;
-            if begins_its_job && let Err(error) = self.start_in_turn(task.job).await {
-                // The job is shown as running with its next task, or it ends without.
-                tracing::warn!(job = %task.job, %error, "is not shown as running");
+        let claimed = match self.database() {
+            Database::Sqlite(database) => {
+                let claimed = database.claim(worker, offers, ttl, OPERATION).await?;
+                claimed.map(|(next, tx)| (next, Some(Transaction::Sqlite(tx))))
             }
+            Database::Postgres(database) => {
+                let claimed = database.claim(worker, offers, ttl).await;
+                claimed.map_err(StoreError::database(OPERATION))?.map(|next| (next, None))
+            }
+        };
+        let Some((next, open)) = claimed else { return Ok(None) };
+        let begins_its_job = next.begins_its_job();
+        let task = next.claimed();
+        match open {
+            Some(mut tx) => {
+                if begins_its_job {
+                    start(&mut tx, task.job).await?;
+                }
+                tx.commit().await?;
+            }
+            None if begins_its_job => {
+                if let Err(error) = self.start_in_turn(task.job).await {
+                    // The job is shown as running with its next task, or it ends without.
+                    tracing::warn!(job = %task.job, %error, "is not shown as running");
+                }
+            }
+            None => {}
         }
-        self.found_task().store(true, Ordering::Relaxed);
         Ok(Some(task))
     }
 
@@ -157,6 +186,10 @@ async fn start(tx: &mut Transaction, job: JobId) -> Result<(), StoreError> {
     Ok(())
 }
 
+pub(crate) fn lease_lost(fence: Fence) -> StoreError {
+    StoreError::LeaseLost { task: fence.task, epoch: fence.epoch }
+}
+
 /// The job of a leased task, and where the task stands.
 ///
 /// # Errors
@@ -168,7 +201,7 @@ pub(crate) async fn held(
 ) -> Result<(JobId, TaskStanding), StoreError> {
     sql!(tx, standing(fence.task))?
         .filter(|(_, standing)| standing.is_held_at(fence.epoch))
-        .ok_or(StoreError::LeaseLost { task: fence.task, epoch: fence.epoch })
+        .ok_or_else(|| lease_lost(fence))
 }
 
 /// Like [`held`], and returns the transaction. If the lease is lost, the transaction is rolled back
@@ -200,7 +233,7 @@ pub(crate) async fn held_in_stage(
 ) -> Result<(JobId, TaskStanding, bool), StoreError> {
     sql!(tx, standing_in_stage(fence.task))?
         .filter(|(_, standing, _)| standing.is_held_at(fence.epoch))
-        .ok_or(StoreError::LeaseLost { task: fence.task, epoch: fence.epoch })
+        .ok_or_else(|| lease_lost(fence))
 }
 
 /// The job of a leased task and its run.

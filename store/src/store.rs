@@ -1,7 +1,6 @@
 use std::fs::File;
 use std::path::Path;
 use std::sync::Arc;
-use std::sync::atomic::AtomicBool;
 
 use crate::boxed;
 use crate::data_dir::DataDir;
@@ -23,8 +22,6 @@ struct Inner {
     /// The identity of SQLite's file when it was opened.
     database_file: Option<FileIdentity>,
     objects: Objects,
-    /// Whether the last claim found a task.
-    found_task: AtomicBool,
     /// Held as long as any clone lives.
     _lock: Option<File>,
 }
@@ -88,8 +85,7 @@ impl Store {
         let file = (!is_shared).then(|| FileIdentity::of(&dir.database())).transpose();
         let database_file = file.map_err(|reason| dir.unusable(reason))?;
         let objects = objects(&dir)?;
-        let found_task = AtomicBool::new(false);
-        let inner = Inner { dir, database, database_file, objects, found_task, _lock: lock };
+        let inner = Inner { dir, database, database_file, objects, _lock: lock };
         let store = Self { inner: Arc::new(inner) };
         store.check_objects(access).await?;
         if access == Access::Server {
@@ -120,10 +116,6 @@ impl Store {
 
     pub(crate) fn dir(&self) -> &DataDir {
         &self.inner.dir
-    }
-
-    pub(crate) fn found_task(&self) -> &AtomicBool {
-        &self.inner.found_task
     }
 
     pub(crate) fn database_file(&self) -> Option<FileIdentity> {

@@ -5,8 +5,10 @@ use serde_json::Value;
 use wire::{AttemptOutcome, TaskState};
 
 use crate::boxed;
-use crate::database::{Scope, Transaction, sql};
+use crate::database::{Database, Scope, Transaction, sql};
+use crate::leases::lease_lost;
 use crate::patience::patiently;
+use crate::postgres::StageEnd;
 use crate::propagation::advance;
 use crate::rules::task::{Ending, TaskStanding};
 use crate::{Fence, JobId, Retry, Store, StoreError, leases};
@@ -18,8 +20,18 @@ impl Store {
     /// [`StoreError::LeaseLost`] when the lease is lost. Nothing has changed then.
     #[boxed]
     pub async fn complete(&self, fence: Fence, result: Option<&Value>) -> Result<(), StoreError> {
+        const OPERATION: &str = "completing a task";
+        let text = result.map(Value::to_string);
         patiently!({
-            let completion = Completion::begin(self, fence, "completing a task").await?;
+            if let Database::Postgres(database) = self.database() {
+                let ended = database.complete_in_stage(fence, text.as_deref()).await;
+                match ended.map_err(StoreError::database(OPERATION))? {
+                    StageEnd::Completed => return Ok(()),
+                    StageEnd::Lost => return Err(lease_lost(fence)),
+                    StageEnd::Last => {}
+                }
+            }
+            let completion = Completion::begin(self, fence, OPERATION).await?;
             completion.end(result).await
         })
     }

@@ -28,7 +28,7 @@ const LOOK_EVERY: Duration = Duration::from_secs(1);
 
 /// The same pause after [`QUIET_AFTER`] without anything to do. Many idle workers look at different
 /// moments.
-const LOOK_EVERY_WHEN_QUIET: Duration = Duration::from_secs(5);
+const LOOK_EVERY_WHEN_QUIET: Duration = Duration::from_secs(10);
 
 const QUIET_AFTER: Duration = Duration::from_secs(10);
 

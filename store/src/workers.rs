@@ -94,7 +94,7 @@ impl Store {
         worker: &WorkerProcess,
         waits_for: Option<&str>,
     ) -> Result<(), StoreError> {
-        let mut tx = self.begin(Scope::Lease, "seeing a worker").await?;
+        let mut tx = self.begin(Scope::Statement, "seeing a worker").await?;
         sql!(&mut tx, see_worker(worker, waits_for))?;
         tx.commit().await
     }

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use models::{Device, DeviceKind};
 use recordings::DecoderProgram;
 use spec::Resources;
-use store::{Access, Bell, ClaimedTask, Location, Store};
+use store::{Access, Bell, ClaimedTask, Location, Store, StoreError};
 use tokio::runtime::Handle;
 use tokio_util::sync::CancellationToken;
 
@@ -49,7 +49,7 @@ pub struct WorkerOptions {
     pub log: AttemptLog,
 }
 
-/// How long a read of the server's version is trusted.
+/// How long a worker that has tasks relies on its last look, which read the server's version.
 const KNOWN_FOR: Duration = Duration::from_secs(1);
 
 /// How long a busy worker keeps its bell, so that it need not connect again after each of many
@@ -98,51 +98,42 @@ async fn work_on(
     shutdown: &CancellationToken,
 ) -> Result<(), WorkerError> {
     let mut bell = None;
-    let mut same_version_at: Option<Instant> = None;
+    let mut search = Search::new(store, options);
     let mut idle_since = Instant::now();
     while !shutdown.is_cancelled() {
         if options.idle_exit.is_some_and(|idle| idle_since.elapsed() >= idle) {
             tracing::info!("ends: it found no task for {} s", idle_since.elapsed().as_secs());
             return Ok(());
         }
-        let is_known = same_version_at.is_some_and(|at| at.elapsed() < KNOWN_FOR);
-        let obstacle = match store.obstacle() {
-            None if !options.any_version && !is_known => {
-                let obstacle = other_version(store).await;
-                same_version_at = obstacle.is_none().then(Instant::now);
-                obstacle
-            }
-            obstacle => obstacle,
-        };
-        let is_free = obstacle.is_none();
-        presence.waits_for(obstacle);
-        let pause = if is_free {
-            match store.claim(&options.name, &options.offers, options.lease).await {
-                Ok(Some(task)) => {
-                    bell.iter_mut().for_each(Bell::brought_a_task);
-                    let mut execution = pin!(execute(store, device, task, options, shutdown));
-                    match tokio::time::timeout(BELL_KEPT, &mut execution).await {
-                        Ok(ended) => ended?,
-                        Err(_) => {
-                            bell = None;
-                            execution.await?;
-                        }
+        let found = search.next_task().await;
+        presence.waits_for(match &found {
+            Ok(Found::Obstacle(obstacle)) => Some(obstacle.clone()),
+            _ => None,
+        });
+        let pause = match found {
+            Ok(Found::Task(task)) => {
+                bell.iter_mut().for_each(Bell::brought_a_task);
+                let mut execution = pin!(execute(store, device, *task, options, shutdown));
+                match tokio::time::timeout(BELL_KEPT, &mut execution).await {
+                    Ok(ended) => ended?,
+                    Err(_) => {
+                        bell = None;
+                        execution.await?;
                     }
-                    idle_since = Instant::now();
-                    Duration::ZERO
                 }
-                Ok(None) => {
-                    let wait = wait_for_a_task(store, &mut bell);
-                    let _ = shutdown.run_until_cancelled(wait).await;
-                    Duration::ZERO
-                }
-                Err(error) => {
-                    tracing::error!(error = faults::causes(&error), "cannot look for a task");
-                    RETRY
-                }
+                idle_since = Instant::now();
+                Duration::ZERO
             }
-        } else {
-            RETRY
+            Ok(Found::Nothing) => {
+                let wait = wait_for_a_task(store, &mut bell);
+                let _ = shutdown.run_until_cancelled(wait).await;
+                Duration::ZERO
+            }
+            Ok(Found::Obstacle(_)) => RETRY,
+            Err(error) => {
+                tracing::error!(error = faults::causes(&error), "cannot look for a task");
+                RETRY
+            }
         };
         tokio::select! {
             () = shutdown.cancelled() => {}
@@ -172,11 +163,61 @@ async fn wait_for_a_task(store: &Store, bell: &mut Option<Bell>) {
     }
 }
 
-/// Why a worker of this version should not work for the server. If the database does not answer,
-/// the next claim reports it.
-async fn other_version(store: &Store) -> Option<String> {
+/// A worker's search for its next task.
+struct Search<'a> {
+    store: &'a Store,
+    options: &'a WorkerOptions,
+    /// The moment of the last look, if every claim since then got a task.
+    looked_at: Option<Instant>,
+}
+
+enum Found {
+    Task(Box<ClaimedTask>),
+    Nothing,
+    /// The reason why no task should be claimed now.
+    Obstacle(String),
+}
+
+impl<'a> Search<'a> {
+    const fn new(store: &'a Store, options: &'a WorkerOptions) -> Self {
+        Self { store, options, looked_at: None }
+    }
+
+    /// Looks and claims. A worker that has just had a task will probably get another one, so it
+    /// claims without a look.
+    async fn next_task(&mut self) -> Result<Found, StoreError> {
+        if let Some(obstacle) = self.store.obstacle() {
+            return Ok(Found::Obstacle(obstacle));
+        }
+        let WorkerOptions { name, offers, lease, .. } = self.options;
+        let looked_at = self.looked_at.take().filter(|at| at.elapsed() < KNOWN_FOR);
+        let looked_at = match looked_at {
+            Some(at) => at,
+            None => {
+                let look = self.store.look(name, offers).await?;
+                if let Some(obstacle) =
+                    other_version(look.server_version).filter(|_| !self.options.any_version)
+                {
+                    return Ok(Found::Obstacle(obstacle));
+                }
+                if !look.is_any_claimable {
+                    return Ok(Found::Nothing);
+                }
+                Instant::now()
+            }
+        };
+        let Some(task) = self.store.claim(name, offers, *lease).await? else {
+            return Ok(Found::Nothing);
+        };
+        self.looked_at = Some(looked_at);
+        Ok(Found::Task(Box::new(task)))
+    }
+}
+
+/// The reason why a worker of this version should not work for the server.
+fn other_version(server: Option<String>) -> Option<String> {
     const OWN: &str = env!("CARGO_PKG_VERSION");
-    let version = store.server_version().await.ok()?.filter(|version| version != OWN)?;
+    let version = server.filter(|version| version != OWN)?;
     Some(format!(
         "the server is torqued {version} and this worker is {OWN}, so results may differ; start a \
          worker of the server's version, or this one with --any-version"

@@ -8,9 +8,12 @@
 //!   others of its kind.
 //! - Each other transaction locks at most the row of one task, in its first statement, and waits
 //!   for nothing after it. So two transactions never wait for each other.
+//!
+//! A worker claims and completes most tasks in one round trip each ([`claims`]).
 
 #[macro_use]
 mod dialect;
+mod claims;
 mod duty;
 mod events;
 mod opening;
@@ -19,6 +22,7 @@ mod statements;
 mod transfer;
 mod waiting;
 
+use sqlx::pool::PoolConnection;
 use sqlx::postgres::{PgArguments, PgConnectOptions};
 use sqlx::query::Query;
 use sqlx::{AssertSqlSafe, PgConnection, PgPool, Postgres};
@@ -27,6 +31,7 @@ use crate::database::Scope;
 use crate::location::DatabaseUrl;
 use crate::{Access, JobId, StoreError};
 
+pub(crate) use claims::StageEnd;
 pub(crate) use duty::DutyLock;
 pub(crate) use events::Horizon;
 pub(crate) use opening::known_schema;
@@ -65,19 +70,34 @@ impl Database {
             Scope::Task => format!("BEGIN; SELECT pg_advisory_xact_lock_shared({QUEUE_LOCK})"),
             Scope::Lease => format!("BEGIN; SELECT pg_advisory_xact_lock_shared({LEASE_LOCK})"),
             Scope::Rows => "BEGIN".to_owned(),
+            Scope::Statement => {
+                let connection = self.reader.acquire().await;
+                let connection = connection.map_err(StoreError::database(operation))?;
+                return Ok(Transaction { connection, operation, is_open: false });
+            }
         };
-        let begun = self.reader.begin_with(AssertSqlSafe(begin)).await;
-        let inner = begun.map_err(StoreError::database(operation))?;
-        Ok(Transaction { inner, operation })
+        self.begin_with(begin, operation).await
     }
 
     /// Begins a transaction that reads the state of one moment while others write.
     pub async fn begin_snapshot(&self, operation: &'static str) -> Result<Transaction, StoreError> {
         let begin = "BEGIN ISOLATION LEVEL REPEATABLE READ, READ ONLY; \
                      SET LOCAL idle_in_transaction_session_timeout = 0";
-        let begun = self.reader.begin_with(begin).await;
-        let inner = begun.map_err(StoreError::database(operation))?;
-        Ok(Transaction { inner, operation })
+        self.begin_with(begin.to_owned(), operation).await
+    }
+
+    async fn begin_with(
+        &self,
+        begin: String,
+        operation: &'static str,
+    ) -> Result<Transaction, StoreError> {
+        let connection = self.reader.acquire().await;
+        let connection = connection.map_err(StoreError::database(operation))?;
+        // A caller that gives up from here on drops the transaction, which ends it.
+        let mut transaction = Transaction { connection, operation, is_open: true };
+        let begun = sqlx::raw_sql(AssertSqlSafe(begin)).execute(transaction.connection()).await;
+        begun.map_err(StoreError::database(operation))?;
+        Ok(transaction)
     }
 
     pub async fn close(&self) {
@@ -90,11 +110,27 @@ impl Database {
     }
 }
 
-/// An open transaction, which is rolled back when it is dropped.
+/// An open transaction.
+///
+/// A dropped transaction closes its connection, so that the database rolls it back. A transaction
+/// of sqlx that is dropped while it begins stays open instead: the request of a client that left at
+/// that moment put its connection back into the pool with the lock of the queue, and nobody could
+/// write until the connection was closed.
 #[derive(Debug)]
 pub(crate) struct Transaction {
-    inner: sqlx::Transaction<'static, Postgres>,
+    connection: PoolConnection<Postgres>,
     operation: &'static str,
+    /// Whether there is something to commit. A statement of [`Scope::Statement`] is a transaction of
+    /// its own.
+    is_open: bool,
+}
+
+impl Drop for Transaction {
+    fn drop(&mut self) {
+        if self.is_open {
+            self.connection.close_on_drop();
+        }
+    }
 }
 
 impl Transaction {
@@ -104,11 +140,20 @@ impl Transaction {
     }
 
     pub async fn commit(self) -> Result<(), StoreError> {
-        self.inner.commit().await.map_err(StoreError::database(self.operation))
+        self.end("COMMIT").await
     }
 
     pub async fn roll_back(self) -> Result<(), StoreError> {
-        self.inner.rollback().await.map_err(StoreError::database(self.operation))
+        self.end("ROLLBACK").await
+    }
+
+    async fn end(mut self, statement: &'static str) -> Result<(), StoreError> {
+        if self.is_open {
+            let ended = sqlx::raw_sql(statement).execute(self.connection()).await;
+            ended.map_err(StoreError::database(self.operation))?;
+            self.is_open = false;
+        }
+        Ok(())
     }
 
     /// Takes the lock of [`Scope::Queue`] without waiting. Waiting could deadlock, because others
@@ -150,6 +195,6 @@ impl Transaction {
     }
 
     fn connection(&mut self) -> &mut PgConnection {
-        &mut self.inner
+        &mut self.connection
     }
 }

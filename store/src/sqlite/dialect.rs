@@ -94,9 +94,6 @@ macro_rules! locked {
     };
 }
 
-/// Locks the rows that were read, and skips rows that another transaction has locked.
-pub(super) const LOCKED_OR_SKIPPED: &str = "";
-
 /// Combines two statements that change rows of different tables into one.
 macro_rules! together {
     ($first:expr, $second:expr) => {

@@ -2,6 +2,7 @@
 
 #[macro_use]
 mod dialect;
+mod claims;
 mod events;
 #[cfg(test)]
 mod plans;
@@ -116,7 +117,7 @@ impl Database {
         // All processes are on this machine. A commit that is not synced becomes durable with the
         // next one that is.
         let begun = self.writer.begin_with(match scope {
-            Scope::Lease => "PRAGMA synchronous = NORMAL; BEGIN IMMEDIATE",
+            Scope::Lease | Scope::Statement => "PRAGMA synchronous = NORMAL; BEGIN IMMEDIATE",
             Scope::Queue | Scope::Task | Scope::Rows => {
                 "PRAGMA synchronous = FULL; BEGIN IMMEDIATE"
             }

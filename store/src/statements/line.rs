@@ -1,65 +1,33 @@
 //! The queue of waiting tasks, and which one is next.
 
 use spec::Resources;
-use sqlx::types::Text;
-use sqlx::{AssertSqlSafe, FromRow, Row};
+use sqlx::{AssertSqlSafe, Row};
 
-use super::super::dialect::{LOCKED_OR_SKIPPED, first_in_line};
+use super::super::dialect::first_in_line;
 use super::rows::text_of_tags;
-use super::{Database, DbRow, Transaction, milliseconds};
-use crate::ClaimedTask;
-use crate::leases::NextTask;
-use crate::rules::task::{LONGEST_DELAY, TaskStanding};
+use super::{Database, milliseconds};
+use crate::Look;
+use crate::rules::task::LONGEST_DELAY;
 
 impl Database {
-    /// Whether there is a task for `worker`.
-    pub async fn is_any_claimable(
-        &self,
-        worker: &str,
-        offers: &Resources,
-    ) -> Result<bool, sqlx::Error> {
-        let statement = format!("SELECT EXISTS ({})", first_in_line(&may_be_claimed(), ""));
-        sqlx::query_scalar(AssertSqlSafe(statement))
+    /// Whether there is a task for `worker`, and the version of the server.
+    pub async fn look(&self, worker: &str, offers: &Resources) -> Result<Look, sqlx::Error> {
+        let statement = format!(
+            "SELECT EXISTS ({}) AS is_any_claimable, (SELECT version FROM server) AS version",
+            first_in_line(&may_be_claimed(), "")
+        );
+        let row = sqlx::query(AssertSqlSafe(statement))
             .bind(worker)
             .bind(i64::from(offers.cpus.unwrap_or(0)))
             .bind(i64::from(offers.gpus))
             .bind(i64::from(offers.megabytes()))
             .bind(text_of_tags(&offers.tags))
             .fetch_one(&self.reader)
-            .await
-    }
-}
-
-impl Transaction {
-    /// The task that `worker` will claim next. Tasks that another worker is about to claim are
-    /// skipped.
-    pub async fn next_task(
-        &mut self,
-        worker: &str,
-        offers: &Resources,
-    ) -> Result<Option<NextTask>, sqlx::Error> {
-        // PostgreSQL returns the newest version of a locked row.
-        let statement = format!(
-            "SELECT next.*, job.kind, job.spec, job.digest, job.time_limit_s, job.state AS job_state, \
-             run.id AS run FROM ({}) AS next JOIN job ON job.id = next.job \
-             LEFT JOIN run ON run.job = job.id",
-            first_in_line(&may_be_claimed(), LOCKED_OR_SKIPPED)
-        );
-        let row: Option<DbRow> = sqlx::query(AssertSqlSafe(statement))
-            .bind(worker)
-            .bind(i64::from(offers.cpus.unwrap_or(0)))
-            .bind(i64::from(offers.gpus))
-            .bind(i64::from(offers.megabytes()))
-            .bind(text_of_tags(&offers.tags))
-            .fetch_optional(self.connection())
             .await?;
-        let Some(row) = row else { return Ok(None) };
-        let Text(job_state) = row.try_get("job_state")?;
-        Ok(Some(NextTask {
-            task: ClaimedTask::from_row(&row)?,
-            standing: TaskStanding::from_row(&row)?,
-            job_state,
-        }))
+        Ok(Look {
+            is_any_claimable: row.try_get("is_any_claimable")?,
+            server_version: row.try_get("version")?,
+        })
     }
 }
 

@@ -44,7 +44,7 @@ mod metrics;
 mod pipelines;
 mod placements;
 mod queue;
-mod rows;
+pub(super) mod rows;
 mod runs;
 mod submission;
 mod takeover;
@@ -72,6 +72,6 @@ fn integer(count: u64) -> i64 {
 }
 
 /// A duration in milliseconds, which is the unit of `now!`.
-fn milliseconds(duration: Duration) -> i64 {
+pub(super) fn milliseconds(duration: Duration) -> i64 {
     i64::try_from(duration.as_millis()).unwrap_or(i64::MAX / 2)
 }

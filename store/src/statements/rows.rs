@@ -62,7 +62,7 @@ pub(super) fn resources(row: &DbRow) -> Result<Resources, sqlx::Error> {
 }
 
 /// Names as a sorted JSON list.
-pub(super) fn text_of_tags<T: serde::Serialize>(tags: &T) -> String {
+pub fn text_of_tags<T: serde::Serialize>(tags: &T) -> String {
     serde_json::json!(tags).to_string()
 }
 

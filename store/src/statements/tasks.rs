@@ -1,11 +1,13 @@
 use std::time::Duration;
 
 use serde_json::Value;
+use sqlx::types::Text;
 use sqlx::{FromRow, Row};
 use wire::AttemptOutcome;
 
 use super::rows::{digest, json, number, optional_number, state};
 use super::{Database, DbRow, Transaction, integer, milliseconds};
+use crate::leases::NextTask;
 use crate::rules::job::TaskTally;
 use crate::rules::task::TaskStanding;
 use crate::rules::watch::Leased;
@@ -43,37 +45,6 @@ impl Database {
 }
 
 impl Transaction {
-    /// Leases a task to `worker` and begins an attempt. The task's progress begins at 0.
-    pub async fn lease(
-        &mut self,
-        task: TaskId,
-        standing: &TaskStanding,
-        worker: &str,
-        ttl: Duration,
-    ) -> Result<(), sqlx::Error> {
-        let statement = sqlx::query(together!(
-            concat!(
-                "UPDATE task SET state = $1, attempt = $2, epoch = $3, worker = $4, lease_until = ",
-                now!(),
-                " + $6, lease_ms = $6, started_at = COALESCE(started_at, ",
-                now!(),
-                "), done = 0, rate = NULL, message = NULL WHERE id = $5"
-            ),
-            concat!(
-                "INSERT INTO attempt (job, task, epoch, worker, started_at) SELECT job, id, $3, $4, ",
-                now!(),
-                " FROM task WHERE id = $5"
-            )
-        ))
-        .bind(standing.state.as_str())
-        .bind(i64::from(standing.attempt))
-        .bind(standing.epoch)
-        .bind(worker)
-        .bind(task)
-        .bind(milliseconds(ttl));
-        self.execute(statement).await
-    }
-
     /// The job and the state of a task. The row is locked until the transaction ends, because every
     /// write of a worker depends on the answer.
     pub async fn standing(
@@ -330,6 +301,14 @@ impl FromRow<'_, DbRow> for Leased {
             lasts: Duration::from_millis(lasts.unwrap_or(USUAL_LEASE_MS).unsigned_abs()),
             has_passed: row.try_get("has_passed")?,
         })
+    }
+}
+
+impl FromRow<'_, DbRow> for NextTask {
+    fn from_row(row: &DbRow) -> Result<Self, sqlx::Error> {
+        let Text(job_state) = row.try_get("job_state")?;
+        let standing = TaskStanding::from_row(row)?;
+        Ok(Self { task: ClaimedTask::from_row(row)?, standing, job_state })
     }
 }
 

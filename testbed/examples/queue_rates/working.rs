@@ -80,9 +80,9 @@ async fn show(store: Store, name: String) {
 
 async fn claim_and_complete(store: Store, name: String, work: Arc<Work>) {
     let mut bell = None;
-    let mut same_version_at = None;
+    let mut looked_at = None;
     loop {
-        let looked = look(&store, &name, &mut bell, &mut same_version_at, &work).await;
+        let looked = next(&store, &name, &mut bell, &mut looked_at, &work).await;
         if let Err(error) = looked {
             eprintln!("{name}: {error}");
             bell = None;
@@ -92,19 +92,19 @@ async fn claim_and_complete(store: Store, name: String, work: Arc<Work>) {
 }
 
 /// Completes the next task, or waits until there may be one.
-async fn look(
+async fn next(
     store: &Store,
     name: &str,
     bell: &mut Option<Bell>,
-    same_version_at: &mut Option<Instant>,
+    looked_at: &mut Option<Instant>,
     work: &Work,
 ) -> Result<(), StoreError> {
     let _ = store.obstacle();
-    if same_version_at.is_none_or(|at| at.elapsed() >= KNOWN_FOR) {
-        store.server_version().await?;
-        *same_version_at = Some(Instant::now());
-    }
-    let Some(task) = store.claim(name, &Resources::default(), LEASE).await? else {
+    let nothing = Resources::default();
+    let lately = looked_at.take().filter(|at| at.elapsed() < KNOWN_FOR);
+    let may_claim = lately.is_some() || store.look(name, &nothing).await?.is_any_claimable;
+    let claimed = if may_claim { store.claim(name, &nothing, LEASE).await? } else { None };
+    let Some(task) = claimed else {
         match bell {
             // Tasks that were queued before it listened are looked for once more.
             None => *bell = Some(store.bell().await?),
@@ -112,6 +112,7 @@ async fn look(
         }
         return Ok(());
     };
+    *looked_at = lately.or_else(|| Some(Instant::now()));
     let waited = now_us().saturating_sub(task.payload.as_u64().unwrap_or_default());
     work.waits_us.lock().unwrap_or_else(PoisonError::into_inner).push(waited);
     bell.iter_mut().for_each(Bell::brought_a_task);
