@@ -1,4 +1,4 @@
-"""Torqued servers for these tests: an empty one, and one with a quickstart whose training is shortened."""
+"""Torqued servers for these tests: an empty one, and ones with a quickstart, whole or with its training cut short."""
 
 import json
 import os
@@ -102,3 +102,20 @@ class Product(Server):
         members = self.get(f"/v1/jobs/{self.pipeline}")["members"]
         job = next(member["job"] for member in members if member["name"] == name)
         return self.get(f"/v1/jobs/{job}")
+
+
+class Quickstart(Server):
+    """A server whose data folder `torqued quickstart` has filled; `printed` is what it printed."""
+
+    def __init__(self):
+        super().__init__()
+        self.end()
+        self.printed = self.quickstart()
+        self.start()
+
+    def quickstart(self):
+        """Runs the command on the data folder, which no server has open, and returns what it prints."""
+        command = ["quickstart", "--exit", "--data", f"{self.folder.name}/data", "--listen", "127.0.0.1:0"]
+        done = subprocess.run([TORQUED, *command], capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        return done.stdout

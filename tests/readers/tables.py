@@ -1,0 +1,49 @@
+"""Tables of errors, as an evaluation prints them and as documents show them."""
+
+import re
+
+NUMBER = re.compile(r"\d+(?:\.\d+)?")
+
+
+class Table:
+    """The first table of errors in a text: its caption, its columns, and its rows by predictor.
+
+    A row has its numbers, means and intervals in a row, and what its predictor is told.
+    """
+
+    def __init__(self, text):
+        lines = text.splitlines()
+        start = next(k for k, line in enumerate(lines) if line.startswith("RMSE in degrees over "))
+        self.caption = lines[start]
+        self.columns = re.split(r" {2,}", lines[start + 2].strip())
+        self.rows = {}
+        for line in lines[start + 3 :]:
+            if not line.strip():
+                break
+            name, *cells, told = re.split(r" {2,}", line)
+            self.rows[name] = ([float(number) for cell in cells for number in NUMBER.findall(cell)], told)
+
+
+def differences(documented, printed, tolerances):
+    """Sentences about how the documented table differs from the printed one, which may have more rows.
+
+    `tolerances` has the relative tolerance of the rows of some predictors; those of the others agree in all digits.
+    """
+    found = []
+    for what in ("caption", "columns"):
+        if getattr(documented, what) != getattr(printed, what):
+            found.append(f"{what}: {getattr(documented, what)!r} is printed as {getattr(printed, what)!r}")
+    for name, (numbers, told) in documented.rows.items():
+        if name not in printed.rows:
+            found.append(f"{name} is not printed")
+            continue
+        printed_numbers, printed_told = printed.rows[name]
+        if told != printed_told:
+            found.append(f"{name} is told {told!r}, printed as {printed_told!r}")
+        tolerance = tolerances.get(name, 0.0)
+        is_close = len(numbers) == len(printed_numbers) and all(
+            abs(number - other) <= tolerance * other for number, other in zip(numbers, printed_numbers)
+        )
+        if not is_close:
+            found.append(f"{name}: {numbers} is printed as {printed_numbers}")
+    return found
