@@ -173,7 +173,8 @@ macro_rules! all_laws {
                 runs_of_other_clients_are_purged_at_their_date,
                 of_many_deletions_of_one_thing_one_counts,
                 a_submission_and_a_deletion_agree,
-                a_restoration_and_a_purge_agree;
+                a_restoration_and_a_purge_agree,
+                a_purge_changes_no_count_of_attempts;
             takeover:
                 shards_of_a_job_that_failed_are_there_for_the_next,
                 a_training_goes_on_where_one_that_failed_ended,

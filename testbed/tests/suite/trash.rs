@@ -7,9 +7,10 @@ use bytes::Bytes;
 use serde_json::json;
 use spec::Digest;
 use store::{
-    CheckpointFile, ClaimedTask, DeletionOrder, ExperimentId, GarbageKind, Item, ItemKind,
-    JobFilter, JobId, JobState, Need, NewArtifact, NewCheckpoint, NewTrackedRun, Page, Relation,
-    Respect, Ripe, Store, StoreError, Submission, Timestamp, TrashPlace, WhichCheckpoint,
+    AttemptOutcome, CheckpointFile, ClaimedTask, DeletionOrder, ExperimentId, GarbageKind, Item,
+    ItemKind, JobFilter, JobId, JobState, Need, NewArtifact, NewCheckpoint, NewTrackedRun, Page,
+    Relation, Respect, Retry, Ripe, Store, StoreError, Submission, Timestamp, TrashPlace,
+    WhichCheckpoint,
     object_path,
 };
 
@@ -580,5 +581,28 @@ pub async fn a_restoration_and_a_purge_agree(f: Fixture) {
             Err(error) => panic!("{error}"),
         }
         assert_whole(&f.store).await;
+    }
+}
+
+pub async fn a_purge_changes_no_count_of_attempts(f: Fixture) {
+    let place = |(kind, outcome, _): &(String, Option<AttemptOutcome>, u64)| {
+        (kind.clone(), outcome.map(AttemptOutcome::as_str))
+    };
+    for seed in 1..=2 {
+        let job = f.submit_one(train(&simulate(seed), vec![])).await;
+        let task = f.must_claim().await;
+        f.store.fail(task.fence, "no room", Retry::Allowed).await.unwrap();
+        work(&f).await;
+        let before = f.store.census().await.unwrap();
+        let of_all: u64 = before.attempts.iter().map(|(_, _, number)| number).sum();
+        assert_eq!(of_all, seed * 2);
+        f.store.delete(job.into(), &ASKED).await.unwrap();
+        f.store.purge(ANY).await.unwrap();
+        let mut after = f.store.census().await.unwrap();
+        assert_eq!((after.jobs.len(), after.tasks.len()), (0, 0), "{after:?}");
+        let mut expected = before.attempts;
+        expected.sort_by_key(place);
+        after.attempts.sort_by_key(place);
+        assert_eq!(after.attempts, expected);
     }
 }
