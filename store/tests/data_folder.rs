@@ -15,7 +15,7 @@ use store::{
 };
 
 /// Of the newest of `migrations/sqlite`.
-const SCHEMA: i64 = 15;
+const SCHEMA: i64 = 16;
 
 async fn serve(dir: &Path) -> Result<Store, StoreError> {
     Store::open(dir, Access::Server).await

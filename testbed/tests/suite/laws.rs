@@ -61,6 +61,7 @@ macro_rules! all_laws {
             events:
                 every_change_of_a_job_and_its_tasks_is_told_in_order,
                 metrics_and_checkpoints_are_told_once_for_each_write_and_heartbeats_never,
+                whatever_is_deleted_restored_or_purged_is_told,
                 tasks_that_nobody_began_are_told_by_their_job,
                 a_write_that_changes_nothing_tells_nothing,
                 events_are_read_from_any_of_them_on,
