@@ -171,6 +171,8 @@ macro_rules! all_laws {
                 what_would_be_purged_is_what_is_purged,
                 a_file_that_was_sent_goes_with_the_last_job_that_read_it,
                 jobs_that_failed_go_by_themselves_when_nothing_depends_on_them,
+                old_checkpoints_go_unless_somebody_uses_them,
+                old_logs_go_and_their_attempts_stay,
                 runs_of_other_clients_are_purged_at_their_date,
                 of_many_deletions_of_one_thing_one_counts,
                 a_submission_and_a_deletion_agree,
