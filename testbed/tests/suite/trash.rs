@@ -10,8 +10,7 @@ use store::{
     AttemptOutcome, CheckpointFile, ClaimedTask, DeletionOrder, ExperimentId, GarbageKind, Item,
     ItemKind, JobFilter, JobId, JobState, Need, NewArtifact, NewCheckpoint, NewTrackedRun, Page,
     Relation, Respect, Retry, Ripe, Store, StoreError, Submission, Timestamp, TrashPlace,
-    WhichCheckpoint,
-    object_path,
+    WhichCheckpoint, object_path,
 };
 
 use super::{Fixture, LONG, alone, evaluate, import, pipeline, simulate, train};

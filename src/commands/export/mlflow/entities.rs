@@ -132,7 +132,7 @@ mod tests {
 
     use super::*;
 
-    fn point(value: serde_json::Value) -> Point {
+    fn point(value: &serde_json::Value) -> Point {
         serde_json::from_value(json!({"key": "k", "value": value, "timestamp": "12", "step": 3}))
             .unwrap()
     }
@@ -140,17 +140,17 @@ mod tests {
     #[test]
     fn values_that_are_not_finite_go_there_and_back() {
         for word in ["NaN", "Infinity", "-Infinity"] {
-            let written = serde_json::to_value(point(json!(word))).unwrap();
+            let written = serde_json::to_value(point(&json!(word))).unwrap();
             assert_eq!(written["value"], word);
         }
         let third = 1.0 / 3.0;
-        assert_eq!(serde_json::to_value(point(json!(third))).unwrap()["value"], third);
+        assert_eq!(serde_json::to_value(point(&json!(third))).unwrap()["value"], third);
     }
 
     #[test]
     fn an_infinite_value_is_the_largest_one_that_mlflow_keeps() {
-        assert_eq!(point(json!("Infinity")).identity(), point(json!(f64::MAX)).identity());
-        assert_eq!(point(json!("NaN")).identity(), point(json!("NaN")).identity());
-        assert_ne!(point(json!(0.5)).identity(), point(json!(0.25)).identity());
+        assert_eq!(point(&json!("Infinity")).identity(), point(&json!(f64::MAX)).identity());
+        assert_eq!(point(&json!("NaN")).identity(), point(&json!("NaN")).identity());
+        assert_ne!(point(&json!(0.5)).identity(), point(&json!(0.25)).identity());
     }
 }
