@@ -66,18 +66,31 @@ impl StoreArguments {
     }
 }
 
-/// Flags for what is moved into the trash automatically.
+/// What goes into the trash by itself, and how long logs are kept.
 #[derive(Clone, Copy, Debug, Args)]
 pub struct RetentionArguments {
     /// Days after which failed and cancelled jobs are moved into the trash, unless something
     /// depends on them, 1 to 3650 [default: they stay]
     #[arg(long, env = "TORQUED_KEEP_FAILED_JOBS_DAYS", value_name = "DAYS", value_parser = clap::value_parser!(u16).range(1..=3650))]
     pub keep_failed_jobs_days: Option<u16>,
+
+    /// Newest checkpoints of each training that has ended that stay; the others go into the trash, except the final one, the
+    /// best, those with a name, a note or a tag and those that a job read by their step, 1 to 100000 [default: all stay]
+    #[arg(long, env = "TORQUED_KEEP_CHECKPOINTS", value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    pub keep_checkpoints: Option<u32>,
+
+    /// Days after which the logs of jobs that ended are deleted for good, 1 to 3650 [default: they stay]
+    #[arg(long, env = "TORQUED_KEEP_LOGS_DAYS", value_name = "DAYS", value_parser = clap::value_parser!(u16).range(1..=3650))]
+    pub keep_logs_days: Option<u16>,
 }
 
 impl RetentionArguments {
     pub fn retention(self) -> Retention {
-        Retention { failed_jobs: self.keep_failed_jobs_days.map(days_long) }
+        Retention {
+            failed_jobs: self.keep_failed_jobs_days.map(days_long),
+            checkpoints: self.keep_checkpoints,
+            logs: self.keep_logs_days.map(days_long),
+        }
     }
 }
 

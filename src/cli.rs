@@ -74,7 +74,7 @@ pub enum Command {
     Show(show::Arguments),
     /// Download the files of a dataset, a checkpoint, a run or an evaluation
     Download(download::Arguments),
-    /// Write a dataset in LeRobot's format, or a checkpoint for the Hugging Face hub
+    /// Write a dataset for LeRobot, a checkpoint for the Hugging Face hub, or runs to an MLflow server
     Export(export::Arguments),
     /// Print the metrics of a run as CSV
     Metrics(metrics::Arguments),

@@ -3,6 +3,7 @@
 use std::process::ExitCode;
 
 use crate::client::{ClientError, JobEnded};
+use crate::commands::export::MlflowError;
 
 /// The command line or the configuration file is wrong.
 pub const USAGE: u8 = 2;
@@ -31,6 +32,9 @@ Exit codes:
 pub fn code(error: &anyhow::Error) -> ExitCode {
     let of = |cause: &(dyn std::error::Error + 'static)| match cause.downcast_ref() {
         Some(ClientError::Unreachable { .. }) => Some(UNREACHABLE),
+        _ if matches!(cause.downcast_ref(), Some(MlflowError::Unreachable { .. })) => {
+            Some(UNREACHABLE)
+        }
         _ => cause.is::<JobEnded>().then_some(JOB_FAILED),
     };
     error.chain().find_map(of).map_or(ExitCode::FAILURE, ExitCode::from)

@@ -1,6 +1,7 @@
 use std::fmt::Write;
 
 use reqwest::StatusCode;
+use serde_json::Value;
 use spec::Digest;
 use thiserror::Error;
 use wire::Problem;
@@ -53,7 +54,7 @@ pub enum ClientError {
 
 /// The innermost cause. `reqwest` wraps the reason ("connection refused") in several layers of its
 /// own.
-fn innermost(error: &reqwest::Error) -> String {
+pub fn innermost(error: &reqwest::Error) -> String {
     if error.is_timeout() {
         return "timed out".to_owned();
     }
@@ -71,7 +72,11 @@ impl ClientError {
                 let message = message(&problem);
                 (message, problem.violations.into_iter().map(|it| it.field).collect())
             }
-            Err(_) => (format!("the server answered {status}"), Vec::new()),
+            // The part of the API that is MLflow's has errors of MLflow's shape.
+            Err(_) => match serde_json::from_str::<Value>(body).map(|it| it["message"].clone()) {
+                Ok(Value::String(message)) => (message, Vec::new()),
+                _ => (format!("the server answered {status}"), Vec::new()),
+            },
         };
         Self::Refused { status, message, fields }
     }

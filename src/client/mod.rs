@@ -18,7 +18,7 @@ use wire::{
 };
 
 pub use download::Fetched;
-pub use error::ClientError;
+pub use error::{ClientError, innermost};
 pub use events::Events;
 pub use failure::JobEnded;
 
@@ -274,6 +274,15 @@ impl Client {
     /// An answer of the API, by its path.
     pub async fn get<T: DeserializeOwned>(&self, path: &str) -> Result<T, ClientError> {
         self.read(&self.text(self.request(Method::GET, path)).await?)
+    }
+
+    /// The answer to a question that is a JSON document.
+    pub async fn ask<T: DeserializeOwned>(
+        &self,
+        path: &str,
+        question: &serde_json::Value,
+    ) -> Result<T, ClientError> {
+        self.read(&self.text(self.request(Method::POST, path).json(question)).await?)
     }
 
     pub async fn post<T: DeserializeOwned>(&self, path: &str) -> Result<T, ClientError> {

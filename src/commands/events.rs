@@ -1,7 +1,7 @@
 use std::process::ExitCode;
 
 use clap::Args;
-use wire::{Event, EventKind};
+use wire::{DeletionEvent, Event, EventKind, ItemKind};
 
 use crate::arguments::{OutputArguments, ServerArguments};
 use crate::output::write_json;
@@ -102,6 +102,13 @@ fn line(event: &Event) -> String {
                 event.at, event.job, event.run, event.checkpoint, event.step
             )
         }
+        Event::Deletion(event) => {
+            let DeletionEvent { at, job, item, item_id, change, .. } = event;
+            match item {
+                ItemKind::Job => format!("{at} job {job} {change}"),
+                _ => format!("{at} job {job} {item} {item_id} {change}"),
+            }
+        }
         Event::Progress(event) => {
             let progress = &event.progress;
             let (done, total) = (measure::count(progress.done), measure::count(progress.total));
@@ -146,6 +153,14 @@ mod tests {
             line(task),
             "2026-11-24T10:00:00.000Z job 7 task 9 (training) failed, attempt 3 on w1: no room"
         );
+        let deletion = |item, change| {
+            line(json!({
+                "event": "deletion", "id": 5, "at": "2026-11-24T10:00:00.000Z", "job": 7,
+                "item": item, "item_id": 7, "change": change,
+            }))
+        };
+        assert_eq!(deletion("job", "purged"), "2026-11-24T10:00:00.000Z job 7 purged");
+        assert_eq!(deletion("run", "restored"), "2026-11-24T10:00:00.000Z job 7 run 7 restored");
         let gap = json!({"event": "gap", "id": 40, "after": 20});
         assert_eq!(line(gap), "events after 20 up to 40 are not kept");
     }

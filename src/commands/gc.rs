@@ -41,7 +41,12 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         None => Ripe::AtItsDate { leap: Duration::ZERO },
     };
     let store = Store::open_at(&arguments.store.location(), Access::Worker).await?;
-    let outdated = store.outdated(arguments.retention.retention()).await?;
+    let retention = arguments.retention.retention();
+    let outdated = store.outdated(retention).await?;
+    let logs = match retention.logs {
+        Some(age) => store.outdated_logs(age).await?.len(),
+        None => 0,
+    };
     let found = if arguments.dry_run {
         store.garbage(ripe, ORPHANED_AFTER).await?
     } else {
@@ -51,6 +56,12 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     if !arguments.json {
         for Outdated { item, name, reason } in outdated {
             println!("a server will move {item} ({name}) into the trash: {reason}");
+        }
+        if let Some(days) = arguments.retention.keep_logs_days.filter(|_| logs > 0) {
+            let jobs = if logs == 1 { "job" } else { "jobs" };
+            println!(
+                "a server will delete the logs of {logs} {jobs}: logs are kept for {days} days"
+            );
         }
     }
     if arguments.json {

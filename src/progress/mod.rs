@@ -115,6 +115,7 @@ async fn progress_until_change(
             Event::Progress(_)
             | Event::Job(_)
             | Event::Checkpoint(_)
+            | Event::Deletion(_)
             | Event::Gap(_)
             | Event::End(_) => return Ok(()),
         }

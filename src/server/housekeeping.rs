@@ -108,10 +108,21 @@ pub async fn sweep(store: Store, keeping: Keeping, stop: CancellationToken) {
 async fn retire(store: &Store, Keeping { retention, trash }: Keeping) {
     match store.retire(retention, trash).await {
         Ok(retired) if retired.is_empty() => {}
-        Ok(retired) => tracing::info!(count = retired.len(), "moved old jobs into the trash"),
+        Ok(retired) => {
+            tracing::info!(count = retired.len(), "moved what is kept no longer into the trash");
+        }
         Err(error) => {
             let error = anyhow::Error::new(error);
-            tracing::error!("cannot move old jobs into the trash: {error:#}");
+            tracing::error!("cannot move what is kept no longer into the trash: {error:#}");
+        }
+    }
+    let Some(age) = retention.logs else { return };
+    match store.delete_old_logs(age).await {
+        Ok(0) => {}
+        Ok(jobs) => tracing::info!(jobs, "deleted the logs of jobs that ended long ago"),
+        Err(error) => {
+            let error = anyhow::Error::new(error);
+            tracing::error!("cannot delete old logs: {error:#}");
         }
     }
 }

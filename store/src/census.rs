@@ -11,7 +11,7 @@ use crate::{Store, StoreError};
 pub struct Census {
     pub jobs: Vec<(String, JobState, u64)>,
     pub tasks: Vec<(String, TaskState, u64)>,
-    /// Counts by kind and outcome; attempts without an outcome are running.
+    /// Those of jobs that were deleted for good included; without an outcome, those that go on.
     pub attempts: Vec<(String, Option<AttemptOutcome>, u64)>,
 }
 

@@ -159,6 +159,9 @@ impl Store {
         if !sql!(&mut tx, mark_purged(item, limit))? {
             return Ok(None);
         }
+        if item.kind == ItemKind::Job {
+            sql!(&mut tx, keep_count_of_attempts(JobId(item.id)))?;
+        }
         let files = sql!(&mut tx, delete_details(item))?;
         tx.commit().await?;
         self.delete_objects(&files).await;

@@ -15,7 +15,7 @@ use store::{
 };
 
 /// The number of the newest file in `migrations/sqlite`.
-const SCHEMA: i64 = 14;
+const SCHEMA: i64 = 16;
 
 async fn serve(dir: &Path) -> Result<Store, StoreError> {
     Store::open(dir, Access::Server).await

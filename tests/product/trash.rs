@@ -116,3 +116,45 @@ async fn what_gc_foretells_it_deletes_and_until_then_everything_comes_back() {
     );
     assert_eq!(code, Some(0), "{output}{errors}");
 }
+
+#[tokio::test]
+async fn a_server_keeps_as_many_checkpoints_as_it_is_told_and_gc_foretells_the_others() {
+    let folder = tempfile::tempdir().unwrap();
+    let product = Product::start(folder.path());
+    let training = json!({
+        "kind": "train", "data": {"stream": {"preset": "D1-multisine"}}, "context": 40, "steps": 20,
+        "batch_size": 16, "checkpoint_every_steps": 4, "keep_checkpoints": 9,
+        "model": {
+            "architecture": "robomorph", "d_model": 16, "heads": 2,
+            "encoder_layers": 1, "decoder_layers": 1, "patch": 5,
+        },
+    });
+    let training = product.submit(&training).await;
+    product.succeeded(training).await;
+    let checkpoints = product.get("/v1/checkpoints").await["checkpoints"].clone();
+    let old = |it: &&Value| it["final"] == false && it["best"] == false && it["step"] != 16;
+    let ids = |found: &Value, field: &str| {
+        let items = found[field].as_array().unwrap().iter();
+        let mut ids: Vec<i64> = items.map(|it| it["id"].as_i64().unwrap()).collect();
+        ids.sort_unstable();
+        ids
+    };
+    let old: Vec<Value> = checkpoints.as_array().unwrap().iter().filter(old).cloned().collect();
+    let old = ids(&json!({"old": old}), "old");
+    assert!(old.len() >= 2, "{checkpoints:#}");
+    let foretold = gc(folder.path(), &["--dry-run", "--keep-checkpoints", "2"]);
+    for id in &old {
+        assert!(foretold.contains(&format!("a server will move checkpoint {id} (")), "{foretold}");
+    }
+    assert_eq!(foretold.matches("a server will move").count(), old.len(), "{foretold}");
+    product.end_by("TERM");
+    let flags = ["--workers", "0", "--keep-checkpoints", "2", "--keep-logs-days", "1"];
+    let product = Product::start_with(folder.path(), &flags);
+    let is_all = |trash: &Value| trash["items"].as_array().unwrap().len() == old.len();
+    let trash = product.when("/v1/trash", is_all).await;
+    assert_eq!(ids(&trash, "items"), old);
+    assert_eq!(
+        trash["items"][0]["reason"],
+        "a training keeps its 2 newest checkpoints and the best"
+    );
+}

@@ -19,11 +19,12 @@ os.environ.update(
     MLFLOW_HTTP_REQUEST_MAX_RETRIES="0",
 )
 
+import mlflow  # noqa: E402
 from mlflow import MlflowClient  # noqa: E402
 from mlflow.entities import Metric, Param, RunTag, ViewType  # noqa: E402
 from mlflow.exceptions import MlflowException  # noqa: E402
 
-from product import REPOSITORY, Product  # noqa: E402
+from product import REPOSITORY, TORQUED, Product  # noqa: E402
 
 DOCUMENT = (REPOSITORY / "docs/mlflow.md").read_text()
 
@@ -98,12 +99,45 @@ class Mlflow(unittest.TestCase):
             sorted({file.path for file in files} | set(os.listdir(self.folder.name))),
         )
 
-    def test_nothing_can_be_logged_to_torqueds_own_runs(self):
+    def test_nothing_but_labels_can_be_logged_to_torqueds_own_runs(self):
         run = self.own_runs()[0].info.run_id
         message = self.refused("PERMISSION_DENIED", self.client.log_metric, run, "loss", 1.0)
         self.assertIn("torqued's own", message)
-        self.refused("PERMISSION_DENIED", self.client.set_tag, run, "note", "x")
+        self.refused("PERMISSION_DENIED", self.client.set_tag, run, "torqued.job", "7")
         self.refused("PERMISSION_DENIED", self.client.delete_run, run)
+
+    def test_labels_go_both_ways(self):
+        client = self.client
+        job = self.product.member("train")
+        run = f"torqued-{job['run']}"
+        status = client.get_run(run).info.status
+        client.update_run(run, name="three seeds")
+        client.set_tag(run, "mlflow.note.content", "sticks at joint 3")
+        client.set_tag(run, "stage", "lab")
+        client.set_tag(run, "baseline", "")
+        client.set_terminated(run, "FAILED")
+        mlflow.set_tracking_uri(self.product.url)
+        with mlflow.start_run(run_id=run):
+            mlflow.set_tags({"stage": "field", "bench": "3"})
+        found = self.product.get("/v1/runs?tag=stage%3Dfield&tag=baseline&text=three")["runs"]
+        self.assertEqual([run["id"] for run in found], [job["run"]])
+        self.assertEqual(found[0]["name"], "three seeds")
+        self.assertEqual(found[0]["note"], "sticks at joint 3")
+        self.assertEqual(found[0]["tags"], ["baseline", "bench=3", "stage=field"])
+        self.assertEqual(client.get_run(run).info.status, status)
+
+        label = [TORQUED, "label", "run", str(job["run"]), "--server", self.product.url]
+        subprocess.run([*label, "--name", "ours", "--note", "said here", "--tag", "lr=1e-3"],
+                       check=True, capture_output=True)
+        (seen,) = self.own_runs("tags.lr = '1e-3' AND attributes.run_name = 'ours'")
+        self.assertEqual(seen.info.run_id, run)
+        self.assertEqual(seen.data.tags["mlflow.note.content"], "said here")
+        self.assertEqual(seen.data.tags["torqued.tags"], "baseline bench=3 lr=1e-3 stage=field")
+        self.assertEqual(seen.data.tags["baseline"], "")
+        for key in ["baseline", "bench", "lr", "stage", "mlflow.runName", "mlflow.note.content"]:
+            client.delete_tag(run, key)
+        self.assertNotIn("torqued.tags", client.get_run(run).data.tags)
+        self.assertNotEqual(client.get_run(run).info.run_name, "ours")
 
     def test_a_run_goes_through_its_whole_life(self):
         client = self.client

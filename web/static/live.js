@@ -6,7 +6,7 @@ const LONGEST_WAIT = 30000;
 const REQUEST_TIMEOUT = 15000;
 
 // The kinds of events after which something may have changed; `end` comes after the last of a job.
-const KINDS = ["job", "task", "metrics", "checkpoint", "progress", "gap", "end"];
+const KINDS = ["job", "task", "metrics", "checkpoint", "deletion", "progress", "gap", "end"];
 
 // Lists show how far tasks are, of which no event tells.
 const LIST_WAIT = 10000;

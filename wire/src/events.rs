@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use spec::JobKind;
 use utoipa::ToSchema;
 
-use crate::{JobState, Member, Progress, TaskState};
+use crate::{DeletionChange, ItemKind, JobState, Member, Progress, TaskState};
 
 /// The data of a server-sent event. Its field `event` is also the event's type. Events with an `id`
 /// are kept for a while, and a client can read them again from any id on. Clients ignore kinds that
@@ -16,6 +16,7 @@ pub enum Event {
     Task(TaskEvent),
     Metrics(MetricsEvent),
     Checkpoint(CheckpointEvent),
+    Deletion(DeletionEvent),
     Progress(JobProgress),
     Gap(EventGap),
     End(EventEnd),
@@ -75,6 +76,19 @@ pub struct CheckpointEvent {
     pub is_best: bool,
 }
 
+/// Something was deleted, restored or deleted for good. Each thing that went along has an event of its own.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct DeletionEvent {
+    pub id: i64,
+    pub at: String,
+    /// The job that the thing is, or that made it.
+    pub job: i64,
+    /// The kind of the thing.
+    pub item: ItemKind,
+    pub item_id: i64,
+    pub change: DeletionChange,
+}
+
 /// The present state of a job. It is sent when a stream begins, and then after changes, about once
 /// a second. It is not kept and has no id.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -117,6 +131,7 @@ impl Event {
             Self::Task(_) => "task",
             Self::Metrics(_) => "metrics",
             Self::Checkpoint(_) => "checkpoint",
+            Self::Deletion(_) => "deletion",
             Self::Progress(_) => "progress",
             Self::Gap(_) => "gap",
             Self::End(_) => "end",
@@ -130,6 +145,7 @@ impl Event {
             Self::Task(event) => Some(event.id),
             Self::Metrics(event) => Some(event.id),
             Self::Checkpoint(event) => Some(event.id),
+            Self::Deletion(event) => Some(event.id),
             Self::Gap(event) => Some(event.id),
             Self::Progress(_) | Self::End(_) => None,
         }

@@ -47,7 +47,8 @@ pub use closed_loop::{
 pub use datasets::{Dataset, DatasetFile, Datasets, FileKind};
 pub use evaluations::{CellTask, Evaluation, Evaluations};
 pub use events::{
-    CheckpointEvent, Event, EventEnd, EventGap, JobEvent, JobProgress, MetricsEvent, TaskEvent,
+    CheckpointEvent, DeletionEvent, Event, EventEnd, EventGap, JobEvent, JobProgress, MetricsEvent,
+    TaskEvent,
 };
 pub use health::{Health, Readiness};
 pub use imports::ImportCounts;
@@ -69,8 +70,8 @@ pub use report::{
 };
 pub use runs::{Artifact, LatestMetric, Metric, MetricPoint, Run, Runs};
 pub use states::{
-    AttemptOutcome, DatasetState, EventKind, ItemKind, JobState, PlacementState, Relation, Scope,
-    TaskState, UnknownState,
+    AttemptOutcome, DatasetState, DeletionChange, EventKind, ItemKind, JobState, PlacementState,
+    Relation, Scope, TaskState, UnknownState,
 };
 pub use streams::{
     FilledContext, Nothing, StreamLatency, StreamMessage, StreamOpened, StreamReply,

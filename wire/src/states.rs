@@ -89,6 +89,19 @@ states! {
         Task = "task",
         Metrics = "metrics",
         Checkpoint = "checkpoint",
+        Deletion = "deletion",
+    }
+}
+
+states! {
+    /// The change that a deletion or its end made.
+    DeletionChange {
+        /// It is in the trash.
+        Deleted = "deleted",
+        /// It came back from the trash.
+        Restored = "restored",
+        /// Its bytes and details were deleted for good.
+        Purged = "purged",
     }
 }
 

@@ -191,12 +191,62 @@ fn tell_workers(registry: &mut Registry, workers: &[Worker]) {
         states.get_or_create(&OfState { state: state(worker) }).inc();
     }
     registry.register("workers", "Workers by state", states);
-    let alive = || workers.iter().filter(|worker| worker.alive);
-    let offers = || alive().map(|worker| &worker.offers);
-    let cpus = alive().map(|worker| u64::from(worker.offers.cpus.unwrap_or(worker.threads))).sum();
-    gauge(registry, "worker_cpus", "Processors that live workers offer", cpus);
-    let gpus = offers().map(|offer| u64::from(offer.gpus)).sum();
-    gauge(registry, "worker_gpus", "GPUs that live workers offer", gpus);
+    tell_resources(registry, workers);
+}
+
+/// A worker has one task at a time, so that a task uses all that its worker offers.
+fn tell_resources(registry: &mut Registry, workers: &[Worker]) {
+    let mut offered = Resources::default();
+    let mut in_use = Resources::default();
+    for worker in workers.iter().filter(|worker| worker.alive) {
+        offered.add(worker);
+        if worker.task.is_some() {
+            in_use.add(worker);
+        }
+    }
+    for (resources, suffix, whose) in [
+        (offered, "", "that live workers offer"),
+        (in_use, "_in_use", "of live workers that have a task"),
+    ] {
+        let Resources { cpus, gpus, memory_bytes } = resources;
+        let told = [
+            ("cpus", "", "Processors", cpus),
+            ("gpus", "", "GPUs", gpus),
+            ("memory", "_bytes", "Memory", memory_bytes),
+        ];
+        for (name, unit, what, amount) in told {
+            let name = format!("worker_{name}{suffix}{unit}");
+            gauge(registry, &name, &format!("{what} {whose}"), amount);
+        }
+    }
+}
+
+/// Amounts of several workers together.
+#[derive(Default)]
+struct Resources {
+    cpus: u64,
+    gpus: u64,
+    memory_bytes: u64,
+}
+
+impl Resources {
+    fn add(&mut self, worker: &Worker) {
+        let offers = &worker.offers;
+        self.cpus += u64::from(offers.cpus.unwrap_or(worker.threads));
+        self.gpus += u64::from(offers.gpus);
+        self.memory_bytes += offers.memory_gb.map_or(0, bytes);
+    }
+}
+
+/// Memory is offered to the megabyte.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "a whole number of bytes, 100 000 GB at most"
+)]
+fn bytes(gigabytes: f64) -> u64 {
+    const MEGABYTE: u64 = 1_000_000;
+    (gigabytes * 1000.0).round().max(0.0) as u64 * MEGABYTE
 }
 
 /// The state of a worker. A drained worker may still have a task.

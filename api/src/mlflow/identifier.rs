@@ -118,6 +118,13 @@ impl Field {
     }
 }
 
+/// Whether MLflow's own server takes it as the key of a metric, a param or a tag: its file store uses keys as paths.
+pub fn is_key(key: &str) -> bool {
+    let is_allowed = |c: char| c.is_alphanumeric() || "_-. :/".contains(c);
+    let is_path = key.split('/').all(|part| !matches!(part, "" | "." | ".."));
+    key.chars().all(is_allowed) && is_path
+}
+
 fn unquoted(text: &str) -> &str {
     for quote in ['`', '"'] {
         let inner = text.strip_prefix(quote).and_then(|rest| rest.strip_suffix(quote));

@@ -13,5 +13,5 @@ mod translation;
 
 pub use error::{ErrorCode, MlflowError};
 pub use fields::{Fields, Request};
-pub use identifier::{Attribute, Datum, Field};
+pub use identifier::{Attribute, Datum, Field, is_key};
 pub use translation::translate;

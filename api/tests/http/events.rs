@@ -5,7 +5,7 @@ use std::time::Duration;
 use api::{App, Options};
 use axum::body::{Body, BodyDataStream};
 use axum::http::header::{AUTHORIZATION, HOST};
-use axum::http::{Request, StatusCode};
+use axum::http::{Method, Request, StatusCode};
 use axum::response::Response;
 use futures::StreamExt;
 use serde_json::{Value, json};
@@ -375,6 +375,23 @@ async fn the_stream_of_a_revoked_token_ends() {
         ask(&server, "/v1/events", &[(*header, value)]).await.status(),
         StatusCode::UNAUTHORIZED
     );
+}
+
+#[tokio::test]
+async fn deletions_are_told_to_those_who_follow_everything() {
+    let server = Server::with_small_pipeline().await;
+    let mut client = Client::open(&server, "/v1/events?kind=deletion", &[]).await;
+    let job = server.json("/v1/datasets/1").await["job"].clone();
+    assert_eq!(server.request(Method::DELETE, "/v1/datasets/1?force=true", &[]).await.status, 200);
+    assert_eq!(server.post("/v1/datasets/1/restore").await.status, 200);
+    for (change, message) in ["deleted", "restored"].into_iter().zip(client.kept(2).await) {
+        let Value::Object(mut data) = message.data else { panic!("{:?}", message.data) };
+        data.retain(|name, _| !["id", "at"].contains(&name.as_str()));
+        let expected = json!({
+            "event": "deletion", "job": job, "item": "dataset", "item_id": 1, "change": change,
+        });
+        assert_eq!(Value::Object(data), expected);
+    }
 }
 
 #[tokio::test]

@@ -128,17 +128,55 @@ async fn a_search_finds_all_of_torqueds_own_runs() {
 }
 
 #[tokio::test]
-async fn nothing_is_written_to_torqueds_own_runs() {
+async fn labels_are_set_on_torqueds_own_runs_and_seen_everywhere() {
+    let server = Server::with_small_pipeline().await;
+    let run = "torqued-1";
+    let tag = |key: &str, value: &str| json!({"run_id": run, "key": key, "value": value});
+    let before = server.json("/v1/runs/1").await;
+    let renamed = json!({"run_id": run, "run_name": "three seeds", "status": "FAILED"});
+    let answer = post(&server, "runs/update", renamed).await.json();
+    assert_eq!(answer["run_info"]["run_name"], "three seeds");
+    assert_eq!(answer["run_info"]["status"], "FINISHED");
+    let noted = tag("mlflow.note.content", "*sticks* at joint 3");
+    assert_eq!(post(&server, "runs/set-tag", noted).await.status, 200);
+    let tags = json!([{"key": "stage", "value": "lab"}, {"key": "baseline", "value": ""}]);
+    let batch = json!({"run_id": run, "tags": tags});
+    assert_eq!(post(&server, "runs/log-batch", batch).await.status, 200);
+    assert_eq!(post(&server, "runs/set-tag", tag("stage", "field")).await.status, 200);
+    let labelled = server.json("/v1/runs?tag=stage%3Dfield&text=sticks").await["runs"][0].clone();
+    assert_eq!((&labelled["id"], &labelled["name"]), (&json!(1), &json!("three seeds")));
+    assert_eq!(labelled["note"], "*sticks* at joint 3");
+    assert_eq!(labelled["tags"], json!(["baseline", "stage=field"]));
+    let page = server.get("/runs/1").await;
+    for text in ["three seeds", "stage=field", "at joint 3"] {
+        assert!(page.text().contains(text), "{text}");
+    }
+    let found = json!({"experiment_ids": ["1"], "filter": "tags.stage = 'field'"});
+    assert_eq!(names(&server, found).await, ["three seeds"]);
+
+    let message = post(&server, "runs/set-tag", tag("stage", "two words")).await;
+    let message = refused(&message, 400, "INVALID_PARAMETER_VALUE");
+    assert!(message.contains("stage=two words"), "{message}");
+    for key in ["mlflow.runName", "mlflow.note.content", "stage", "baseline"] {
+        let deleted = json!({"run_id": run, "key": key});
+        assert_eq!(post(&server, "runs/delete-tag", deleted).await.status, 200, "{key}");
+    }
+    assert_eq!(server.json("/v1/runs/1").await, before);
+    let again = post(&server, "runs/delete-tag", json!({"run_id": run, "key": "stage"})).await;
+    refused(&again, 404, "RESOURCE_DOES_NOT_EXIST");
+}
+
+#[tokio::test]
+async fn nothing_else_is_written_to_torqueds_own_runs() {
     let server = Server::with_small_pipeline().await;
     let run = "torqued-1";
     let metric = json!({"run_id": run, "key": "m", "value": 1, "timestamp": 1});
     for (path, body) in [
         ("runs/log-metric", metric),
         ("runs/log-parameter", json!({"run_id": run, "key": "p", "value": "1"})),
-        ("runs/log-batch", json!({"run_id": run})),
-        ("runs/set-tag", json!({"run_id": run, "key": "t", "value": "1"})),
-        ("runs/delete-tag", json!({"run_id": run, "key": "t"})),
-        ("runs/update", json!({"run_id": run, "status": "FAILED"})),
+        ("runs/log-batch", json!({"run_id": run, "params": [{"key": "p", "value": "1"}]})),
+        ("runs/set-tag", json!({"run_id": run, "key": "torqued.job", "value": "1"})),
+        ("runs/delete-tag", json!({"run_id": run, "key": "mlflow.user"})),
         ("runs/delete", json!({"run_id": run})),
         ("experiments/delete", json!({"experiment_id": "1"})),
         ("experiments/update", json!({"experiment_id": "1", "new_name": "x"})),

@@ -1,8 +1,11 @@
 //! Metrics and readiness, in the view of a monitoring system.
 
 use api::Options;
+use spec::Resources;
+use store::WorkerProcess;
 
 use crate::fixture::{Server, small_simulation};
+use crate::resources::worker;
 
 /// The value of a line with this name and these labels, in any order.
 fn value(metrics: &str, name: &str, labels: &[&str]) -> Option<f64> {
@@ -43,6 +46,30 @@ async fn jobs_tasks_attempts_and_requests_are_counted() {
     assert_eq!(counted(requests, &[job, "method=\"GET\"", "status=\"200\""]), Some(2.0));
     assert_eq!(counted(requests, &[job, "status=\"404\""]), Some(1.0));
     assert_eq!(counted(requests, &["route=\"none\"", "status=\"404\""]), Some(1.0));
+}
+
+#[tokio::test]
+async fn resources_in_use_are_those_of_workers_with_a_task() {
+    let server = Server::start().await;
+    let idle = worker();
+    let offers =
+        Resources { cpus: Some(8), gpus: 2, memory_gb: Some(32.5), ..Resources::default() };
+    let busy = WorkerProcess { name: "test-worker".to_owned(), offers, ..worker() };
+    for process in [&idle, &busy] {
+        server.store.register_worker(process).await.unwrap();
+    }
+    let amounts = async |names: [&str; 3]| {
+        let answer = server.get("/metrics").await;
+        names.map(|name| value(answer.text(), &format!("torqued_worker_{name}"), &[]).unwrap())
+    };
+    let [offered, in_use] =
+        [["cpus", "gpus", "memory_bytes"], ["cpus_in_use", "gpus_in_use", "memory_in_use_bytes"]];
+    assert_eq!(amounts(offered).await, [10.0, 3.0, 32.5e9]);
+    assert_eq!(amounts(in_use).await, [0.0; 3]);
+    server.submitted(&small_simulation(1)).await;
+    server.claim().await.unwrap();
+    assert_eq!(amounts(offered).await, [10.0, 3.0, 32.5e9]);
+    assert_eq!(amounts(in_use).await, [8.0, 2.0, 32.5e9]);
 }
 
 #[tokio::test]

@@ -1,9 +1,10 @@
-//! Exports data and models in formats that other tools can open.
+//! Data, models and runs in others' formats, so that their tools open them.
 
 mod hugging_face;
 mod lerobot;
 mod lerobot_meta;
 mod lerobot_shard;
+mod mlflow;
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -17,8 +18,10 @@ use crate::exit::INTERRUPTED;
 use crate::output::write_json;
 use crate::progress::{Part, follow_parts};
 
-/// Downloads everything and compares its digests. DIR appears when it is complete. If the export is
-/// interrupted, the next one continues with DIR.part.
+pub use mlflow::MlflowError;
+
+/// Everything is downloaded with its digest compared. DIR appears when it is whole; what an interruption leaves in DIR.part goes on.
+/// Runs that are in MLflow already are brought up to date there.
 #[derive(Debug, Args)]
 #[command(group(ArgGroup::new("what").required(true)))]
 pub struct Arguments {
@@ -30,9 +33,16 @@ pub struct Arguments {
     #[arg(long, value_name = "CHECKPOINT", group = "what")]
     hugging_face: Option<i64>,
 
+    /// Write runs to this MLflow server, as http://HOST:PORT; which ones is said by --run, --filter or --all
+    #[arg(long, value_name = "URL", group = "what")]
+    mlflow: Option<String>,
+
     /// Folder to write; it must not exist, or be empty
-    #[arg(value_name = "DIR")]
-    dir: PathBuf,
+    #[arg(value_name = "DIR", required_unless_present = "mlflow", conflicts_with = "mlflow")]
+    dir: Option<PathBuf>,
+
+    #[command(flatten)]
+    runs: mlflow::MlflowArguments,
 
     #[command(flatten)]
     output: OutputArguments,
@@ -42,8 +52,12 @@ pub struct Arguments {
 }
 
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
-    let Arguments { lerobot, hugging_face, dir, output, server } = arguments;
+    let Arguments { lerobot, hugging_face, mlflow, dir, runs, output, server } = arguments;
     let client = server.client()?;
+    if let Some(address) = mlflow {
+        return mlflow::export(&client, &address, runs, output.json).await;
+    }
+    let dir = dir.context("expected a folder")?;
     let part = unfinished(&dir)?;
     std::fs::create_dir_all(&part).with_context(|| format!("cannot create {}", part.display()))?;
     let done = Done::default();

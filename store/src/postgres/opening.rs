@@ -13,7 +13,7 @@ use crate::patience::PATIENCE;
 use crate::{Access, StoreError};
 
 /// Number, name and statements of each file in `migrations/postgres`.
-const FILES: [(i64, &str, &str); 10] = [
+const FILES: [(i64, &str, &str); 12] = [
     (1, "initial", include_str!("../../../migrations/postgres/0001_initial.sql")),
     (2, "task_states", include_str!("../../../migrations/postgres/0002_task_states.sql")),
     (
@@ -28,6 +28,8 @@ const FILES: [(i64, &str, &str); 10] = [
     (8, "labels", include_str!("../../../migrations/postgres/0008_labels.sql")),
     (9, "trash", include_str!("../../../migrations/postgres/0009_trash.sql")),
     (11, "metric_extremes", include_str!("../../../migrations/postgres/0011_metric_extremes.sql")),
+    (12, "purged_attempts", include_str!("../../../migrations/postgres/0012_purged_attempts.sql")),
+    (13, "deletion_events", include_str!("../../../migrations/postgres/0013_deletion_events.sql")),
 ];
 
 static MIGRATIONS: LazyLock<Migrator> = LazyLock::new(|| {

@@ -32,7 +32,7 @@ pub(crate) use waiting::Bell;
 
 /// Number, name and statements of each file in `migrations/sqlite`. sqlx has a macro that lists
 /// them, but it builds a second SQLite for the compiler.
-const FILES: [(i64, &str, &str); 13] = [
+const FILES: [(i64, &str, &str); 15] = [
     (1, "initial", include_str!("../../../migrations/sqlite/0001_initial.sql")),
     (2, "forgiving_queue", include_str!("../../../migrations/sqlite/0002_forgiving_queue.sql")),
     (3, "identity", include_str!("../../../migrations/sqlite/0003_identity.sql")),
@@ -46,6 +46,8 @@ const FILES: [(i64, &str, &str); 13] = [
     (11, "labels", include_str!("../../../migrations/sqlite/0011_labels.sql")),
     (12, "trash", include_str!("../../../migrations/sqlite/0012_trash.sql")),
     (14, "metric_extremes", include_str!("../../../migrations/sqlite/0014_metric_extremes.sql")),
+    (15, "purged_attempts", include_str!("../../../migrations/sqlite/0015_purged_attempts.sql")),
+    (16, "deletion_events", include_str!("../../../migrations/sqlite/0016_deletion_events.sql")),
 ];
 
 static MIGRATIONS: LazyLock<Migrator> = LazyLock::new(|| migrations(&FILES));

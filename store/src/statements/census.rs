@@ -17,8 +17,11 @@ impl Database {
         .fetch_all(&self.reader)
         .await?;
         let attempts: Vec<(String, Option<Text<AttemptOutcome>>, i64)> = sqlx::query_as(
-            "SELECT job.kind, attempt.outcome, COUNT(*) FROM attempt JOIN job ON job.id = attempt.job \
-             GROUP BY job.kind, attempt.outcome",
+            "SELECT kind, outcome, CAST(SUM(number) AS BIGINT) FROM \
+             (SELECT job.kind, attempt.outcome, COUNT(*) AS number FROM attempt \
+              JOIN job ON job.id = attempt.job GROUP BY job.kind, attempt.outcome \
+              UNION ALL SELECT kind, outcome, number FROM purged_attempts) AS counted \
+             GROUP BY kind, outcome",
         )
         .fetch_all(&self.reader)
         .await?;

@@ -133,6 +133,18 @@ impl Transaction {
         Ok(marked.rows_affected() > 0)
     }
 
+    /// Adds the attempts of a job that have ended to those of jobs that were purged before.
+    pub async fn keep_count_of_attempts(&mut self, job: JobId) -> Result<(), sqlx::Error> {
+        let statement = sqlx::query(
+            "INSERT INTO purged_attempts (kind, outcome, number) \
+             SELECT job.kind, attempt.outcome, COUNT(*) FROM attempt JOIN job ON job.id = attempt.job \
+             WHERE attempt.job = $1 AND attempt.outcome IS NOT NULL \
+             GROUP BY job.kind, attempt.outcome ORDER BY job.kind, attempt.outcome \
+             ON CONFLICT (kind, outcome) DO UPDATE SET number = purged_attempts.number + excluded.number",
+        );
+        self.execute(statement.bind(job)).await
+    }
+
     /// Deletes the rows about an item in other tables. Returns the paths and sizes of the objects
     /// that they named.
     pub async fn delete_details(&mut self, item: Item) -> Result<Vec<(String, u64)>, sqlx::Error> {

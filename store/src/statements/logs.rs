@@ -145,6 +145,18 @@ impl Database {
 }
 
 impl Transaction {
+    /// The attempts stay.
+    pub async fn delete_logs_of_jobs(&mut self, jobs: &[JobId]) -> Result<(), sqlx::Error> {
+        let statement = sqlx::query(concat!(
+            "UPDATE attempt SET log_bytes = NULL WHERE log_bytes IS NOT NULL AND job IN ",
+            listed_ids!("$1")
+        ));
+        self.execute(statement.bind(Json(jobs))).await?;
+        let statement =
+            sqlx::query(concat!("DELETE FROM attempt_log WHERE job IN ", listed_ids!("$1")));
+        self.execute(statement.bind(Json(jobs))).await
+    }
+
     pub async fn attempt_at(&mut self, fence: Fence) -> Result<Option<i64>, sqlx::Error> {
         sqlx::query_scalar("SELECT id FROM attempt WHERE task = $1 AND epoch = $2")
             .bind(fence.task)

@@ -1,14 +1,16 @@
 use std::time::Duration;
 
+use serde_json::Value;
 use spec::Digest;
 use sqlx::types::Json;
 use sqlx::{QueryBuilder, Row};
 use wire::ItemKind;
 
-use super::rows::{deletion, digest, number, word};
+use super::rows::{deletion, digest, json, number, word};
 use super::{Database, Db, DbRow, LISTED_IDS, Transaction, milliseconds};
+use crate::retention::OldCheckpoint;
 use crate::trash::ItemRow;
-use crate::{Deletion, Item, JobId, Timestamp, TrashPlace, Trashed};
+use crate::{CheckpointId, Deletion, Item, JobId, Timestamp, TrashPlace, Trashed};
 
 /// Selects items, each with its job's state and the moment at which its owner was deleted.
 const fn select_item(kind: ItemKind) -> &'static str {
@@ -91,6 +93,71 @@ impl Database {
             })
         };
         rows.iter().map(trashed).collect()
+    }
+
+    /// By id, those after `after`: checkpoints of trainings that have ended and have `keep` newer ones. The final one, the best and
+    /// those with a name, a note or a tag are left out.
+    pub async fn old_checkpoints(
+        &self,
+        keep: u32,
+        after: CheckpointId,
+        limit: u32,
+    ) -> Result<Vec<OldCheckpoint>, sqlx::Error> {
+        let rows = sqlx::query(
+            "SELECT * FROM (SELECT checkpoint.id, checkpoint.step, checkpoint.is_final, checkpoint.is_best, \
+                 checkpoint.given_name, checkpoint.note, job.name, job.digest, \
+                 ROW_NUMBER() OVER (PARTITION BY checkpoint.job ORDER BY checkpoint.step DESC) AS place \
+                 FROM checkpoint JOIN job ON job.id = checkpoint.job \
+                 WHERE checkpoint.deleted_at IS NULL AND job.deleted_at IS NULL \
+                 AND job.state IN ('succeeded', 'failed', 'cancelled')) AS ranked \
+             WHERE place > $1 AND NOT is_final AND NOT is_best AND given_name IS NULL AND note IS NULL \
+             AND NOT EXISTS (SELECT 1 FROM checkpoint_tag WHERE checkpoint_tag.checkpoint = ranked.id) \
+             AND id > $2 ORDER BY id LIMIT $3",
+        )
+        .bind(i64::from(keep))
+        .bind(after)
+        .bind(i64::from(limit))
+        .fetch_all(&self.reader)
+        .await?;
+        let old = |row: &DbRow| {
+            Ok(OldCheckpoint {
+                id: row.try_get("id")?,
+                step: number(row, "step")?,
+                name: row.try_get("name")?,
+                digest: digest(row, "digest")?,
+            })
+        };
+        rows.iter().map(old).collect()
+    }
+
+    /// The specs of jobs that read what a digest stands for.
+    pub async fn specs_that_name(&self, read: Digest) -> Result<Vec<Value>, sqlx::Error> {
+        let rows = sqlx::query(
+            "SELECT spec FROM job WHERE deleted_at IS NULL \
+             AND id IN (SELECT job FROM job_input WHERE digest = $1)",
+        )
+        .bind(read.to_string())
+        .fetch_all(&self.reader)
+        .await?;
+        rows.iter().map(|row| json(row, "spec")).collect()
+    }
+
+    /// Jobs that ended so long ago and have logs, by id.
+    pub async fn jobs_with_old_logs(
+        &self,
+        age: Duration,
+        limit: Option<u32>,
+    ) -> Result<Vec<JobId>, sqlx::Error> {
+        sqlx::query_scalar(concat!(
+            "SELECT id FROM job WHERE state IN ('succeeded', 'failed', 'cancelled') AND finished_at <= ",
+            now!(),
+            " - $1 AND EXISTS (SELECT 1 FROM attempt WHERE attempt.job = job.id AND attempt.log_bytes IS NOT NULL) \
+             ORDER BY id LIMIT $2"
+        ))
+        .bind(milliseconds(age))
+        .bind(limit.map_or(i64::MAX, i64::from))
+        .fetch_all(&self.reader)
+        .await
     }
 
     /// Jobs that failed or were cancelled at least this long ago. Pipelines only count if no member

@@ -7,7 +7,7 @@ use super::rows::{Column, Kind, Table};
 use crate::StoreError;
 
 /// The tables that move. Each comes after those that its rows refer to.
-pub(crate) const TABLES: [&str; 36] = [
+pub(crate) const TABLES: [&str; 37] = [
     "resources",
     "job",
     "job_need",
@@ -16,6 +16,7 @@ pub(crate) const TABLES: [&str; 36] = [
     "task",
     "attempt",
     "attempt_log",
+    "purged_attempts",
     "idempotency_key",
     "run",
     "metric",

@@ -1,10 +1,10 @@
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 use serde_json::json;
 use store::{
-    CheckpointFile, Event, EventFilter, EventKind, EventTail, JobId, Metric, NewCheckpoint, Page,
-    Progress, Retry, Store, object_path,
+    CheckpointFile, DeletionOrder, Event, EventFilter, EventKind, EventTail, JobId, Metric,
+    NewCheckpoint, Page, Progress, Respect, Retry, Ripe, Store, object_path,
 };
 
 use super::{Fixture, LONG, assert_lost, pipeline, simulate, train};
@@ -100,6 +100,40 @@ pub async fn metrics_and_checkpoints_are_told_once_for_each_write_and_heartbeats
         "run": run, "checkpoint": checkpoint, "step": 9, "is_final": false, "is_best": true,
     });
     assert_eq!(events[1].data, expected);
+}
+
+pub async fn whatever_is_deleted_restored_or_purged_is_told(f: Fixture) {
+    let job = f.submit_one(train(&simulate(1), vec![])).await;
+    let task = f.must_claim().await;
+    let path = object_path::checkpoint(task.job, 9, task.fence.epoch, "config.json");
+    let object = f.store.put_object(&path, "{}".into()).await.unwrap();
+    let files = vec![CheckpointFile { name: "config.json".to_owned(), object }];
+    let metrics = BTreeMap::new();
+    let new = NewCheckpoint { step: 9, is_final: true, is_best: true, metrics, files };
+    let checkpoint = f.store.commit_checkpoint(task.fence, &new).await.unwrap();
+    f.store.complete(task.fence, None).await.unwrap();
+    let run = task.run.unwrap();
+    let mut before = all(&f.store).await.len();
+    let mut told = async |change: &str| {
+        let events = all(&f.store).await.split_off(before);
+        before += events.len();
+        assert!(events.iter().all(|it| it.kind == EventKind::Deletion && it.job == job));
+        assert!(events.iter().all(|it| it.data["change"] == change), "{change}: {events:?}");
+        let item =
+            |it: &Event| format!("{} {}", it.data["item"].as_str().unwrap(), it.data["item_id"]);
+        events.iter().map(item).collect::<BTreeSet<String>>()
+    };
+    let whole: BTreeSet<String> =
+        [format!("job {job}"), format!("run {run}"), format!("checkpoint {checkpoint}")].into();
+    let order = DeletionOrder { respect: Respect::All, keep: LONG, reason: None };
+    f.store.delete(checkpoint.into(), &order).await.unwrap();
+    assert_eq!(told("deleted").await, [format!("checkpoint {checkpoint}")].into());
+    f.store.restore(checkpoint.into()).await.unwrap();
+    assert_eq!(told("restored").await, [format!("checkpoint {checkpoint}")].into());
+    f.store.delete(job.into(), &order).await.unwrap();
+    assert_eq!(told("deleted").await, whole);
+    f.store.purge(Ripe::After(Duration::ZERO)).await.unwrap();
+    assert_eq!(told("purged").await, whole);
 }
 
 pub async fn tasks_that_nobody_began_are_told_by_their_job(f: Fixture) {

@@ -62,6 +62,7 @@ macro_rules! all_laws {
             events:
                 every_change_of_a_job_and_its_tasks_is_told_in_order,
                 metrics_and_checkpoints_are_told_once_for_each_write_and_heartbeats_never,
+                whatever_is_deleted_restored_or_purged_is_told,
                 tasks_that_nobody_began_are_told_by_their_job,
                 a_write_that_changes_nothing_tells_nothing,
                 events_are_read_from_any_of_them_on,
@@ -171,10 +172,13 @@ macro_rules! all_laws {
                 what_would_be_purged_is_what_is_purged,
                 a_file_that_was_sent_goes_with_the_last_job_that_read_it,
                 jobs_that_failed_go_by_themselves_when_nothing_depends_on_them,
+                old_checkpoints_go_unless_somebody_uses_them,
+                old_logs_go_and_their_attempts_stay,
                 runs_of_other_clients_are_purged_at_their_date,
                 of_many_deletions_of_one_thing_one_counts,
                 a_submission_and_a_deletion_agree,
-                a_restoration_and_a_purge_agree;
+                a_restoration_and_a_purge_agree,
+                a_purge_changes_no_count_of_attempts;
             takeover:
                 shards_of_a_job_that_failed_are_there_for_the_next,
                 a_training_goes_on_where_one_that_failed_ended,

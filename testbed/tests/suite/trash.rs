@@ -7,10 +7,10 @@ use bytes::Bytes;
 use serde_json::json;
 use spec::Digest;
 use store::{
-    CheckpointFile, ClaimedTask, DeletionOrder, ExperimentId, GarbageKind, Item, ItemKind,
-    JobFilter, JobId, JobState, Need, NewArtifact, NewCheckpoint, NewTrackedRun, Page, Relation,
-    Respect, Ripe, Store, StoreError, Submission, Timestamp, TrashPlace, WhichCheckpoint,
-    object_path,
+    AttemptOutcome, CheckpointFile, ClaimedTask, DeletionOrder, ExperimentId, GarbageKind, Item,
+    ItemKind, JobFilter, JobId, JobState, Need, NewArtifact, NewCheckpoint, NewTrackedRun, Page,
+    Relation, Respect, Retry, Ripe, Store, StoreError, Submission, Timestamp, TrashPlace,
+    WhichCheckpoint, object_path,
 };
 
 use super::{Fixture, LONG, alone, evaluate, import, pipeline, simulate, train};
@@ -442,7 +442,7 @@ pub async fn jobs_that_failed_go_by_themselves_when_nothing_depends_on_them(f: F
     let trained = f.submit_one(training.clone()).await;
     let task = f.must_claim().await;
     checkpoint(&f, &task, 5, false).await;
-    f.store.fail(task.fence, "too hot", store::Retry::Never).await.unwrap();
+    f.store.fail(task.fence, "too hot", Retry::Never).await.unwrap();
     let needs = vec![Need::Existing(simulated)];
     f.submit_one(evaluate(&data, &training, needs)).await;
     work(&f).await;
@@ -454,7 +454,8 @@ pub async fn jobs_that_failed_go_by_themselves_when_nothing_depends_on_them(f: F
         f.store.commit_shard(task.fence, &shard, None).await.unwrap();
     }
     f.store.cancel(partly).await.unwrap();
-    let retention = |age| store::Retention { failed_jobs: Some(age) };
+    let retention =
+        |age| store::Retention { failed_jobs: Some(age), ..store::Retention::default() };
     assert_eq!(f.store.outdated(store::Retention::default()).await.unwrap(), []);
     assert_eq!(f.store.outdated(retention(LONG)).await.unwrap(), []);
     tokio::time::sleep(Duration::from_millis(5)).await;
@@ -466,6 +467,64 @@ pub async fn jobs_that_failed_go_by_themselves_when_nothing_depends_on_them(f: F
     assert_eq!(trash[0].deletion.reason.as_deref(), Some("failed jobs are kept for 0 days"));
     assert!(is_there(&f.store, trained.into()).await && is_there(&f.store, partly.into()).await);
     assert_eq!(f.store.outdated(retention(Duration::ZERO)).await.unwrap(), []);
+}
+
+pub async fn old_checkpoints_go_unless_somebody_uses_them(f: Fixture) {
+    let data = simulate(1);
+    f.submit_one(data.clone()).await;
+    work(&f).await;
+    let training = train(&data, vec![]);
+    let trained = f.submit_one(training.clone()).await;
+    let task = f.must_claim().await;
+    for step in [10, 20, 30, 40, 50, 60, 70] {
+        checkpoint(&f, &task, step, step == 70).await;
+    }
+    let keep =
+        |newest| store::Retention { checkpoints: Some(newest), ..store::Retention::default() };
+    assert_eq!(f.store.outdated(keep(1)).await.unwrap(), [], "the training goes on");
+    f.store.complete(task.fence, None).await.unwrap();
+    let spec = json!({"checkpoint": {"step": {"digest": training.digest, "step": 20}}});
+    let digest = Digest::of_json(&spec);
+    let reader = store::NewJob { spec, digest, ..evaluate(&data, &training, vec![]) };
+    let reading = f.submit_one(reader).await;
+    let checkpoints = f.store.checkpoints_of_job(trained).await.unwrap();
+    let change = store::LabelChange { tags: Some(vec!["keep".to_owned()]), ..Default::default() };
+    f.store.change_labels(store::Thing::Checkpoint, checkpoints[2].id.0, &change).await.unwrap();
+    assert_eq!(f.store.outdated(keep(2)).await.unwrap(), [], "an open job reads the training");
+    work(&f).await;
+    assert_eq!(f.state(reading).await, JobState::Succeeded);
+    let steps = |found: &[store::Outdated]| {
+        let step = |it: &store::Outdated| {
+            checkpoints.iter().find(|found| it.item == found.id.into()).map(|found| found.step)
+        };
+        found.iter().filter_map(step).collect::<Vec<u64>>()
+    };
+    let found = f.store.outdated(keep(2)).await.unwrap();
+    assert_eq!(steps(&found), [10, 40, 50]);
+    assert_eq!(found[0].reason, "a training keeps its 2 newest checkpoints and the best");
+    assert_eq!(f.store.retire(keep(2), LONG).await.unwrap(), found);
+    let left = f.store.checkpoints_of_job(trained).await.unwrap();
+    assert_eq!(left.iter().map(|it| it.step).collect::<Vec<_>>(), [20, 30, 60, 70]);
+    assert_eq!(f.store.outdated(keep(2)).await.unwrap(), []);
+}
+
+pub async fn old_logs_go_and_their_attempts_stay(f: Fixture) {
+    let job = f.submit_one(train(&simulate(1), vec![])).await;
+    let task = f.must_claim().await;
+    let line = store::NewLogChunk { position: 0, text: "here\n".to_owned() };
+    f.store.append_log(task.fence, &[line]).await.unwrap();
+    assert_eq!(f.store.outdated_logs(Duration::ZERO).await.unwrap(), [], "the job goes on");
+    f.store.complete(task.fence, None).await.unwrap();
+    assert_eq!(f.store.outdated_logs(LONG).await.unwrap(), []);
+    assert_eq!(f.store.delete_old_logs(LONG).await.unwrap(), 0);
+    tokio::time::sleep(Duration::from_millis(5)).await;
+    assert_eq!(f.store.outdated_logs(Duration::ZERO).await.unwrap(), [job]);
+    assert_eq!(f.store.delete_old_logs(Duration::ZERO).await.unwrap(), 1);
+    let filter = store::LogFilter { jobs: vec![job], ..store::LogFilter::default() };
+    let page = store::LogPage::After { id: 0, limit: 10 };
+    assert_eq!(f.store.log_page(&filter, page).await.unwrap(), []);
+    assert_eq!(f.store.delete_old_logs(Duration::ZERO).await.unwrap(), 0);
+    assert_eq!(f.store.census().await.unwrap().attempts.len(), 1);
 }
 
 pub async fn runs_of_other_clients_are_purged_at_their_date(f: Fixture) {
@@ -580,5 +639,28 @@ pub async fn a_restoration_and_a_purge_agree(f: Fixture) {
             Err(error) => panic!("{error}"),
         }
         assert_whole(&f.store).await;
+    }
+}
+
+pub async fn a_purge_changes_no_count_of_attempts(f: Fixture) {
+    let place = |(kind, outcome, _): &(String, Option<AttemptOutcome>, u64)| {
+        (kind.clone(), outcome.map(AttemptOutcome::as_str))
+    };
+    for seed in 1..=2 {
+        let job = f.submit_one(train(&simulate(seed), vec![])).await;
+        let task = f.must_claim().await;
+        f.store.fail(task.fence, "no room", Retry::Allowed).await.unwrap();
+        work(&f).await;
+        let before = f.store.census().await.unwrap();
+        let of_all: u64 = before.attempts.iter().map(|(_, _, number)| number).sum();
+        assert_eq!(of_all, seed * 2);
+        f.store.delete(job.into(), &ASKED).await.unwrap();
+        f.store.purge(ANY).await.unwrap();
+        let mut after = f.store.census().await.unwrap();
+        assert_eq!((after.jobs.len(), after.tasks.len()), (0, 0), "{after:?}");
+        let mut expected = before.attempts;
+        expected.sort_by_key(place);
+        after.attempts.sort_by_key(place);
+        assert_eq!(after.attempts, expected);
     }
 }

@@ -28,6 +28,7 @@ pub async fn filled() -> TempDir {
     let store = Store::open(dir.path(), Access::Server).await.unwrap();
     let f = Fixture { store, objects: files_of(&dir), dir, keep: Box::new(()) };
     finished_pipeline(&f).await;
+    purged_job(&f).await;
     failed_and_cancelled_jobs(&f).await;
     imported_file(&f).await;
     task_of_a_dead_worker(&f).await;
@@ -107,6 +108,16 @@ async fn record(f: &Fixture, task: &ClaimedTask) {
         let new = NewCheckpoint { step, is_final, is_best: is_final, metrics, files };
         f.store.commit_checkpoint(task.fence, &new).await.unwrap();
     }
+}
+
+/// It leaves the number of its attempts.
+async fn purged_job(f: &Fixture) {
+    let job = f.submit_one(simulate(9)).await;
+    let task = f.must_claim().await;
+    f.store.fail(task.fence, "in vain", Retry::Never).await.unwrap();
+    let order = DeletionOrder { respect: Respect::All, keep: Duration::ZERO, reason: None };
+    f.store.delete(job.into(), &order).await.unwrap();
+    f.store.purge(Ripe::After(Duration::ZERO)).await.unwrap();
 }
 
 async fn failed_and_cancelled_jobs(f: &Fixture) {

@@ -3,6 +3,7 @@
 
 mod artifacts;
 mod experiments;
+mod own_labels;
 mod own_runs;
 mod runs;
 mod search;
@@ -40,7 +41,7 @@ impl RunName {
             Self::Tracked(identifier) => Ok(identifier),
             Self::Own(_) => {
                 let message = format!(
-                    "run {self} is torqued's own and can only be read here; create a run to log to"
+                    "run {self} is torqued's own and takes no metrics, params, files or deletions here, only labels; create a run to log to"
                 );
                 Err(MlflowError::refused(ErrorCode::PermissionDenied, message))
             }

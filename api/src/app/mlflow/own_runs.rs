@@ -4,7 +4,7 @@ use serde_json::Value;
 use store::ExperimentId;
 use wire::JobState;
 
-use super::{RunName, artifact_uri};
+use super::{RunName, artifact_uri, own_labels};
 use crate::mlflow::entities::{Pair, RunInfo, Stage};
 
 /// The user of these runs.
@@ -67,8 +67,8 @@ pub fn tags(run: &store::Run) -> Vec<Pair> {
         id = run.id
     );
     let mut tags = vec![
-        ("mlflow.note.content", run.note.clone().unwrap_or(about)),
-        ("mlflow.runName", run.name.clone()),
+        (own_labels::NOTE, run.note.clone().unwrap_or(about)),
+        (own_labels::NAME, run.name.clone()),
         ("mlflow.source.name", USER.to_owned()),
         ("mlflow.source.type", "JOB".to_owned()),
         ("mlflow.user", USER.to_owned()),
@@ -87,9 +87,10 @@ pub fn tags(run: &store::Run) -> Vec<Pair> {
     ]);
     let labels: Vec<&str> = run.tags.iter().chain(&run.job_tags).map(String::as_str).collect();
     if !labels.is_empty() {
-        tags.push(("torqued.tags", labels.join(" ")));
+        tags.push((own_labels::TAGS, labels.join(" ")));
     }
-    tags.into_iter().map(|(key, value)| Pair { key: key.to_owned(), value }).collect()
+    let tags = tags.into_iter().map(|(key, value)| Pair { key: key.to_owned(), value });
+    tags.chain(own_labels::shown(&run.tags, &run.job_tags)).collect()
 }
 
 #[cfg(test)]

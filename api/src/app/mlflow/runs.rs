@@ -2,7 +2,7 @@
 
 use store::{ExperimentId, NewTrackedRun, Timestamp, TrackedBatch, TrackedRun, TrackedRunChange};
 
-use super::{RunName, artifact_uri};
+use super::{RunName, artifact_uri, own_runs};
 use crate::app::App;
 use crate::mlflow::MlflowError;
 use crate::mlflow::entities::{Metric, Run, RunInfo, Stage};
@@ -27,11 +27,17 @@ impl App {
         self.mlflow_run(&RunName::Tracked(run.identifier)).await
     }
 
+    /// The status and the end of torqued's own runs are those of their jobs, whatever a client says: one that sets a tag
+    /// within `start_run` sets both along the way.
     pub async fn change_tracked_run(
         &self,
         run: &RunName,
         change: &TrackedRunChange,
     ) -> Result<RunInfo, MlflowError> {
+        if let RunName::Own(id) = run {
+            self.label_own_run(*id, change.name.clone(), &[]).await?;
+            return Ok(own_runs::info(&self.store.run(*id).await?));
+        }
         Ok(info(&self.store.change_tracked_run(run.writable()?, change).await?))
     }
 
@@ -44,11 +50,21 @@ impl App {
         Ok(self.store.set_tracked_run_deleted(run.writable()?, keep).await?)
     }
 
+    /// Torqued's own runs take the tags that are labels.
     pub async fn log_batch(&self, run: &RunName, batch: &TrackedBatch) -> Result<(), MlflowError> {
+        if let RunName::Own(id) = run
+            && batch.metrics.is_empty()
+            && batch.params.is_empty()
+        {
+            return self.label_own_run(*id, None, &batch.tags).await;
+        }
         Ok(self.store.log_batch(run.writable()?, batch).await?)
     }
 
     pub async fn delete_tracked_tag(&self, run: &RunName, key: &str) -> Result<(), MlflowError> {
+        if let RunName::Own(id) = run {
+            return self.delete_own_tag(*id, key).await;
+        }
         Ok(self.store.delete_tracked_tag(run.writable()?, key).await?)
     }
 

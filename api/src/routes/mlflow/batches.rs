@@ -7,7 +7,7 @@ use store::{Timestamp, TrackedBatch, TrackedMetric};
 
 use super::runs::{NAME_TAG, run};
 use crate::app::App;
-use crate::mlflow::{Fields, MlflowError, Request, limits};
+use crate::mlflow::{Fields, MlflowError, Request, is_key, limits};
 
 type Answer = Result<Json<Value>, MlflowError>;
 
@@ -98,9 +98,7 @@ pub(super) fn tags(fields: Fields<'_>, most: usize) -> Result<Vec<(String, Strin
 /// A key that MLflow's own server also accepts. Its file store uses keys as paths.
 pub(super) fn key<'a>(fields: Fields<'a>) -> Result<&'a str, MlflowError> {
     let key = fields.required_text("key", limits::KEY)?;
-    let is_allowed = |c: char| c.is_alphanumeric() || "_-. :/".contains(c);
-    let is_path = key.split('/').all(|part| !matches!(part, "" | "." | ".."));
-    if key.chars().all(is_allowed) && is_path {
+    if is_key(key) {
         return Ok(key);
     }
     let allowed =
