@@ -10,6 +10,7 @@ mod cell;
 pub mod control;
 mod error;
 mod figure;
+mod given;
 mod learned;
 pub mod metrics;
 mod predictor;
@@ -31,6 +32,7 @@ pub use figure::{
     calibration_figure, crps_figure, horizon_figure, latency_figure, rmse_figure,
     sampler_steps_figure,
 };
+pub use given::Given;
 pub use learned::{FirstPrediction, LeakyLearned, Learned, OracleStarted, Start};
 pub use metrics::rmse_deg;
 pub use predictor::{Answer, Predictor, Samples};

@@ -1,8 +1,8 @@
 use serde::{Deserialize, Serialize};
 use spec::{EvaluateSpec, SpecError};
-use store::{JobReuse, NewTask, Output, PartReuse};
+use store::{DatasetState, JobReuse, NewTask, Output, PartReuse};
 
-use crate::inputs::Inputs;
+use crate::inputs::{FoundData, Inputs};
 use crate::kind::{Kind, task};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
@@ -45,8 +45,41 @@ impl Kind for EvaluateSpec {
     }
 
     fn check_inputs(&self, inputs: &Inputs) -> Result<(), SpecError> {
-        Self::check_inputs(self, &inputs.data()?.spec, &inputs.trainings())
+        let (data, files) = (inputs.data()?, inputs.other_data());
+        let specs: Vec<_> = files.iter().map(|file| &file.spec).collect();
+        Self::check_inputs(self, &data.spec, &inputs.trainings(), &specs)?;
+        check_files(self, data, files)
     }
+}
+
+/// Checks what is known of the datasets of files of predictions: each is there once, and a complete one has at least
+/// an answer to each scenario.
+fn check_files(
+    spec: &EvaluateSpec,
+    data: &FoundData,
+    files: &[FoundData],
+) -> Result<(), SpecError> {
+    let scenarios = data.spec.trajectories().map(|_| {
+        let trajectories = spec.cells(&data.spec).into_iter().map(|cell| cell.count);
+        trajectories.sum::<u64>()
+    });
+    for (i, file) in files.iter().enumerate() {
+        let field = format!("predictions[{i}].data");
+        if let Some(other) = files[..i].iter().position(|earlier| earlier.source == file.source) {
+            let value = format!("the dataset of predictions[{other}]");
+            return Err(SpecError::one(field, value, "each dataset once"));
+        }
+        let complete = file.this_dataset().filter(|it| it.state == DatasetState::Complete);
+        if let (Some(complete), Some(scenarios)) = (complete, scenarios)
+            && complete.trajectories < scenarios
+        {
+            let value =
+                format!("dataset {} with {} predictions", complete.id, complete.trajectories);
+            let allowed = format!("at least one for each of the {scenarios} scenarios");
+            return Err(SpecError::one(field, value, allowed));
+        }
+    }
+    Ok(())
 }
 
 #[cfg(test)]

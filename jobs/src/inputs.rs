@@ -29,6 +29,11 @@ impl Inputs {
         self.data.first().ok_or_else(|| SpecError::one("data", "", "a dataset"))
     }
 
+    /// The data beside those that [`Self::data`] gives, in the order of the spec.
+    pub fn other_data(&self) -> &[FoundData] {
+        self.data.get(1..).unwrap_or_default()
+    }
+
     pub fn trainings(&self) -> Vec<Training<'_>> {
         self.trainings.iter().map(|(spec, data)| Training { spec, data }).collect()
     }

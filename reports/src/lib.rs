@@ -55,9 +55,9 @@ fn warnings(warnings: &[Warning], all: u64, each: &str) -> String {
     text
 }
 
-/// The trained predictors.
+/// The predictors that are no baselines: checkpoints, and files of predictions.
 fn models(report: &Report) -> impl Iterator<Item = &PredictorInfo> {
-    report.predictors.iter().filter(|predictor| predictor.kind == PredictorKind::Checkpoint)
+    report.predictors.iter().filter(|predictor| predictor.kind != PredictorKind::Baseline)
 }
 
 /// The name to print. It says if the predictor has seen the future that it predicts.

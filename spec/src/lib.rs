@@ -41,8 +41,8 @@ pub use control::{
 pub use data::DataSpec;
 pub use error::{SpecError, Violation};
 pub use evaluate::{
-    Baseline, Bootstrap, EvaluateSpec, EvaluationSampler, LatencySpec, SamplerSteps, SamplingRun,
-    ScenarioCell, Start, UNGRIDDED_SCENARIOS,
+    Baseline, Bootstrap, EvaluateSpec, EvaluationSampler, FilePredictions, LatencySpec,
+    SamplerSteps, SamplingRun, ScenarioCell, Start, UNGRIDDED_SCENARIOS,
 };
 pub use execution::Execution;
 pub use import::{

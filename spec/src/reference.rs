@@ -172,6 +172,14 @@ impl Referred<'_> {
 }
 
 impl DataSource {
+    /// The digest of the job that makes the dataset, of a stored spec; a stream has none.
+    pub const fn digest(&self) -> Option<Digest> {
+        match self {
+            Self::Digest(digest) => Some(*digest),
+            Self::Job(_) | Self::Dataset(_) | Self::Stream(_) => None,
+        }
+    }
+
     /// Warnings about a stream.
     pub(crate) fn doubts(&self) -> Vec<Doubt> {
         let Self::Stream(stream) = self else { return Vec::new() };

@@ -67,7 +67,7 @@ fn refusal_of(extra: &Value, samples: u32, trainings: &[TrainSpec]) -> String {
     let trained_on = data(400);
     let inputs: Vec<Training<'_>> =
         trainings.iter().map(|spec| Training { spec, data: &trained_on }).collect();
-    match evaluate(extra).check_inputs(&data(samples), &inputs) {
+    match evaluate(extra).check_inputs(&data(samples), &inputs, &[]) {
         Ok(()) => String::new(),
         Err(error) => error.to_string(),
     }

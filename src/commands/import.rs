@@ -1,10 +1,11 @@
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::{Context, ensure};
+use anyhow::{Context, bail, ensure};
 use clap::Args;
-use serde_json::Value;
-use wire::Job;
+use serde_json::{Value, json};
+use spec::{DataSpec, FileFormat, JobSpec};
+use wire::{Dataset, Job};
 
 use crate::arguments::{OutputArguments, ServerArguments};
 use crate::client::{Client, Reuse, Submitted};
@@ -13,13 +14,22 @@ use crate::output::write_json;
 
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// The recordings: a Parquet or CSV file
+    /// The recordings, or a model's predictions: a Parquet or CSV file
     #[arg(value_name = "FILE")]
     file: PathBuf,
 
     /// The import spec, which says what each column means; `kind` and `file` may be left out
-    #[arg(long, value_name = "MAPPING.json")]
-    spec: PathBuf,
+    #[arg(long, value_name = "MAPPING.json", required_unless_present = "predictions_of")]
+    spec: Option<PathBuf>,
+
+    /// Instead of a spec: the file has predictions of the horizons of this dataset, in its columns `trajectory`, `u1`,
+    /// `u2`, .., `q1`, `q2`, ..
+    #[arg(long, value_name = "DATASET", conflicts_with = "spec")]
+    predictions_of: Option<i64>,
+
+    /// Samples before the horizon that was predicted: `rounds` and `context` of the evaluation together
+    #[arg(long, value_name = "SAMPLES", default_value_t = 320, requires = "predictions_of")]
+    context: u32,
 
     /// Import again, even if the same file was imported in the same way before
     #[arg(long)]
@@ -37,8 +47,18 @@ pub struct Arguments {
 }
 
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
-    let spec = read_spec(&arguments.spec, &arguments.file)?;
     let client = arguments.server.client()?;
+    let spec = match (&arguments.spec, arguments.predictions_of) {
+        (Some(path), _) => read_spec(path, &arguments.file)?,
+        (None, Some(dataset)) => {
+            let dataset = client.dataset(dataset).await?;
+            let format = format_of(&arguments.file).with_context(|| {
+                format!("{} ends neither in .parquet nor in .csv", arguments.file.display())
+            })?;
+            mapping_of_predictions(&dataset, arguments.context, format)?
+        }
+        (None, None) => bail!("--spec or --predictions-of is missing"),
+    };
     let reuse = if arguments.force { Reuse::ComputeAnew } else { Reuse::ByDigest };
     let Submitted { job, existed } = client.import(&arguments.file, &spec, reuse).await?;
     let output = arguments.output;
@@ -69,18 +89,58 @@ fn read_spec(path: &Path, file: &Path) -> anyhow::Result<Value> {
     let fields =
         spec.as_object_mut().with_context(|| format!("{} is not a JSON object", path.display()))?;
     if !fields.contains_key("format") {
-        let extension = file.extension().and_then(|extension| extension.to_str());
-        let format = extension.map(str::to_ascii_lowercase);
-        let known = format.as_deref().filter(|format| ["csv", "parquet"].contains(format));
+        let known = format_of(file);
         ensure!(
             known.is_some(),
             "the name {} does not show whether the file is Parquet or CSV; add \"format\" to {}",
             file.display(),
             path.display()
         );
-        fields.insert("format".to_owned(), known.into());
+        fields.insert("format".to_owned(), serde_json::to_value(known)?);
     }
     Ok(spec)
+}
+
+/// The format that the name of a file tells.
+fn format_of(file: &Path) -> Option<FileFormat> {
+    let extension = file.extension()?.to_str()?;
+    FileFormat::ALL.into_iter().find(|format| extension.eq_ignore_ascii_case(format.as_str()))
+}
+
+/// The import spec of predictions of all samples after the first `context` of each trajectory of `dataset`. The robot
+/// is the dataset's, whose limits a prediction may leave.
+fn mapping_of_predictions(
+    dataset: &Dataset,
+    context: u32,
+    format: FileFormat,
+) -> anyhow::Result<Value> {
+    let job: JobSpec = serde_json::from_value(dataset.spec.clone())?;
+    let data = DataSpec::of(&job).context("the dataset has the spec of another kind of job")?;
+    ensure!(
+        context < data.samples(),
+        "--context is {context}; allowed: less than the {} samples of dataset {}",
+        data.samples(),
+        dataset.id
+    );
+    let columns = |quantity: &str| -> Vec<String> {
+        (1..=data.joints()).map(|joint| format!("{quantity}{joint}")).collect()
+    };
+    let wide = [-1000.0, 1000.0];
+    let mut mapping = json!({
+        "format": format,
+        "columns": {"recording": "trajectory", "u": columns("u"), "q": columns("q")},
+        "ranges": {"u_nm": [-1e6, 1e6], "q_rad": wide, "qd_rad_s": wide},
+        "rate_hz": data.rate_hz(),
+        "samples": data.samples() - context,
+    });
+    let robot = match &data {
+        DataSpec::Simulation(spec) => Some(&spec.robot),
+        DataSpec::Import(spec) => spec.robot.as_ref(),
+    };
+    if let Some(robot) = robot {
+        mapping["robot"] = serde_json::to_value(robot)?;
+    }
+    Ok(mapping)
 }
 
 #[cfg(test)]

@@ -65,9 +65,12 @@ pub struct PredictorInfo {
     /// Its knowledge about the arms before it sees a context.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub told: Option<String>,
-    /// The digest of the spec that trained a checkpoint.
+    /// The digest of the spec that a checkpoint was trained by, or that predictions were imported by.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub digest: Option<Digest>,
+    /// SHA-256 of the file that predictions were sent as.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub file: Option<Digest>,
     /// The digest of that spec with the seeds of the training and of its simulated data set to 0.
     /// Trainings that share it are replications. Missing for recordings and for checkpoints that
     /// are not final.
@@ -95,6 +98,9 @@ impl PredictorInfo {
 pub enum PredictorKind {
     Baseline,
     Checkpoint,
+    /// A model that torqued does not know, by a file of its predictions. Nobody can tell whether it saw the
+    /// positions that it predicts.
+    Predictions,
 }
 
 /// The sampling of a denoiser.

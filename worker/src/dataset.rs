@@ -83,6 +83,22 @@ impl DatasetReader {
         self.shards.all.iter().map(ShardContents::range).collect()
     }
 
+    /// The name of each trajectory's recording, of an import.
+    pub fn recordings(&self) -> Result<Vec<String>, TaskError> {
+        let mut names = Vec::new();
+        for shard in &self.shards.all {
+            let table = self.shards.store.open_table(&shard.robots)?;
+            for row_group in 0..table.row_groups().count() {
+                let rows = table.read_row_group(row_group, &["recording"])?;
+                let column = rows.column(0).as_string_opt::<i32>();
+                let not_text = || ArrowError::SchemaError("recording is not text".to_owned());
+                let column = column.ok_or_else(not_text)?;
+                names.extend(column.iter().map(|name| name.unwrap_or_default().to_owned()));
+            }
+        }
+        Ok(names)
+    }
+
     /// Number of trajectories per row group. Reading whole row groups is fastest.
     pub fn block(&self) -> u64 {
         u64::from(store::trajectories_per_row_group(self.spec.samples()))

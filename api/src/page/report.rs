@@ -325,6 +325,12 @@ fn transpose(predictors: &[PredictorInfo], by_group: Vec<Vec<Cell>>) -> Vec<Summ
 fn remark(predictor: &PredictorInfo) -> String {
     let told = predictor.told.as_ref();
     let remark = match predictor.kind {
+        PredictorKind::Predictions => {
+            let file = predictor.file.map(|file| file.short()).unwrap_or_default();
+            return format!(
+                "predictions of file {file}; nobody can tell whether it saw the horizon"
+            );
+        }
         PredictorKind::Baseline => {
             return told.map_or("baseline".to_owned(), |told| format!("baseline, told {told}"));
         }
@@ -358,8 +364,8 @@ impl PairedRow {
     }
 }
 
-/// The main result of an evaluation in one line: the best checkpoint and the best baseline, in
-/// distribution.
+/// The key result of an evaluation in a line: the best checkpoint, the best file of predictions and the best baseline,
+/// on what was seen in training.
 pub fn headline(report: &Report) -> String {
     let Some(group) = report.groups.first() else { return String::new() };
     let best = |kind: PredictorKind| {
@@ -373,9 +379,10 @@ pub fn headline(report: &Report) -> String {
             .filter(of_kind)
             .min_by(|a, b| a.interval.mean.total_cmp(&b.interval.mean))
     };
-    let parts: Vec<String> = [best(PredictorKind::Checkpoint), best(PredictorKind::Baseline)]
+    let kinds = [PredictorKind::Checkpoint, PredictorKind::Predictions, PredictorKind::Baseline];
+    let parts: Vec<String> = kinds
         .into_iter()
-        .flatten()
+        .filter_map(best)
         .map(|rmse| format!("{} {}°", rmse.predictor, text::degrees(rmse.interval.mean)))
         .collect();
     match parts.as_slice() {

@@ -28,7 +28,7 @@ pub fn tracking_figure(report: &ControlReport, robots: &[RobotTrials]) -> Figure
             mark: Mark::Line,
             stroke: match controller.info.kind {
                 PredictorKind::Baseline => Stroke::Dashed,
-                PredictorKind::Checkpoint => Stroke::Solid,
+                PredictorKind::Checkpoint | PredictorKind::Predictions => Stroke::Solid,
             },
         }
     });

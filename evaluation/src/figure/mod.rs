@@ -67,14 +67,14 @@ fn drawn(report: &Report) -> impl Iterator<Item = &PredictorInfo> {
     report.predictors.iter().filter(move |info| !has_more_steps(info))
 }
 
-/// Checkpoints are solid, baselines dashed.
+/// Checkpoints and files of predictions are solid, baselines dashed.
 fn line(info: &PredictorInfo, points: Vec<Point>) -> Series {
     Series {
         name: info.name.clone(),
         points,
         mark: Mark::LineAndMarkers,
         stroke: match info.kind {
-            PredictorKind::Checkpoint => Stroke::Solid,
+            PredictorKind::Checkpoint | PredictorKind::Predictions => Stroke::Solid,
             PredictorKind::Baseline => Stroke::Dashed,
         },
     }

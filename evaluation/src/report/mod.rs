@@ -31,6 +31,7 @@ pub(crate) mod tests {
             kind,
             told: None,
             digest: None,
+            file: None,
             replicates: None,
             normalization: None,
             sampling: None,

@@ -179,22 +179,21 @@ fn means(
     predictors.iter().filter_map(summary).collect()
 }
 
-/// Compares each checkpoint with all predictors before it, baselines and other checkpoints. Without
-/// checkpoints, each baseline is compared with those before it. Checkpoints that are sampled in
-/// several ways are compared with others of the same sampling. Each is also compared with itself at
-/// the same steps or with otherwise equal sampling, and with its longest chain from noise. All
-/// pairs of a sweep over steps would be thousands.
+/// Each file of predictions and each checkpoint against all that come before it; without either, each baseline
+/// against those before it. Checkpoints that are sampled in several ways are compared with others that are
+/// sampled in the same way, and each with itself where steps or the rest is the same, and with its longest chain
+/// from noise: all pairs of a sweep over steps would be thousands.
 fn paired(
     group: &Group<'_>,
     predictors: &[PredictorInfo],
     bootstrap: Bootstrap,
 ) -> Vec<PairedDifference> {
-    let is_checkpoint = |info: &PredictorInfo| info.kind == PredictorKind::Checkpoint;
-    let only_baselines = !predictors.iter().any(is_checkpoint);
+    let is_model = |info: &PredictorInfo| info.kind != PredictorKind::Baseline;
+    let only_baselines = !predictors.iter().any(is_model);
     let pairs: Vec<_> = predictors
         .iter()
         .enumerate()
-        .filter(|(_, ours)| only_baselines || is_checkpoint(ours))
+        .filter(|(_, ours)| only_baselines || is_model(ours))
         .flat_map(|(k, ours)| predictors[..k].iter().map(move |theirs| (ours, theirs)))
         .filter(|(ours, theirs)| is_compared(ours, theirs, predictors))
         .collect();

@@ -13,8 +13,9 @@ const MAX_LEVELS: usize = 10;
 impl Check for EvaluateSpec {
     fn check(&self, report: &mut Report) {
         report.part("data", &self.data);
-        if self.checkpoints.is_empty() && self.baselines.is_empty() {
-            report.violation("checkpoints", "[]", "at least one checkpoint or baseline");
+        if self.checkpoints.is_empty() && self.baselines.is_empty() && self.predictions.is_empty() {
+            let allowed = "at least one checkpoint, baseline or file of predictions";
+            report.violation("checkpoints", "[]", allowed);
         }
         report.length("checkpoints", self.checkpoints.len(), 0..=50);
         if let Some(twice) = first_repeated(&self.checkpoints) {
@@ -23,6 +24,7 @@ impl Check for EvaluateSpec {
         if let Some(twice) = first_repeated(&self.baselines) {
             report.violation("baselines", format!("{twice:?} twice"), "each once");
         }
+        self.check_predictions(report);
         report.within("context", self.context, 1..=9_999);
         if let Some(horizon) = self.horizon {
             report.within("horizon", horizon, 1..=9_999);

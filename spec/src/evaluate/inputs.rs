@@ -7,15 +7,19 @@ use crate::check::Report;
 use crate::{DataSpec, Length, Lengths, SpecError, TrainSpec, Training};
 
 impl EvaluateSpec {
+    /// Checks the data, the trainings of the checkpoints, and the imports that hold predictions.
+    ///
     /// # Errors
-    /// Names each field that does not fit `data` or a training, with both numbers.
+    /// Names each field that does not fit `data`, a training or an import, with both numbers.
     pub fn check_inputs(
         &self,
         data: &DataSpec,
         trainings: &[Training<'_>],
+        predictions: &[&DataSpec],
     ) -> Result<(), SpecError> {
         let mut report = Report::default();
         let horizon = self.check_length(data.samples(), &mut report);
+        self.check_files(data, horizon, predictions, &mut report);
         for (i, training) in trainings.iter().enumerate() {
             let field = format!("checkpoints[{i}]");
             let lengths = training.spec.model.lengths();

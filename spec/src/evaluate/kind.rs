@@ -7,7 +7,7 @@ use serde_json::{Map, Value};
 use super::default_grid;
 use super::spec::EvaluateSpec;
 use crate::kind::KindSpec;
-use crate::{Doubt, Execution, Reference, SpecError, Violation};
+use crate::{Doubt, Execution, Reference, Referred, SpecError, Violation};
 
 impl KindSpec for EvaluateSpec {
     fn read(fields: Map<String, Value>, found: Vec<Violation>) -> Result<Self, SpecError> {
@@ -20,7 +20,11 @@ impl KindSpec for EvaluateSpec {
 
     fn references(&mut self) -> Vec<Reference<'_>> {
         let checkpoints = Reference::checkpoints(&mut self.checkpoints);
-        iter::once(Reference::data(&mut self.data)).chain(checkpoints).collect()
+        let predictions = self.predictions.iter_mut().enumerate().map(|(i, it)| Reference {
+            field: format!("predictions[{i}].data"),
+            to: Referred::Data(&mut it.data),
+        });
+        iter::once(Reference::data(&mut self.data)).chain(predictions).chain(checkpoints).collect()
     }
 
     fn doubts(&self) -> Vec<Doubt> {

@@ -5,9 +5,11 @@ mod check;
 mod default_grid;
 mod inputs;
 mod kind;
+mod predictions;
 mod sampler;
 mod spec;
 
 pub use cells::{ScenarioCell, UNGRIDDED_SCENARIOS};
+pub use predictions::FilePredictions;
 pub use sampler::{EvaluationSampler, SamplerSteps, SamplingRun, Start};
 pub use spec::{Baseline, Bootstrap, EvaluateSpec, LatencySpec};

@@ -1,6 +1,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::predictions::FilePredictions;
 use super::sampler::{EvaluationSampler, Start};
 use crate::{CheckpointRef, DataSource, Execution};
 
@@ -21,6 +22,10 @@ pub struct EvaluateSpec {
     pub checkpoints: Vec<CheckpointRef>,
     #[serde(default = "Baseline::all")]
     pub baselines: Vec<Baseline>,
+    /// Models that torqued does not know, by files of their predictions. Such a file answers a stored dataset without
+    /// further noise: `data` is no stream, and `position_noise_rad` is left out.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub predictions: Vec<FilePredictions>,
     /// Number of samples that every predictor is given.
     #[serde(default = "context")]
     pub context: u32,

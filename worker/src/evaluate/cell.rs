@@ -14,6 +14,7 @@ use spec::{DataSpec, EvaluateSpec, Family, ScenarioCell};
 use wire::Warning;
 
 use super::checkpoints::LoadedCheckpoint;
+use super::predictions::PredictionFile;
 use super::predictors::Predictors;
 use super::rows;
 use crate::attempt::Attempt;
@@ -50,8 +51,11 @@ pub(super) fn cell(attempt: &Attempt, spec: &EvaluateSpec, index: usize) -> Resu
     let samples = spec.samples as usize;
     let limits_rad = data.spec().limits_rad();
     let scoring = Scoring { pre_roll, context, samples, band_edge_hz, limits_rad };
-    let predictors = Predictors::new(spec, data.spec(), &checkpoints);
-    let asked = predictors.of_cell(&scenarios, cell.first);
+    let files = PredictionFile::open_all(attempt, spec)?;
+    let given = |file: &PredictionFile| file.answer(spec, &data, &scenarios, cell.first);
+    let given = files.iter().map(given).collect::<Result<Vec<_>, TaskError>>()?;
+    let predictors = Predictors::new(spec, data.spec(), &files, &checkpoints)?;
+    let asked = predictors.of_cell(&scenarios, cell.first, given);
     let mut errors = Vec::with_capacity(asked.len());
     tracing::info!(
         cell = index,

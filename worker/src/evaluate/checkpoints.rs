@@ -93,6 +93,7 @@ impl LoadedCheckpoint {
             kind: PredictorKind::Checkpoint,
             told: Some("the robots it was trained on".to_owned()),
             digest: Some(*digest),
+            file: None,
             replicates,
             normalization: Some(training.normalization),
             sampling: None,

@@ -4,7 +4,9 @@ mod cell;
 mod checkpoints;
 mod figures;
 mod latency;
+mod predictions;
 mod predictors;
+mod recordings;
 mod report;
 mod rows;
 

@@ -1,17 +1,19 @@
-//! The predictors of an evaluation, in the order of every table: first the baselines, then the
-//! checkpoints with each way of sampling.
+//! Who is asked in an evaluation: baselines first, then files of predictions, then checkpoints, each sampled in each
+//! way. The order of every table.
 
 use std::collections::HashMap;
 
 use evaluation::{
-    FirstPrediction, LeakyLearned, Learned, NominalArm, OracleStarted, Predictor, Start, baseline,
+    FirstPrediction, Given, LeakyLearned, Learned, NominalArm, OracleStarted, Predictor, Start,
+    baseline,
 };
 use models::Sampling;
 use series::SeriesView;
-use spec::{DataSpec, EvaluateSpec, SamplerSpec, SamplingRun};
+use spec::{DataSpec, EvaluateSpec, SamplerSpec, SamplingRun, SpecError};
 use wire::{PredictorInfo, PredictorKind, SamplingInfo};
 
 use super::checkpoints::LoadedCheckpoint;
+use super::predictions::PredictionFile;
 
 /// Distance of two windows in samples. As in the paper, there is a prediction at every sample.
 pub(super) const SHIFT: usize = 1;
@@ -19,6 +21,7 @@ pub(super) const SHIFT: usize = 1;
 pub(super) struct Predictors<'a> {
     arm: NominalArm,
     spec: &'a EvaluateSpec,
+    files: &'a [PredictionFile],
     pub learned: Vec<LearnedRun<'a>>,
     /// First predictions of warm-started runs that share a checkpoint and a sampler.
     first: HashMap<FirstKey, FirstPrediction>,
@@ -39,15 +42,31 @@ impl<'a> Predictors<'a> {
     pub fn new(
         spec: &'a EvaluateSpec,
         data: &DataSpec,
+        files: &'a [PredictionFile],
         checkpoints: &'a [LoadedCheckpoint],
-    ) -> Self {
+    ) -> Result<Self, SpecError> {
         let learned: Vec<LearnedRun<'a>> = checkpoints
             .iter()
             .enumerate()
             .flat_map(|(index, checkpoint)| LearnedRun::all(spec, index, checkpoint))
             .collect();
         let first = learned.iter().map(|it| (it.first_key(), FirstPrediction::new())).collect();
-        Self { arm: NominalArm::of(data), spec, learned, first }
+        let predictors = Self { arm: NominalArm::of(data), spec, files, learned, first };
+        predictors.check_names()?;
+        Ok(predictors)
+    }
+
+    /// Refuses a file whose name is also that of a checkpoint, which is known only once the checkpoint is loaded.
+    fn check_names(&self) -> Result<(), SpecError> {
+        for (i, file) in self.files.iter().enumerate() {
+            let name = &file.info.name;
+            if self.learned.iter().any(|learned| learned.info.name == *name) {
+                let allowed = "another name than that of a checkpoint of this evaluation";
+                let field = format!("predictions[{i}].name");
+                return Err(SpecError::one(field, format!("{name:?}"), allowed));
+            }
+        }
+        Ok(())
     }
 
     /// The predictors, in the order of every table.
@@ -57,23 +76,28 @@ impl<'a> Predictors<'a> {
             kind: PredictorKind::Baseline,
             told: Some(name.told().to_owned()),
             digest: None,
+            file: None,
             replicates: None,
             normalization: None,
             sampling: None,
             latency: None,
         });
-        baselines.chain(self.learned.iter().map(|learned| learned.info.clone())).collect()
+        let files = self.files.iter().map(|file| file.info.clone());
+        let learned = self.learned.iter().map(|learned| learned.info.clone());
+        baselines.chain(files).chain(learned).collect()
     }
 
-    /// The predictors for the scenarios of one cell, which begin with the index `first`.
+    /// For the scenarios of one cell, `first` the index of the first, with what the files say of them.
     pub fn of_cell<'b>(
         &'b self,
         scenarios: &'b SeriesView<'b>,
         first: u64,
+        given: Vec<Given>,
     ) -> Vec<Box<dyn Predictor + 'b>> {
         let baselines = self.spec.baselines.iter().map(|&name| baseline(name, &self.arm));
         let learned = self.learned.iter().map(|learned| self.predictor(learned, scenarios, first));
-        baselines.map(|it| -> Box<dyn Predictor + 'b> { it }).chain(learned).collect()
+        let given = given.into_iter().map(|given| -> Box<dyn Predictor + 'b> { Box::new(given) });
+        baselines.map(|it| -> Box<dyn Predictor + 'b> { it }).chain(given).chain(learned).collect()
     }
 
     fn predictor<'b>(

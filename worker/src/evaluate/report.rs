@@ -10,6 +10,7 @@ use wire::DataNoise;
 use super::cell::{CellRecord, TableAt};
 use super::checkpoints::LoadedCheckpoint;
 use super::latency::LatencyRecord;
+use super::predictions::PredictionFile;
 use super::predictors::Predictors;
 use super::{figures, rows};
 use crate::attempt::Attempt;
@@ -25,7 +26,8 @@ pub(super) fn report(attempt: &Attempt, spec: &EvaluateSpec) -> Result<(), TaskE
     tracing::info!(cells = cells.len(), "puts the cells together");
     attempt.check_stop()?;
 
-    let mut predictors = Predictors::new(spec, data.spec(), &checkpoints).infos();
+    let files = PredictionFile::open_all(attempt, spec)?;
+    let mut predictors = Predictors::new(spec, data.spec(), &files, &checkpoints)?.infos();
     let mut latencies = results(&tasks, |task| task == EvaluateTask::Latency);
     let latencies: LatencyRecord = latencies.next().transpose()?.unwrap_or_default();
     for (name, latency) in latencies.latencies {
