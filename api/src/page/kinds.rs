@@ -107,6 +107,19 @@ pub async fn headlines(app: &App, jobs: &[&Job]) -> Result<BTreeMap<i64, String>
     Ok(headlines)
 }
 
+/// The mean errors of the evaluations with these runs, in a line each, by run.
+pub async fn evaluation_headlines(
+    app: &App,
+    runs: &[i64],
+) -> Result<BTreeMap<i64, String>, ApiError> {
+    let mut headlines = BTreeMap::new();
+    for (run, file) in app.report_files(runs).await? {
+        let headline = of_report(app, JobKind::Evaluate, &file).await?;
+        headlines.extend(headline.map(|headline| (run, headline)));
+    }
+    Ok(headlines)
+}
+
 /// A damaged report is the trouble of its own page, not of every list that has its job.
 async fn of_report(app: &App, kind: JobKind, file: &Artifact) -> Result<Option<String>, ApiError> {
     let headline = match kind {
