@@ -2,7 +2,7 @@
 //! browsers.
 
 use std::any::Any;
-use std::sync::Arc;
+use std::sync::{Arc, LazyLock};
 use std::time::Instant;
 
 use axum::extract::{MatchedPath, Request, State};
@@ -12,6 +12,9 @@ use axum::http::header::{
 use axum::http::{HeaderValue, Method};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
+use spec::Digest;
 use tokio::sync::Semaphore;
 
 use crate::app::App;
@@ -59,23 +62,30 @@ pub async fn count(State(app): State<App>, request: Request, next: Next) -> Resp
     response
 }
 
-/// The content security policy. Everything on the page comes from this server, and no site may
-/// embed it in a frame.
-const POLICY: &str = "default-src 'none'; style-src 'self'; script-src 'self'; img-src 'self'; \
-                      connect-src 'self'; form-action 'self'; base-uri 'none'; \
-                      frame-ancestors 'none'";
+/// Everything the page needs comes from this server, and nothing may frame it. The one style within a page is that of figures,
+/// known by its digest.
+static POLICY: LazyLock<HeaderValue> = LazyLock::new(|| {
+    let figures = STANDARD.encode(Digest::of(figures::style().as_bytes()).as_bytes());
+    let policy = format!(
+        "default-src 'none'; style-src 'self' 'sha256-{figures}'; script-src 'self'; img-src 'self'; \
+         connect-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
+    );
+    // Base64 has no character that a header cannot have.
+    HeaderValue::try_from(policy).unwrap_or(HeaderValue::from_static("default-src 'none'"))
+});
 
-const BROWSER_HEADERS: [(HeaderName, HeaderValue); 3] = [
-    (CONTENT_SECURITY_POLICY, HeaderValue::from_static(POLICY)),
+const BROWSER_HEADERS: [(HeaderName, HeaderValue); 2] = [
     (X_CONTENT_TYPE_OPTIONS, HeaderValue::from_static("nosniff")),
     (REFERRER_POLICY, HeaderValue::from_static("same-origin")),
 ];
 
 pub async fn add_browser_headers(request: Request, next: Next) -> Response {
     let mut response = next.run(request).await;
+    let headers = response.headers_mut();
+    // A page that needs more than others says so itself.
+    headers.entry(CONTENT_SECURITY_POLICY).or_insert_with(|| POLICY.clone());
     for (name, value) in BROWSER_HEADERS {
-        // A page that needs more than the others sets its own policy.
-        response.headers_mut().entry(name).or_insert(value);
+        headers.entry(name).or_insert(value);
     }
     response
 }

@@ -9,6 +9,7 @@ mod bootstrap;
 mod cell;
 pub mod control;
 mod error;
+mod examples;
 mod figure;
 mod given;
 mod learned;
@@ -28,9 +29,10 @@ pub use cell::{
     measured_left_limits, within_torque_limits,
 };
 pub use error::EvaluationError;
+pub use examples::{Example, Examples, examples};
 pub use figure::{
-    calibration_figure, crps_figure, horizon_figure, latency_figure, rmse_figure,
-    sampler_steps_figure,
+    DrawnAnswer, calibration_figure, crps_figure, horizon_figure, latency_figure,
+    prediction_figure, rmse_figure, sampler_steps_figure,
 };
 pub use given::Given;
 pub use learned::{FirstPrediction, LeakyLearned, Learned, OracleStarted, Start};

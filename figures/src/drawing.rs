@@ -15,13 +15,13 @@ use crate::layout::{
 };
 use crate::marks::{Drawn, Look};
 use crate::trace::Trace;
-use crate::{Figure, FigureError, SERIES_ALLOWED, Size, Stroke, description, text};
+use crate::{Figure, FigureError, SERIES_ALLOWED, Size, Stroke, description, text, theme};
 
-const INK: RGBColor = RGBColor(0x22, 0x22, 0x22);
-const AXIS: RGBColor = RGBColor(0x55, 0x55, 0x55);
-const GRID: RGBColor = RGBColor(0xD6, 0xD6, 0xD6);
-const FINE_GRID: RGBColor = RGBColor(0xEC, 0xEC, 0xEC);
-const SHADE: RGBColor = RGBColor(0x80, 0x80, 0x80);
+const INK: RGBColor = color(theme::INK);
+const AXIS: RGBColor = color(theme::AXIS);
+const GRID: RGBColor = color(theme::GRID);
+const FINE_GRID: RGBColor = color(theme::FINE_GRID);
+const SHADE: RGBColor = color(theme::SHADE);
 const FONT: &str = "system-ui, sans-serif";
 /// Space around the plot for markers and lines of points on its edge, in CSS pixels.
 const OVERHANG: f64 = 6.0;
@@ -29,7 +29,8 @@ const OVERHANG: f64 = 6.0;
 /// The figure as a document that fills the width of its container.
 pub(crate) fn svg(figure: &Figure, size: Size) -> Result<String, FigureError> {
     let (traces, layout) = arrange(figure, size, 0.0)?;
-    draw(figure, &traces, &layout, "width=\"100%\"")
+    let style = format!("<style>{}</style>\n", theme::style());
+    draw(figure, &traces, &layout, "width=\"100%\"", &style)
 }
 
 /// The figure as a part of a larger drawing, `top` pixels from its upper edge. Its plot begins at
@@ -43,7 +44,7 @@ pub(crate) fn panel(
     let Size { width, height } = size;
     let (traces, layout) = arrange(figure, size, left)?;
     let place = format!("y=\"{top}\" width=\"{width}\" height=\"{height}\"");
-    draw(figure, &traces, &layout, &place)
+    draw(figure, &traces, &layout, &place, "")
 }
 
 /// The left edge of the figure's plot by default, in pixels.
@@ -68,12 +69,17 @@ fn arrange(figure: &Figure, size: Size, left: f64) -> Result<(Vec<Trace>, Layout
     Ok((traces, layout))
 }
 
-/// Draws the figure. `place` has the root element's attributes for position and size.
+const fn color((red, green, blue): theme::Rgb) -> RGBColor {
+    RGBColor(red, green, blue)
+}
+
+/// `place` is what the root element says of its position and size; `style` is its `<style>` element, if it has one.
 fn draw(
     figure: &Figure,
     traces: &[Trace],
     layout: &Layout,
     place: &str,
+    style: &str,
 ) -> Result<String, FigureError> {
     let looks: Vec<Look> = figure
         .series
@@ -89,12 +95,19 @@ fn draw(
     body.push_str(&data(figure, layout, &looks, traces)?);
     body.push_str(&legend(layout, &looks)?);
     body.push_str(&titles(layout, empty)?);
-    Ok(document(figure, traces, layout.size, place, &body))
+    Ok(document(figure, traces, layout.size, (place, style), &body))
 }
 
 /// The root element around the drawn groups.
-fn document(figure: &Figure, traces: &[Trace], size: Size, place: &str, body: &str) -> String {
+fn document(
+    figure: &Figure,
+    traces: &[Trace],
+    size: Size,
+    (place, style): (&str, &str),
+    body: &str,
+) -> String {
     let Size { width, height } = size;
+    let ground = theme::hex(theme::GROUND);
     let title = text::xml(&figure.title);
     let description = text::xml(&description::describe(figure, traces));
     let shrink = 1.0 / f64::from(SUBPIXELS);
@@ -102,7 +115,7 @@ fn document(figure: &Figure, traces: &[Trace], size: Size, place: &str, body: &s
         r##"<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" {place} role="img">
 <title>{title}</title>
 <desc>{description}</desc>
-<rect width="{width}" height="{height}" rx="8" fill="#FFFFFF"/>
+{style}<rect width="{width}" height="{height}" rx="8" fill="{ground}"/>
 <g transform="scale({shrink})" stroke-linejoin="round">
 {body}</g>
 </svg>

@@ -4,10 +4,10 @@
 //! and [`Figure::to_csv`] writes the numbers behind the drawing. Neither knows what the numbers
 //! mean.
 //!
-//! The drawing is one self-contained SVG element. It has no scripts, no style sheets, no fonts of
-//! its own, and no ids, so several can be in one page. The same figure and size give the same
-//! bytes. It fills the width of its container and has a white background, so it looks the same on
-//! light and dark pages. `<title>` and `<desc>` describe it in words.
+//! The drawing is one self-contained SVG element: no scripts, no ids (so that several can stand in one page), no fonts of
+//! its own. The same figure and size give the same bytes. It stretches to the width of its container and has a ground of its
+//! own: white, or dark for readers who prefer dark pages. Its only style sheet, [`style`], makes that difference.
+//! `<title>` and `<desc>` say in words what it shows.
 //!
 //! # What is not drawn
 //!
@@ -27,6 +27,7 @@ mod marks;
 mod stack;
 mod table;
 mod text;
+mod theme;
 mod ticks;
 mod trace;
 
@@ -35,6 +36,7 @@ pub use figure::{
     Scale, Series, Size, Stroke,
 };
 pub use stack::stacked;
+pub use theme::style;
 
 impl Figure {
     /// Draws the figure as one self-contained `<svg>` element.

@@ -7,20 +7,9 @@ use plotters_backend::{
 
 use crate::coordinate::subpixels;
 use crate::layout::{LEGEND_LINE, Layout, LegendEntry};
+use crate::theme::PALETTE;
 use crate::trace::Trace;
 use crate::{MARKERS_DRAWN, Mark, Series, Stroke};
-
-/// Okabe and Ito's colours for all kinds of colour vision (https://jfly.uni-koeln.de/color/). The
-/// most different ones come first. Their yellow is left out, because it is hard to see on white.
-const PALETTE: [(u8, u8, u8); 7] = [
-    (0x00, 0x72, 0xB2), // blue
-    (0xD5, 0x5E, 0x00), // vermillion
-    (0x00, 0x9E, 0x73), // bluish green
-    (0xCC, 0x79, 0xA7), // reddish purple
-    (0xE6, 0x9F, 0x00), // orange
-    (0x56, 0xB4, 0xE9), // sky blue
-    (0x00, 0x00, 0x00), // black
-];
 
 const LINE_WIDTH: f64 = 2.0;
 /// A line through more points than this is dense.

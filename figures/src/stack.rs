@@ -1,6 +1,6 @@
 //! Several figures in one drawing.
 
-use crate::{Figure, FigureError, Size, drawing, text};
+use crate::{Figure, FigureError, Size, drawing, text, theme};
 
 /// Draws figures one below the other in one self-contained `<svg>` element, each in `size`.
 ///
@@ -24,6 +24,7 @@ pub fn stacked(title: &str, figures: &[Figure], size: Size) -> Result<String, Fi
     let (width, height) = (size.width, top.max(1));
     Ok(format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\" \
-         width=\"100%\" role=\"group\">\n<title>{title}</title>\n{panels}</svg>\n"
+         width=\"100%\" role=\"group\">\n<title>{title}</title>\n<style>{}</style>\n{panels}</svg>\n",
+        theme::style(),
     ))
 }

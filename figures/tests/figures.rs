@@ -2,6 +2,8 @@
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on should panic")]
 
+use std::collections::BTreeSet;
+
 use figures::{
     Axis, Band, Figure, FigureError, POINTS_DRAWN, Point, SERIES_ALLOWED, Scale, Series, Size,
 };
@@ -67,7 +69,12 @@ fn a_drawing_is_one_accessible_stretching_element_without_anything_foreign() {
         "Line chart of mean squared error (rad²) over step. \
          training: 3 points, from 3 at 0 to 1 at 2, lowest 1, highest 3."
     );
-    assert_eq!(named(&document, "script").count() + named(&document, "style").count(), 0);
+    assert_eq!(named(&document, "script").count(), 0);
+    let styles: Vec<Node> = named(&document, "style").collect();
+    assert_eq!(
+        styles.iter().map(|node| node.text()).collect::<Vec<_>>(),
+        [Some(&*figures::style())]
+    );
     for node in document.descendants() {
         assert!(node.attribute("id").is_none(), "ids collide when a page holds several drawings");
         assert!(node.attribute("style").is_none(), "a page's policy may forbid inline styles");
@@ -76,6 +83,32 @@ fn a_drawing_is_one_accessible_stretching_element_without_anything_foreign() {
             assert_eq!(family, "system-ui, sans-serif");
         }
     }
+}
+
+#[test]
+fn every_colour_of_a_drawing_has_another_on_a_dark_page() {
+    let series = |i: usize| {
+        let marked = Series::line(format!("series {i}"), points(&[3.0, 2.0, 1.0])).with_markers();
+        if i.is_multiple_of(2) { marked.dashed() } else { marked }
+    };
+    let band = Band { from: 0.5, to: 1.5, label: "training".to_owned() };
+    let figure = Figure { bands: vec![band], ..figure((0..9).map(series).collect()) };
+    let empty = Figure { series: Vec::new(), ..figure.clone() };
+    let style = figures::style();
+    let mut found = BTreeSet::new();
+    for drawn in [svg(&figure), svg(&empty)] {
+        let document = Document::parse(&drawn).unwrap();
+        for node in document.descendants() {
+            for property in ["fill", "stroke"] {
+                let Some(color) = node.attribute(property).filter(|it| *it != "none") else {
+                    continue;
+                };
+                assert!(style.contains(&format!("[{property}=\"{color}\"]")), "{property} {color}");
+                found.insert(color.to_owned());
+            }
+        }
+    }
+    assert!(found.len() > 10, "{found:?}");
 }
 
 #[test]

@@ -15,6 +15,7 @@ mod attempts;
 mod checkpoints;
 mod closed_loop;
 mod datasets;
+mod drawn;
 mod evaluations;
 mod events;
 mod health;
@@ -45,6 +46,7 @@ pub use closed_loop::{
     ControlDifference, ControlReport, ControllerInfo, ControllerSummary, PlanTime,
 };
 pub use datasets::{Dataset, DatasetFile, Datasets, FileKind};
+pub use drawn::{DrawnPredictions, DrawnPredictor, DrawnScenario, ScenarioRank};
 pub use evaluations::{CellTask, Evaluation, Evaluations};
 pub use events::{
     CheckpointEvent, DeletionEvent, Event, EventEnd, EventGap, JobEvent, JobProgress, MetricsEvent,

@@ -10,6 +10,7 @@ mod attempts;
 mod audit;
 pub mod checkpoints;
 mod datasets;
+mod drawn;
 mod evaluations;
 pub mod events;
 mod experiments;

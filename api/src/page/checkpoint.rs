@@ -12,6 +12,7 @@ use crate::extract::Path;
 use crate::page::answer::{InPage, PageError, html};
 use crate::page::labels::Labelled;
 use crate::page::parts::{Commands, Fact, FileRow};
+use crate::page::predictions::{Drawn, DrawnFigure};
 use crate::page::spec_text::spec_text;
 use crate::page::text;
 
@@ -32,6 +33,9 @@ struct CheckpointPage {
     files: Vec<FileRow>,
     snippet: String,
     question: Option<String>,
+    /// A prediction of the newest evaluation that drew one, and that evaluation.
+    drawn: Option<DrawnFigure>,
+    evaluation: i64,
     spec: String,
 }
 
@@ -44,6 +48,8 @@ pub async fn show(
     let job = app.job(checkpoint.job).await?;
     let extents = app.checkpoint_extents(id).await?;
     let commands = Commands::new(&headers);
+    let newest = app.drawn_of_checkpoint(&checkpoint).await?;
+    let drawn = newest.as_ref().and_then(|(job, drawn)| Drawn::typical(job.run?, drawn));
     let page = CheckpointPage {
         id,
         job: job.id,
@@ -60,6 +66,8 @@ pub async fn show(
         marks: marks(&checkpoint),
         metrics: facts(&checkpoint),
         snippet: snippet(&commands, &checkpoint.files),
+        drawn,
+        evaluation: newest.map_or(0, |(job, _)| job.id),
         question: extents.map(|extents| question(&commands, id, extents)),
         architecture: checkpoint.architecture,
         digest: checkpoint.digest.to_string(),

@@ -6,7 +6,7 @@ use axum::http::HeaderMap;
 use axum::response::{IntoResponse, Redirect, Response};
 use serde::Deserialize;
 use spec::JobKind;
-use wire::{Dataset, DatasetFile, FileKind};
+use wire::{Dataset, DatasetFile, FileKind, Job, JobState};
 
 use crate::app::App;
 use crate::extract::{Path, Query};
@@ -34,6 +34,8 @@ struct DatasetPage {
     settled: bool,
     digest: String,
     short_digest: String,
+    /// That its job failed or was cancelled, in words.
+    unfinished: String,
     warnings: Vec<String>,
     facts: Vec<Fact>,
     /// Whether it can be verified.
@@ -80,6 +82,7 @@ pub async fn show(
         settled: job.state.is_final() && checked.settled,
         digest: dataset.digest.to_string(),
         short_digest: dataset.digest.short(),
+        unfinished: unfinished(&job),
         warnings: job.warnings.clone(),
         facts,
         complete: dataset.completed_at.is_some(),
@@ -106,6 +109,26 @@ pub async fn verify(
 ) -> Result<Response, PageError> {
     app.verify(id).await?;
     Ok(Redirect::to(&format!("/datasets/{id}#verification")).into_response())
+}
+
+/// A sentence about the job of a dataset that will never be complete; empty for other datasets.
+fn unfinished(job: &Job) -> String {
+    let filling = filling(job.kind);
+    match (job.state, job.error.as_deref()) {
+        (JobState::Failed, Some(error)) => {
+            // An import has one task, of that name.
+            let reason = error.strip_prefix("import: ").unwrap_or(error);
+            format!("The {filling} failed: {reason}")
+        }
+        (JobState::Failed, None) => format!("The {filling} failed."),
+        (JobState::Cancelled, _) => format!("The {filling} was cancelled."),
+        _ => String::new(),
+    }
+}
+
+/// What fills a dataset, in a word.
+pub fn filling(kind: JobKind) -> &'static str {
+    if kind == JobKind::Import { "import" } else { "simulation" }
 }
 
 fn facts(dataset: &Dataset, kind: JobKind, trajectories: u64) -> Vec<Fact> {

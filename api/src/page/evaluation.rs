@@ -3,13 +3,14 @@
 use askama::Template;
 use axum::extract::State;
 use axum::response::Response;
-use wire::{Artifact, CellTask, JobState};
+use wire::{Artifact, CellTask};
 
 use crate::app::App;
 use crate::extract::Path;
 use crate::page::answer::{InPage, PageError, html};
 use crate::page::labels::Labelled;
 use crate::page::parts::{FileLink, Standing};
+use crate::page::predictions::Drawn;
 use crate::page::report::ReportView;
 use crate::page::spec_text::spec_text;
 
@@ -20,7 +21,8 @@ struct EvaluationPage {
     job: Standing,
     labelled: Labelled,
     report: Option<ReportView>,
-    can_retry: bool,
+    /// Single predictions beside the truth.
+    drawn: Option<Drawn>,
     figures: Vec<FigureView>,
     artifacts: Vec<FileLink>,
     cells: Vec<CellTask>,
@@ -39,12 +41,13 @@ pub async fn show(
 ) -> Result<Response, PageError> {
     let evaluation = app.evaluation(id).await?;
     let job = app.job(id).await?;
+    let drawn = app.drawn_predictions(evaluation.run).await?;
     let page = EvaluationPage {
         id,
         job: Standing::of(&job),
         labelled: Labelled::of_job(&job),
         report: evaluation.report.as_ref().map(ReportView::new),
-        can_retry: matches!(job.state, JobState::Failed | JobState::Cancelled),
+        drawn: drawn.map(|drawn| Drawn::new(evaluation.run, &drawn)),
         figures: figures(&evaluation.artifacts),
         artifacts: evaluation.artifacts.into_iter().map(FileLink::from).collect(),
         cells: evaluation.cells,
@@ -53,12 +56,16 @@ pub async fn show(
     Ok(html(&page)?)
 }
 
+/// The figures about all scenarios.
 fn figures(artifacts: &[Artifact]) -> Vec<FigureView> {
     artifacts
         .iter()
         .filter_map(|artifact| {
             let name = artifact.name.strip_suffix(".svg")?;
             let (kind, of) = name.split_once('-').unwrap_or((name, ""));
+            if kind == "prediction" {
+                return None;
+            }
             let what = match kind {
                 "rmse" => "RMSE in degrees of each predictor over the frequency",
                 "crps" => "CRPS in degrees of each predictor with samples over the frequency",

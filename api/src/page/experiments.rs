@@ -10,6 +10,7 @@ use wire::JobState;
 use crate::app::App;
 use crate::extract::QueryPairs;
 use crate::page::answer::{PageError, html};
+use crate::page::asked::Asked;
 use crate::page::labels::TagLink;
 use crate::page::parts::{Commands, Standing};
 use crate::page::rows::Row;
@@ -54,37 +55,13 @@ struct Experiment {
     rows: Vec<Row>,
 }
 
-/// The query of the form, without empty fields.
-struct Asked(Vec<(String, String)>);
-
-impl Asked {
-    /// The values of a parameter, joined to one text.
-    fn value(&self, name: &str) -> String {
-        let values = self.0.iter().filter(|(known, _)| known == name);
-        values.map(|(_, value)| value.as_str()).collect::<Vec<_>>().join(" ")
-    }
-
-    /// The address of this page with another value for a parameter, or without it. It leads to the
-    /// first page of the list.
-    fn with(&self, name: &str, value: Option<&str>) -> String {
-        let keeps = |known: &&(String, String)| known.0 != name && known.0 != "cursor";
-        let mut query = form_urlencoded::Serializer::new(String::new());
-        query.extend_pairs(self.0.iter().filter(keeps));
-        query.extend_pairs(value.map(|value| (name, value)));
-        match query.finish() {
-            query if query.is_empty() => "/".to_owned(),
-            query => format!("/?{query}"),
-        }
-    }
-}
-
 pub async fn show(
     State(app): State<App>,
     pairs: QueryPairs,
     headers: HeaderMap,
 ) -> Result<Response, PageError> {
-    let asked = Asked(pairs.filled());
-    let jobs = app.experiments(&asked.0, PAGE).await?;
+    let asked = Asked::new("/", pairs);
+    let jobs = app.experiments(asked.pairs(), PAGE).await?;
     let rows = Row::of_each(&app, &jobs.jobs).await?;
     let experiments = jobs.jobs.iter().zip(rows).map(|(job, rows)| Experiment {
         job: Standing::of(job),
@@ -104,7 +81,7 @@ pub async fn show(
         text: asked.value("text"),
         tags: asked.value("tag"),
         kinds: JobKind::ALL.iter().map(choice).collect(),
-        filtered: !asked.0.is_empty(),
+        filtered: !asked.is_empty(),
         settled,
         experiments: experiments.collect(),
         older: jobs.next.map(|cursor| asked.with("cursor", Some(&cursor))),

@@ -171,3 +171,16 @@ pub async fn cancel(
         Err(error) => Err(error.into()),
     }
 }
+
+/// Submits the job's spec again and shows the new job; one that has not failed is no error to its reader.
+pub async fn retry(
+    State(app): State<App>,
+    InPage(Path(id)): InPage<Path<i64>>,
+) -> Result<Response, PageError> {
+    let shown = match app.retry(id).await {
+        Ok(submitted) => submitted.job.id,
+        Err(ApiError::NotFailed { .. }) => id,
+        Err(error) => return Err(error.into()),
+    };
+    Ok(Redirect::to(&format!("/jobs/{shown}")).into_response())
+}

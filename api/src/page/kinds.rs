@@ -107,6 +107,19 @@ pub async fn headlines(app: &App, jobs: &[&Job]) -> Result<BTreeMap<i64, String>
     Ok(headlines)
 }
 
+/// The mean errors of the evaluations with these runs, in a line each, by run.
+pub async fn evaluation_headlines(
+    app: &App,
+    runs: &[i64],
+) -> Result<BTreeMap<i64, String>, ApiError> {
+    let mut headlines = BTreeMap::new();
+    for (run, file) in app.report_files(runs).await? {
+        let headline = of_report(app, JobKind::Evaluate, &file).await?;
+        headlines.extend(headline.map(|headline| (run, headline)));
+    }
+    Ok(headlines)
+}
+
 /// The main result in a report. A damaged report only affects its own page, and not every list with
 /// its job.
 async fn of_report(app: &App, kind: JobKind, file: &Artifact) -> Result<Option<String>, ApiError> {

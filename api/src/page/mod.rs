@@ -1,6 +1,7 @@
 //! The page: HTML that works without scripts, from the same data as the API.
 
 mod answer;
+mod asked;
 mod assets;
 mod channels;
 mod checkpoint;
@@ -12,8 +13,10 @@ mod experiments;
 mod job;
 mod kinds;
 mod labels;
+mod lists;
 mod login;
 mod parts;
+mod predictions;
 mod recordings;
 mod report;
 mod rows;
@@ -42,15 +45,20 @@ pub fn routes() -> Router<App> {
 }
 
 /// Every path of the page, with its handler.
-pub fn paths() -> [(&'static str, MethodRouter<App>); 27] {
+pub fn paths() -> [(&'static str, MethodRouter<App>); 32] {
     [
         ("/", get(experiments::show)),
         ("/jobs/{id}", get(job::show).post(labels::job)),
         ("/jobs/{id}/cancel", post(job::cancel)),
+        ("/jobs/{id}/retry", post(job::retry)),
+        ("/runs", get(lists::runs)),
         ("/runs/{id}", get(run::show).post(labels::run)),
+        ("/evaluations", get(lists::evaluations)),
         ("/evaluations/{id}", get(evaluation::show)),
+        ("/datasets", get(lists::datasets)),
         ("/datasets/{id}", get(dataset::show).post(labels::dataset)),
         ("/datasets/{id}/verify", post(dataset::verify)),
+        ("/checkpoints", get(lists::checkpoints)),
         ("/checkpoints/{id}", get(checkpoint::show).post(labels::checkpoint)),
         ("/workers", get(workers::show)),
         ("/workers/{name}/drain", post(workers::drain)),

@@ -100,6 +100,8 @@ pub struct Standing {
     pub waits_for: String,
     /// Whether it has ended.
     pub settled: bool,
+    /// It failed or was cancelled.
+    pub can_retry: bool,
     pub error: String,
     pub progress: Option<Bar>,
 }
@@ -114,6 +116,7 @@ impl Standing {
             when: when(job),
             waits_for: job.waits_for.clone().unwrap_or_default(),
             settled: job.state.is_final(),
+            can_retry: matches!(job.state, JobState::Failed | JobState::Cancelled),
             error: job.error.clone().unwrap_or_default(),
             progress: Bar::of(job.state, &job.progress),
         }

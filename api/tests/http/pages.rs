@@ -214,6 +214,149 @@ async fn the_button_cancels_and_leads_back() {
 }
 
 #[tokio::test]
+async fn a_failed_job_has_a_button_that_submits_it_again() {
+    let server = Server::start().await;
+    let job = server.submitted(&small_simulation(1)).await;
+    let path = format!("/jobs/{}", job["id"]);
+    let button = format!("action=\"{path}/retry\"");
+    for shown in ["/", &path] {
+        assert!(!page(&server, shown).await.contains(&button), "{shown}");
+    }
+    // Its reader saw an older page.
+    let answer = server.post(&format!("{path}/retry")).await;
+    assert_eq!((answer.status.as_u16(), answer.header("location")), (303, path.as_str()));
+
+    server.fail_next("the disk is full").await;
+    for shown in ["/", &path, "/datasets/1"] {
+        let page = page(&server, shown).await;
+        assert!(page.contains(&button) && !page.contains("Cancel"), "{shown}: {page}");
+    }
+    let answer = server.post(&format!("{path}/retry")).await;
+    assert_eq!(answer.status, 303);
+    let again = answer.header("location").to_owned();
+    assert_ne!(again, path);
+    assert!(page(&server, &again).await.contains("queued"));
+}
+
+#[tokio::test]
+async fn the_button_to_retry_is_as_guarded_as_the_one_to_cancel() {
+    let server = Server::start().await;
+    let job = server.submitted(&small_simulation(1)).await;
+    server.fail_next("the disk is full").await;
+    for button in ["cancel", "retry"] {
+        let path = format!("/jobs/{}/{button}", job["id"]);
+        let strange = [("origin", "https://evil.example"), ("sec-fetch-site", "cross-site")];
+        let answer = server.request(Method::POST, &path, &strange).await;
+        assert_eq!(answer.status, 403, "{path}");
+    }
+    assert_eq!(server.json("/v1/jobs").await["jobs"].as_array().unwrap().len(), 1);
+}
+
+#[tokio::test]
+async fn the_dataset_of_a_failed_import_says_that_its_import_failed() {
+    let server = Server::start().await;
+    uploads::send_recordings(&server).await;
+    server.fail_next("line 7 has no number").await;
+    let dataset = page(&server, "/datasets/1").await;
+    assert!(dataset.contains("The import failed: "), "{dataset}");
+    assert!(dataset.contains("line 7 has no number") && !dataset.contains("building"), "{dataset}");
+    let list = page(&server, "/datasets").await;
+    assert!(list.contains("import failed") && !list.contains("building"), "{list}");
+}
+
+#[tokio::test]
+async fn every_list_is_filtered_by_name_and_turned_over_page_by_page() {
+    let server = Server::with_small_pipeline().await;
+    for (path, name, cell) in [
+        ("/datasets", "train-set", "complete"),
+        ("/runs", "train", "loss"),
+        ("/checkpoints", "train", "robomorph"),
+        ("/evaluations", "evaluate", "robomorph 1.18°"),
+    ] {
+        let all = page(&server, path).await;
+        assert!(all.contains(&format!("href=\"{path}\" aria-current=\"page\"")), "{all}");
+        let (_, rows) = all.split_once("<tbody>").expect("a table");
+        assert!(rows.contains(name), "{path}: {rows}");
+        assert!(cell == "loss" || rows.contains(cell), "{path}: {rows}");
+        let none = page(&server, &format!("{path}?text=no+such+name&tag=")).await;
+        assert!(none.contains("Nothing matches the filter") && none.contains("no such name"));
+        assert_eq!(server.get(&format!("{path}?cursor=7")).await.status, 400);
+    }
+    let some = page(&server, "/datasets?text=train").await;
+    assert!(some.contains("train-set") && !some.contains("test-grid"), "{some}");
+
+    let first = page(&server, "/datasets?limit=1&text=t").await;
+    let (_, older) = first.split_once("rel=\"next\" href=\"").expect("a link to older datasets");
+    let older = older.split('"').next().unwrap().replace("&#38;", "&");
+    let second = page(&server, &older).await;
+    assert!(first.contains("test-grid") != second.contains("test-grid"), "{first} {second}");
+    assert!(older.contains("text=t") && second.contains("value=\"t\""), "{older}");
+}
+
+#[tokio::test]
+async fn an_evaluation_and_its_checkpoint_show_the_predictions_that_were_drawn() {
+    let server = Server::start().await;
+    server.submitted(&small_pipeline()).await;
+    let mut report = server.claim().await.unwrap();
+    while !(report.kind == "evaluate" && report.stage == 1) {
+        server.finish(&report).await;
+        report = server.claim().await.unwrap();
+    }
+    let checkpoint = server.json("/v1/checkpoints/1").await;
+    let scenario = |rank: &str, joint: u64| {
+        json!({
+            "rank": rank, "figure": format!("prediction-{rank}.svg"), "family": "multisine",
+            "frequency_hz": 0.3, "trajectory": 17, "joint": joint, "rmse_deg": 2.5,
+        })
+    };
+    let list = json!({
+        "model": "robomorph",
+        "predictors": [
+            {"name": "robomorph", "kind": "checkpoint", "digest": checkpoint["digest"], "step": 100},
+            {"name": "arx", "kind": "baseline"},
+        ],
+        "scenarios": [scenario("worst", 4), scenario("median", 2)],
+    });
+    let files =
+        [("predictions.json", list.to_string()), ("prediction-worst.svg", "<svg/>".to_owned())];
+    for (name, text) in files {
+        let artifact = NewArtifact { name, media_type: "text/plain", bytes: text.into() };
+        server.store.put_artifact(report.fence, artifact).await.unwrap();
+    }
+    let path = format!("/evaluations/{}", report.job);
+    assert!(!page(&server, &path).await.contains("<figure>"), "it has no report yet");
+    server.finish(&report).await;
+    let evaluation = page(&server, &path).await;
+    for text in [
+        "src=\"/v1/runs/2/artifacts/prediction-worst.svg\"",
+        "Worst scenario: multisine 0.3 Hz, trajectory 17, joint 4. RMSE of robomorph over all joints: 2.50°",
+        "href=\"/v1/runs/2/artifacts/prediction-median.csv\"",
+    ] {
+        assert!(evaluation.contains(text), "{text} is not in {evaluation}");
+    }
+    assert_eq!(evaluation.matches("prediction-worst.svg\" width").count(), 1, "{evaluation}");
+    let shown = page(&server, "/checkpoints/1").await;
+    assert!(shown.contains("prediction-median.svg") && shown.contains(&path), "{shown}");
+}
+
+#[tokio::test]
+async fn pages_of_evaluations_without_drawn_predictions_are_as_before() {
+    let server = Server::with_small_pipeline().await;
+    assert!(!page(&server, "/evaluations/4").await.contains("beside the truth"));
+    assert!(!page(&server, "/checkpoints/1").await.contains("beside the truth"));
+}
+
+#[tokio::test]
+async fn specifications_are_folded_away() {
+    let server = Server::with_small_pipeline().await;
+    for path in ["/jobs/1", "/datasets/1", "/runs/1", "/evaluations/4", "/checkpoints/1"] {
+        let page = page(&server, path).await;
+        let (_, folded) = page.split_once("<details id=\"specification\">").expect(path);
+        assert!(folded.contains("<summary>Specification") && folded.contains("<pre>{"), "{path}");
+    }
+}
+
+#[tokio::test]
 async fn what_is_written_into_a_spec_cannot_become_markup() {
     let server = Server::start().await;
     let name = "<script>alert(1)</script>";

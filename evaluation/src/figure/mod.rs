@@ -2,11 +2,13 @@
 
 mod over_frequency;
 mod over_steps;
+mod prediction;
 
 use figures::{Axis, Figure, Mark, Point, SERIES_ALLOWED, Series, Stroke};
 
 pub use over_frequency::{crps_figure, rmse_figure};
 pub use over_steps::{latency_figure, sampler_steps_figure};
+pub use prediction::{DrawnAnswer, prediction_figure};
 use wire::{GroupSummary, Interval, PredictorInfo, PredictorKind, PredictorScores, Report};
 
 /// RMSE of every predictor at each step of the horizon, over the scenarios of one group.

@@ -14,6 +14,8 @@ use crate::error::TaskError;
 pub(crate) struct LoadedCheckpoint {
     pub info: PredictorInfo,
     pub model: TrainedModel,
+    /// Optimizer steps taken.
+    pub step: u64,
     /// The training's name. It is the name in its pipeline if it has one.
     job: String,
     pub trained_on: Vec<TrainedOn>,
@@ -99,7 +101,7 @@ impl LoadedCheckpoint {
             sampling: None,
             latency: None,
         };
-        Ok(Self { info, model, job: job_name + &marks, trained_on })
+        Ok(Self { info, model, step, job: job_name + &marks, trained_on })
     }
 }
 

@@ -2,6 +2,7 @@
 
 mod cell;
 mod checkpoints;
+mod examples;
 mod figures;
 mod latency;
 mod predictions;

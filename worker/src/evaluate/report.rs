@@ -9,15 +9,16 @@ use wire::DataNoise;
 
 use super::cell::{CellRecord, TableAt};
 use super::checkpoints::LoadedCheckpoint;
+use super::examples::Asked;
 use super::latency::LatencyRecord;
 use super::predictions::PredictionFile;
 use super::predictors::Predictors;
-use super::{figures, rows};
+use super::{examples, figures, rows};
 use crate::attempt::Attempt;
 use crate::error::TaskError;
 use crate::trajectories::TrajectorySource;
 
-/// Combines the cells: writes `report.json`, `scenarios.parquet`, and figures with their tables.
+/// Puts the cells together: `report.json`, `scenarios.parquet`, figures with their tables, and a few predictions.
 pub(super) fn report(attempt: &Attempt, spec: &EvaluateSpec) -> Result<(), TaskError> {
     let data = TrajectorySource::open(attempt, &spec.data)?;
     let checkpoints = LoadedCheckpoint::load_all(attempt, &spec.checkpoints)?;
@@ -56,6 +57,9 @@ pub(super) fn report(attempt: &Attempt, spec: &EvaluateSpec) -> Result<(), TaskE
         attempt.put(&format!("{name}.svg"), "image/svg+xml", svg.into_bytes())?;
         attempt.put(&format!("{name}.csv"), "text/csv", figure.to_csv().into_bytes())?;
     }
+    let (predictors, checkpoints) = (&report.predictors, &checkpoints);
+    let asked = Asked { spec, data: &data, checkpoints, predictors };
+    examples::put(attempt, &asked, &cells)?;
     let joints = data.spec().joints();
     let footer = rows::footer(&attempt.task.spec, joints);
     let written = attempt.store.put_table(attempt.fence(), "scenarios.parquet", tables, &footer);

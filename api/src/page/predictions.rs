@@ -1,0 +1,74 @@
+//! Figures of single predictions beside the truth.
+
+use wire::{DrawnPredictions, DrawnScenario, ScenarioRank, at_noise};
+
+use crate::page::text;
+
+/// The figures of an evaluation, and what they have in common.
+pub struct Drawn {
+    pub note: String,
+    pub figures: Vec<DrawnFigure>,
+}
+
+pub struct DrawnFigure {
+    pub url: String,
+    /// The same numbers as a table.
+    pub table: String,
+    pub caption: String,
+    pub alt: String,
+}
+
+impl Drawn {
+    pub fn new(run: i64, drawn: &DrawnPredictions) -> Self {
+        let model = &drawn.model;
+        let figure = |scenario| DrawnFigure::new(run, model, scenario);
+        Self {
+            note: format!(
+                "The scenarios with the largest, the median and the smallest RMSE of {model}. Each figure shows the joint \
+                 with its largest error, and the legend has the RMSE of that joint."
+            ),
+            figures: drawn.scenarios.iter().map(figure).collect(),
+        }
+    }
+
+    /// The median scenario alone, or the only one.
+    pub fn typical(run: i64, drawn: &DrawnPredictions) -> Option<DrawnFigure> {
+        let is_median = |scenario: &&DrawnScenario| scenario.rank == ScenarioRank::Median;
+        let median = drawn.scenarios.iter().find(is_median);
+        let scenario = median.or(drawn.scenarios.first())?;
+        Some(DrawnFigure::new(run, &drawn.model, scenario))
+    }
+}
+
+impl DrawnFigure {
+    fn new(run: i64, model: &str, scenario: &DrawnScenario) -> Self {
+        let url = |name: &str| format!("/v1/runs/{run}/artifacts/{name}");
+        let rank = match scenario.rank {
+            ScenarioRank::Worst => "Worst scenario",
+            ScenarioRank::Median => "Median scenario",
+            ScenarioRank::Best => "Best scenario",
+        };
+        let excitation = match (scenario.family, scenario.frequency_hz) {
+            (Some(family), Some(frequency_hz)) => format!("{family} {frequency_hz} Hz, "),
+            _ => String::new(),
+        };
+        let caption = format!(
+            "{rank}{}: {excitation}trajectory {}, joint {}. RMSE of {model} over all joints: {}°",
+            at_noise(scenario.position_noise_rad),
+            text::count(scenario.trajectory),
+            scenario.joint,
+            text::degrees(scenario.rmse_deg),
+        );
+        let stem = scenario.figure.strip_suffix(".svg").unwrap_or(&scenario.figure);
+        Self {
+            url: url(&scenario.figure),
+            table: url(&format!("{stem}.csv")),
+            alt: format!(
+                "Position of joint {} over time in degrees: the truth, and the predictions of {model}, of other models and of \
+                 baselines after the end of the context.",
+                scenario.joint
+            ),
+            caption,
+        }
+    }
+}

@@ -1,0 +1,151 @@
+// Every page, wide and narrow, light and dark: nothing scrolls sideways, and axe finds nothing serious.
+
+import assert from "node:assert/strict";
+import { readFile } from "node:fs/promises";
+import { createRequire } from "node:module";
+import { after, before, test } from "node:test";
+
+import { launch } from "./chromium.mjs";
+import { paths } from "./pages.mjs";
+import { start } from "./product.mjs";
+
+const axe = await readFile(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
+
+let product;
+let browser;
+let pages;
+
+before(async () => {
+  product = await start();
+  pages = await paths(product);
+  await failedImport();
+  browser = await launch();
+});
+
+after(async () => {
+  await browser?.close();
+  await product?.stop();
+});
+
+/** Imports a file without numbers, and adds the pages of that job and of its dataset. */
+async function failedImport() {
+  const numbered = (name) => [1, 2, 3, 4, 5, 6, 7].map((joint) => `${name}${joint}`);
+  const columns = { u: numbered("u"), q: numbered("q") };
+  const form = new FormData();
+  form.set("spec", JSON.stringify({ columns, samples: 20 }));
+  const line = [...columns.u, ...columns.q].join(",");
+  form.set("file", new Blob([`${line}\n${line}\n`], { type: "text/csv" }), "broken.csv");
+  const answer = await fetch(`${product.url}/v1/datasets`, { method: "POST", body: form });
+  const { id, dataset } = await answer.json();
+  for (let state = "queued"; state !== "failed"; { state } = await product.get(`/v1/jobs/${id}`)) {
+    assert.ok(["queued", "running"].includes(state), state);
+    await new Promise((resolve) => setTimeout(resolve, 100));
+  }
+  pages["failed import"] = `/jobs/${id}`;
+  pages["dataset of a failed import"] = `/datasets/${dataset}`;
+}
+
+/** Opens each page in turn, with what it calls itself, and gives it to `look`. */
+async function eachPage(options, look) {
+  const context = await browser.newContext(options);
+  const page = await context.newPage();
+  const found = [];
+  for (const [name, path] of Object.entries(pages)) {
+    await page.goto(product.url + path);
+    // What is folded away is looked at as well.
+    await page.evaluate(() => document.querySelectorAll("details").forEach((it) => (it.open = true)));
+    for (const trouble of await look(page)) found.push(`${name}: ${trouble}`);
+  }
+  await context.close();
+  assert.deepEqual(found, []);
+}
+
+/** Elements that reach over the right edge of the window outside of a region that scrolls, and the page's own width. */
+function overflowing() {
+  const width = document.documentElement.clientWidth;
+  const found = [];
+  if (document.documentElement.scrollWidth > width) {
+    found.push(`it is ${document.documentElement.scrollWidth} px wide in ${width} px`);
+  }
+  for (const element of document.querySelectorAll("main *, .masthead *, footer *")) {
+    if (element.closest("svg") !== null && element.tagName !== "svg") continue;
+    if (element.parentElement.closest(".scroll, .swagger-ui") !== null) continue;
+    const { right, left } = element.getBoundingClientRect();
+    if (right > width + 1 || left < -1) {
+      found.push(`${element.tagName} ${element.className} reaches from ${left} to ${right} px`);
+    }
+  }
+  // A region that hides what is too long for it shows a part only.
+  for (const element of document.querySelectorAll("main *:not(.swagger-ui *)")) {
+    const hides = getComputedStyle(element).overflowX === "hidden";
+    if (hides && element.tagName !== "PROGRESS" && element.scrollWidth > element.clientWidth + 1) {
+      found.push(`${element.tagName} ${element.className} is clipped`);
+    }
+  }
+  return found;
+}
+
+for (const width of [390, 1440]) {
+  test(`no page scrolls sideways at ${width} px`, async () => {
+    const viewport = { width, height: 844 };
+    await eachPage({ viewport }, (page) => page.evaluate(overflowing));
+  });
+}
+
+for (const colorScheme of ["light", "dark"]) {
+  for (const width of [390, 1440]) {
+    test(`axe finds nothing serious at ${width} px, ${colorScheme}`, async () => {
+      const viewport = { width, height: 844 };
+      await eachPage({ viewport, colorScheme, bypassCSP: true }, async (page) => {
+        await page.evaluate(axe);
+        // The markup of Swagger UI is not ours.
+        const { violations } = await page.evaluate(() => globalThis.axe.run({ exclude: ".swagger-ui" }));
+        const serious = violations.filter(({ impact }) => ["serious", "critical"].includes(impact));
+        const where = ({ nodes }) => nodes.slice(0, 3).map(({ html }) => html.slice(0, 150)).join(" ");
+        return serious.map((violation) => `${violation.id}: ${where(violation)}`);
+      });
+    });
+  }
+}
+
+test("figures follow the dark theme", async () => {
+  for (const [colorScheme, isLight] of [["light", true], ["dark", false]]) {
+    const context = await browser.newContext({ colorScheme, viewport: { width: 1440, height: 900 } });
+    const page = await context.newPage();
+    const complaints = [];
+    page.on("console", (message) => {
+      if (["error", "warning"].includes(message.type())) complaints.push(message.text());
+    });
+    // A drawing in the page, and one in a file of its own.
+    for (const [path, figure] of [[pages.run, "figure svg"], [pages.evaluation, "figure img"]]) {
+      await page.goto(product.url + path);
+      const shot = await page.locator(figure).first().screenshot();
+      const brightness = await page.evaluate(async (png) => {
+        const bitmap = await createImageBitmap(new Blob([Uint8Array.from(png)]));
+        const canvas = new OffscreenCanvas(bitmap.width, bitmap.height).getContext("2d");
+        canvas.drawImage(bitmap, 0, 0);
+        const { data } = canvas.getImageData(0, 0, bitmap.width, bitmap.height);
+        let sum = 0;
+        for (let at = 0; at < data.length; at += 4) sum += data[at] + data[at + 1] + data[at + 2];
+        return sum / (data.length / 4) / 3;
+      }, [...shot]);
+      assert.equal(brightness > 128, isLight, `${path} is ${brightness} bright, ${colorScheme}`);
+    }
+    assert.deepEqual(complaints, []);
+    await context.close();
+  }
+});
+
+test("an evaluation shows the worst, the median and the best prediction", async () => {
+  const page = await browser.newPage();
+  await page.goto(product.url + pages.evaluation);
+  for (const rank of ["worst", "median", "best"]) {
+    const image = page.locator(`img[src$='/prediction-${rank}.svg']`);
+    await image.evaluate((it) => it.decode());
+    assert.ok((await image.boundingBox()).width > 200);
+  }
+  assert.match(await page.locator("figcaption").first().innerText(), /Worst scenario: .*trajectory \d+, joint \d/);
+  await page.goto(product.url + pages.checkpoint);
+  await page.locator("img[src$='/prediction-median.svg']").evaluate((it) => it.decode());
+  await page.close();
+});

@@ -1,0 +1,70 @@
+//! The scenarios that an evaluation draws, as its artifact `predictions.json` lists them.
+
+use serde::{Deserialize, Serialize};
+use spec::{Digest, Family};
+
+use crate::PredictorKind;
+
+/// The figures of single predictions that an evaluation has.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct DrawnPredictions {
+    /// The predictor with the smallest mean RMSE, a checkpoint if there is one. The scenarios are its worst, its median and
+    /// its best one.
+    pub model: String,
+    /// The predictors in the figures: the model, other checkpoints, baselines.
+    pub predictors: Vec<DrawnPredictor>,
+    pub scenarios: Vec<DrawnScenario>,
+}
+
+/// A predictor whose predictions are drawn.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct DrawnPredictor {
+    pub name: String,
+    pub kind: PredictorKind,
+    /// The digest of the spec that a checkpoint was trained by.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub digest: Option<Digest>,
+    /// The optimizer steps of a checkpoint.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub step: Option<u64>,
+}
+
+/// A scenario that is drawn.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct DrawnScenario {
+    pub rank: ScenarioRank,
+    /// The artifact with its figure; `.csv` in place of `.svg` has the numbers.
+    pub figure: String,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub family: Option<Family>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub frequency_hz: Option<f64>,
+    /// Standard deviation of the noise that was added to the positions of the context, rad.
+    #[serde(default)]
+    pub position_noise_rad: f64,
+    /// Index in the data.
+    pub trajectory: u64,
+    /// The joint with the largest error of the model, counted from 1.
+    pub joint: usize,
+    /// RMSE of the model, mean over joints.
+    pub rmse_deg: f64,
+}
+
+/// The place of a scenario among all that the model answered, by its RMSE.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ScenarioRank {
+    Worst,
+    Median,
+    Best,
+}
+
+impl ScenarioRank {
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Self::Worst => "worst",
+            Self::Median => "median",
+            Self::Best => "best",
+        }
+    }
+}
