@@ -327,7 +327,10 @@ async fn a_file_that_does_not_answer_every_scenario_is_refused_where_it_is_read(
     short[4].2.pop();
     let (code, output) = laboratory.import_with(&laboratory.write("short.csv", &short), &options);
     assert_eq!(code, Some(3), "{output}");
-    assert!(output.contains("recording \"4\"") && output.contains("19 samples, allowed: samples = 20"), "{output}");
+    assert!(
+        output.contains("recording \"4\"") && output.contains("19 samples, allowed: samples = 20"),
+        "{output}"
+    );
     let (code, output) = laboratory.import_with(
         &laboratory.write("held.csv", &broken),
         &["--predictions-of", "1", "--context", "60"],

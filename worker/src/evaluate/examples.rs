@@ -10,6 +10,7 @@ use wire::{DrawnPredictions, DrawnPredictor, DrawnScenario, PredictorInfo};
 
 use super::cell::{asked_about, scenarios};
 use super::checkpoints::LoadedCheckpoint;
+use super::predictions::PredictionFile;
 use super::predictors::Predictors;
 use crate::attempt::Attempt;
 use crate::error::TaskError;
@@ -19,6 +20,7 @@ use crate::trajectories::TrajectorySource;
 pub(super) struct Asked<'a> {
     pub spec: &'a EvaluateSpec,
     pub data: &'a TrajectorySource,
+    pub files: &'a [PredictionFile],
     pub checkpoints: &'a [LoadedCheckpoint],
     /// In the order of every table.
     pub predictors: &'a [PredictorInfo],
@@ -35,15 +37,19 @@ pub(super) fn put(attempt: &Attempt, asked: &Asked, cells: &[CellResult]) -> Res
     }
     let list = DrawnPredictions {
         model: chosen.predictors.first().cloned().unwrap_or_default(),
-        predictors: asked.drawn_predictors(&chosen),
+        predictors: asked.drawn_predictors(&chosen)?,
         scenarios: drawn,
     };
     attempt.put("predictions.json", "application/json", serde_json::to_vec_pretty(&list)?)
 }
 
 impl Asked<'_> {
-    fn drawn_predictors(&self, chosen: &Examples) -> Vec<DrawnPredictor> {
-        let all = Predictors::new(self.spec, self.data.spec(), self.checkpoints);
+    fn predictors(&self) -> Result<Predictors<'_>, TaskError> {
+        Ok(Predictors::new(self.spec, self.data.spec(), self.files, self.checkpoints)?)
+    }
+
+    fn drawn_predictors(&self, chosen: &Examples) -> Result<Vec<DrawnPredictor>, TaskError> {
+        let all = self.predictors()?;
         let drawn = |name: &String| {
             let info = self.predictors.iter().find(|info| info.name == *name)?;
             let learned = all.learned.iter().find(|learned| learned.info.name == *name);
@@ -54,7 +60,7 @@ impl Asked<'_> {
                 step: learned.map(|learned| learned.checkpoint.step),
             })
         };
-        chosen.predictors.iter().filter_map(drawn).collect()
+        Ok(chosen.predictors.iter().filter_map(drawn).collect())
     }
 }
 
@@ -76,9 +82,11 @@ fn draw(
     };
     let recorded = scenarios(attempt, data, spec, &cell)?;
     let scenario = asked_about(spec, &recorded);
-    // Those of another scenario keep its first predictions.
-    let predictors = Predictors::new(spec, data.spec(), asked.checkpoints);
-    let predictors = predictors.of_cell(&scenario, trajectory);
+    let given = |file: &PredictionFile| file.answer(spec, data, &scenario, trajectory);
+    let given = asked.files.iter().map(given).collect::<Result<Vec<_>, TaskError>>()?;
+    // New predictors for each scenario, because they keep its first predictions.
+    let predictors = asked.predictors()?;
+    let predictors = predictors.of_cell(&scenario, trajectory, given);
     let (pre_roll, context) = (spec.rounds() as usize, spec.context as usize);
     let mut answers = Vec::new();
     for name in &chosen.predictors {

@@ -58,7 +58,7 @@ pub(super) fn report(attempt: &Attempt, spec: &EvaluateSpec) -> Result<(), TaskE
         attempt.put(&format!("{name}.csv"), "text/csv", figure.to_csv().into_bytes())?;
     }
     let (predictors, checkpoints) = (&report.predictors, &checkpoints);
-    let asked = Asked { spec, data: &data, checkpoints, predictors };
+    let asked = Asked { spec, data: &data, files: &files, checkpoints, predictors };
     examples::put(attempt, &asked, &cells)?;
     let joints = data.spec().joints();
     let footer = rows::footer(&attempt.task.spec, joints);
