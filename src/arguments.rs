@@ -28,6 +28,26 @@ impl ServerArguments {
     }
 }
 
+/// Flags for the connection to a server that a command can do without.
+#[derive(Debug, Args)]
+pub struct OptionalServerArguments {
+    /// Ask this server instead of the program itself: http://, https:// or unix:PATH
+    #[arg(long, env = "TORQUED_SERVER", value_name = "URL")]
+    server: Option<String>,
+
+    /// The server's token, if it requires one
+    #[arg(long, env = "TORQUED_TOKEN", value_name = "TOKEN", hide_env_values = true)]
+    token: Option<String>,
+}
+
+impl OptionalServerArguments {
+    /// A client of the server, if one was named.
+    pub fn client(self) -> Result<Option<Client>, ClientError> {
+        let Some(server) = self.server else { return Ok(None) };
+        ServerArguments { server, token: self.token }.client().map(Some)
+    }
+}
+
 /// Flags for the form of a command's output.
 #[derive(Clone, Copy, Debug, Args)]
 pub struct OutputArguments {
@@ -66,7 +86,7 @@ impl StoreArguments {
     }
 }
 
-/// What goes into the trash by itself, and how long logs are kept.
+/// Flags for retention: the items that go into the trash by themselves, and the age of logs.
 #[derive(Clone, Copy, Debug, Args)]
 pub struct RetentionArguments {
     /// Days after which failed and cancelled jobs are moved into the trash, unless something

@@ -189,7 +189,7 @@ impl Extents<'_> {
         }
     }
 
-    /// Of `count` tokens from `first` on, the number that attend to as many sources as the first
+    /// Number of tokens, of `count` from `first` on, that attend to as many sources as the first
     /// one. Each later token attends to one source more than the token before it.
     fn alike(&self, first: usize, count: usize) -> usize {
         match self.mask {

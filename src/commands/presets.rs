@@ -3,8 +3,9 @@ use std::process::ExitCode;
 use anyhow::bail;
 use clap::Args;
 use reports::{Align, Table};
+use wire::Presets;
 
-use crate::arguments::{OutputArguments, ServerArguments};
+use crate::arguments::{OptionalServerArguments, OutputArguments};
 use crate::output::write_json;
 
 #[derive(Debug, Args)]
@@ -16,16 +17,18 @@ pub struct Arguments {
     output: OutputArguments,
 
     #[command(flatten)]
-    server: ServerArguments,
+    server: OptionalServerArguments,
 }
 
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
-    let client = arguments.server.client()?;
+    let presets = match arguments.server.client()? {
+        Some(client) => client.presets().await?.presets,
+        None => spec::presets().to_vec(),
+    };
     if arguments.output.json && arguments.name.is_none() {
-        println!("{}", client.raw("/v1/presets").await?);
+        write_json(&Presets { presets })?;
         return Ok(ExitCode::SUCCESS);
     }
-    let presets = client.presets().await?.presets;
     let Some(name) = arguments.name else {
         let mut table = Table::new(["name", "of a", "about"].map(|name| (name, Align::Left)));
         for preset in presets {

@@ -27,6 +27,9 @@ pub struct Arguments {
 
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let spec = simulation(&read_json(&arguments.spec, MAX_SPEC_BYTES)?)?;
+    for doubt in spec.doubts() {
+        eprintln!("warning: {doubt}");
+    }
     compute_with(arguments.threads)?;
     let mut folder = DatasetFolder::begin(&arguments.out, &spec)?;
     let work = move |report: progress::Report<'_>| folder.complete(report).map(|()| folder);

@@ -52,7 +52,7 @@ async function eachPage(options, look) {
   const found = [];
   for (const [name, path] of Object.entries(pages)) {
     await page.goto(product.url + path);
-    // What is folded away is looked at as well.
+    // Folded parts are checked, too.
     await page.evaluate(() => document.querySelectorAll("details").forEach((it) => (it.open = true)));
     for (const trouble of await look(page)) found.push(`${name}: ${trouble}`);
   }

@@ -34,6 +34,22 @@ fn json_lines(text: &str) -> Vec<Value> {
 }
 
 #[tokio::test]
+async fn the_program_knows_the_presets_that_its_server_lists() {
+    let folder = tempfile::tempdir().unwrap();
+    let product = Product::start_with(folder.path(), &["--workers", "0"]);
+    let asking = Asking(&product);
+    let alone = |arguments: &[&str]| {
+        let (code, output, errors) = run_to_end(torqued(arguments).env_remove("TORQUED_SERVER"));
+        assert_eq!(code, Some(0), "{arguments:?}: {errors}");
+        output
+    };
+    assert_eq!(alone(&["presets"]), asking.output(&["presets"]));
+    assert_eq!(alone(&["presets", "D1-chirp"]), asking.output(&["presets", "D1-chirp"]));
+    let listed: Value = serde_json::from_str(&alone(&["presets", "--json"])).unwrap();
+    assert_eq!(listed, product.get("/v1/presets").await);
+}
+
+#[tokio::test]
 async fn everything_that_a_pipeline_leaves_is_listed_shown_and_downloaded() {
     let folder = tempfile::tempdir().unwrap();
     let product = Product::start(folder.path());

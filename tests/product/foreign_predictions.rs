@@ -10,7 +10,7 @@ use crate::product::{Product, member, run_to_end, torqued};
 
 const CONTEXT: usize = 40;
 const SAMPLES: usize = 60;
-/// Of two cells, 6 each.
+/// Trajectories of two cells, 6 each.
 const SCENARIOS: usize = 12;
 
 /// A server with a dataset, and its trajectories.
@@ -155,7 +155,7 @@ fn held(trajectory: &Trajectory) -> Vec<Vec<f64>> {
     vec![trajectory.q[CONTEXT - 1].clone(); SAMPLES - CONTEXT]
 }
 
-/// What a report says of a predictor in each cell and group, without its name.
+/// The scores of a predictor in each cell and group of a report, without its name.
 fn findings(report: &Value, predictor: &str) -> Vec<Value> {
     let mut found = Vec::new();
     for place in

@@ -200,6 +200,21 @@ fn an_interrupted_simulation_leaves_whole_shards_and_goes_on_from_them() {
 }
 
 #[test]
+fn simulations_without_a_server_come_with_the_server_s_warnings() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut spec = simulation();
+    spec["trajectories"] = 10.into();
+    spec["integrator"] = json!({"scheme": "reference"});
+    let (code, _, errors) = simulate(dir.path(), &spec, &dir.path().join("coarse"));
+    assert_eq!(code, Some(0), "{errors}");
+    assert!(errors.contains("warning: integrator is "), "{errors}");
+    spec["integrator"] = json!({"scheme": "rk4"});
+    let (code, _, errors) = simulate(dir.path(), &spec, &dir.path().join("fine"));
+    assert_eq!(code, Some(0), "{errors}");
+    assert!(!errors.contains("warning"), "{errors}");
+}
+
+#[test]
 fn a_folder_of_another_spec_and_a_job_of_another_kind_are_refused() {
     let dir = tempfile::tempdir().unwrap();
     let out = dir.path().join("folder");

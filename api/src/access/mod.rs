@@ -97,7 +97,8 @@ pub async fn require_scope(
 
 /// An entry of the audit log for a request without an answer yet.
 fn entry(caller: &Caller, request: &Request) -> AuditEntry {
-    let path = request.uri().path_and_query().map_or("", |path| path.as_str());
+    let path =
+        request.uri().path_and_query().map_or("", |path| path.as_str()).trim_end_matches('?');
     let end = path.floor_char_boundary(LOGGED_PATH_BYTES);
     AuditEntry {
         actor: caller.name.clone(),

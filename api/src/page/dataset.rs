@@ -126,7 +126,7 @@ fn unfinished(job: &Job) -> String {
     }
 }
 
-/// What fills a dataset, in a word.
+/// The source of a dataset, in a word.
 pub fn filling(kind: JobKind) -> &'static str {
     if kind == JobKind::Import { "import" } else { "simulation" }
 }

@@ -17,7 +17,7 @@ use crate::page::dataset::filling;
 use crate::page::kinds::{evaluation_headlines, own_page};
 use crate::page::text;
 
-/// What a list of the page is called and which columns follow the name.
+/// A list of the page: its title, and the columns that follow the name.
 struct Listed {
     path: &'static str,
     title: &'static str,
@@ -94,7 +94,7 @@ struct ListPage {
 struct ListRow {
     href: String,
     name: String,
-    /// What tells it from others of the same name.
+    /// A text that tells the item from others of the same name.
     remark: String,
     tags: Vec<String>,
     cells: Vec<(&'static Column, Cell)>,

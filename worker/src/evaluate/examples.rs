@@ -16,7 +16,7 @@ use crate::attempt::Attempt;
 use crate::error::TaskError;
 use crate::trajectories::TrajectorySource;
 
-/// What an evaluation is about.
+/// The parts of an evaluation that its examples need.
 pub(super) struct Asked<'a> {
     pub spec: &'a EvaluateSpec,
     pub data: &'a TrajectorySource,

@@ -69,9 +69,9 @@ fn parse(name: &str) -> Option<(u64, Option<u32>)> {
 /// The places of the answers to scenarios that follow each other, in their order.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Answers {
-    /// Of each scenario: the recording that is named by the trajectory alone, or else its first sample.
+    /// The prediction of each scenario: the recording that is named by the trajectory alone, or else its first sample.
     pub predictions: Vec<u64>,
-    /// Of each sample and scenario; none where samples are not asked for, or the file has one answer to each.
+    /// The recording of each sample and scenario. Empty if no samples are asked for, or if the file has one answer to each.
     pub samples: Vec<Vec<u64>>,
 }
 

@@ -17,7 +17,7 @@ pub const NOTE: &str = "mlflow.note.content";
 /// All tags of a run and of its job, separated by spaces. Setting it sets those of the run.
 pub const TAGS: &str = "torqued.tags";
 
-/// What the keys of tags begin with that clients and torqued write themselves.
+/// Prefixes of the tags that clients and torqued write themselves.
 const RESERVED: [&str; 2] = ["mlflow.", "torqued."];
 
 impl App {

@@ -26,7 +26,7 @@ const CREATED_TAG: &str = "torqued.created_at";
 /// All labels of a run, each of which is a tag of its own besides.
 const LABELS_TAG: &str = "torqued.tags";
 
-/// What MLflow calls a run that has not begun.
+/// MLflow's state of a run that has not begun.
 const NOT_BEGUN: &str = "SCHEDULED";
 
 pub struct Exporter<'a> {
@@ -37,7 +37,7 @@ pub struct Exporter<'a> {
     pub files: files::Choice,
 }
 
-/// What was written of a run.
+/// The parts of a run that were written.
 #[derive(Debug, Serialize)]
 pub struct Exported {
     pub run: i64,
