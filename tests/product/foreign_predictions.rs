@@ -108,14 +108,14 @@ impl Laboratory {
         self.product.get("/v1/datasets").await["datasets"][0]["id"].as_i64().unwrap()
     }
 
-    async fn evaluated(&self, predictions: Value, more: &Value) -> Value {
+    async fn evaluated(&self, predictions: &Value, more: &Value) -> Value {
         let job = self.product.submit(&evaluation(predictions, more)).await;
         self.product.succeeded(job).await;
         self.product.get(&format!("/v1/evaluations/{job}")).await["report"].clone()
     }
 
     /// The reasons that the server gives at once.
-    async fn refusal(&self, predictions: Value, more: &Value) -> String {
+    async fn refusal(&self, predictions: &Value, more: &Value) -> String {
         let (status, problem) =
             self.product.post("/v1/jobs", evaluation(predictions, more).to_string()).await;
         assert_eq!(status.as_u16(), 422, "{problem}");
@@ -124,7 +124,7 @@ impl Laboratory {
 
     /// The reason why an evaluation fails that looks into `dataset`.
     async fn failure(&self, dataset: i64, more: &Value) -> String {
-        let spec = evaluation(json!([named("mine", dataset)]), more);
+        let spec = evaluation(&json!([named("mine", dataset)]), more);
         let job = self.product.submit(&spec).await;
         let job = self.product.finished(job).await;
         assert_eq!(job["state"], "failed", "{job:#}");
@@ -136,7 +136,7 @@ fn named(name: &str, dataset: i64) -> Value {
     json!({"name": name, "data": {"dataset": dataset}})
 }
 
-fn evaluation(predictions: Value, more: &Value) -> Value {
+fn evaluation(predictions: &Value, more: &Value) -> Value {
     let mut spec = json!({
         "kind": "evaluate", "data": {"dataset": 1}, "context": CONTEXT, "predictions": predictions,
         "baselines": ["hold-last", "damped-integrator"], "bootstrap": {"resamples": 100},
@@ -181,7 +181,7 @@ async fn a_file_is_scored_as_if_its_model_had_been_asked() {
     backwards.reverse();
     let same = laboratory.imported("held.csv", &backwards).await;
     let predictions = json!([named("oracle", oracle), named("my-hold", same)]);
-    let report = laboratory.evaluated(predictions.clone(), &json!({})).await;
+    let report = laboratory.evaluated(&predictions, &json!({})).await;
     assert_eq!(report["failures"], json!([]));
     for cell in report["cells"].as_array().unwrap() {
         assert_eq!(cell["rmse_deg"][2]["predictor"], "oracle");
@@ -209,7 +209,7 @@ async fn a_file_is_scored_as_if_its_model_had_been_asked() {
 
     // Without baselines and checkpoints, and a part of the scenarios.
     let few = json!({"baselines": [], "scenarios": 2});
-    let report = laboratory.evaluated(predictions, &few).await;
+    let report = laboratory.evaluated(&predictions, &few).await;
     assert_eq!(report["groups"][0]["scenarios"], 4);
 
     let path = format!("/v1/datasets/{oracle}/dependents");
@@ -233,7 +233,7 @@ async fn several_samples_are_scored_as_a_distribution() {
     }
     let dataset = laboratory.imported("samples.csv", &recordings).await;
     let predictions = json!([named("ensemble", dataset)]);
-    let report = laboratory.evaluated(predictions.clone(), &json!({"samples": 3})).await;
+    let report = laboratory.evaluated(&predictions, &json!({"samples": 3})).await;
     let scores = report["groups"][0]["scores"].as_array().unwrap();
     let scores = scores.iter().find(|it| it["predictor"] == "ensemble").unwrap();
     // Samples at -a, 0 and a around the truth: E|x - y| = 2a/3, and half of E|x - x'| of pairs is the same.
@@ -257,7 +257,7 @@ async fn an_evaluation_that_no_file_answers_is_refused_at_submission() {
         ("my gru", "1 to 60 letters, digits"),
         ("", "1 to 60 letters, digits"),
     ] {
-        let refusal = laboratory.refusal(mine(name), &json!({})).await;
+        let refusal = laboratory.refusal(&mine(name), &json!({})).await;
         assert!(refusal.contains(reason) && refusal.contains("predictions[0].name"), "{refusal}");
     }
     let other = laboratory.imported("truth.csv", &laboratory.each(truth)).await;
@@ -279,7 +279,7 @@ async fn an_evaluation_that_no_file_answers_is_refused_at_submission() {
         (json!([named("a", few)]), json!({}), "at least one for each of the 12 scenarios"),
         (json!([]), json!({"baselines": []}), "checkpoint, baseline or file of predictions"),
     ] {
-        let refusal = laboratory.refusal(predictions, &more).await;
+        let refusal = laboratory.refusal(&predictions, &more).await;
         assert!(refusal.contains(reason), "{reason}: {refusal}");
     }
 
@@ -308,7 +308,7 @@ async fn an_evaluation_that_no_file_answers_is_refused_at_submission() {
         assert_eq!(code, Some(0), "{output}");
         let dataset = &laboratory.product.get("/v1/datasets").await["datasets"][0]["id"];
         let refusal =
-            laboratory.refusal(json!([named("a", dataset.as_i64().unwrap())]), &json!({})).await;
+            laboratory.refusal(&json!([named("a", dataset.as_i64().unwrap())]), &json!({})).await;
         assert!(refusal.contains(reason), "{reason}: {refusal}");
     }
 }
@@ -382,7 +382,7 @@ async fn a_name_that_a_checkpoint_has_is_refused() {
             "seed": seed, "model": {"preset": "lagrangian-tiny"}, "validation_fraction": 0,
         })
     };
-    let mut evaluate = evaluation(json!([named("first", dataset)]), &json!({}));
+    let mut evaluate = evaluation(&json!([named("first", dataset)]), &json!({}));
     evaluate["checkpoints"] = json!([{"job": "first"}, {"job": "second"}]);
     let pipeline = pipeline_of(&train(1), &train(2), &evaluate);
     let job = laboratory.product.submit(&pipeline).await;
