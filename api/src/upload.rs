@@ -158,11 +158,11 @@ async fn from_form(
             let read = patience.wait(part.bytes()).await?;
             read.map_err(|error| form_error(&error, limit))?
         }
-        other => return Err(wrong_part("spec", other.as_ref())),
+        other => return Err(wrong_part("part \"spec\"", other.as_ref())),
     };
     let file = match next_part(&mut form, limit, patience).await? {
         Some(part) if part.name() == Some("file") => part,
-        other => return Err(wrong_part("file", other.as_ref())),
+        other => return Err(wrong_part("part \"file\"", other.as_ref())),
     };
     let format = file.content_type().and_then(|declared| format_of(declared.essence_str()));
     Ok(IncomingFile {
@@ -200,7 +200,7 @@ fn wrong_part(expected: &str, found: Option<&Field<'static>>) -> ApiError {
         None => "nothing".to_owned(),
         Some(part) => format!("part {:?}", part.name().unwrap_or_default()),
     };
-    let reason = format!("{found} came instead of part {expected:?}; send spec, then file");
+    let reason = format!("{found} came instead of {expected}; send spec, then file");
     ApiError::Form { reason }
 }
 

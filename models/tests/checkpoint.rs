@@ -85,7 +85,8 @@ fn sizes_that_the_weights_cannot_hold_are_refused_before_they_are_allocated() {
         })
     };
     let message = load(&huge(1)).unwrap_err().to_string();
-    let (_, parameters) = message.rsplit_once("a model of this spec has ").unwrap();
+    let (_, expected) = message.rsplit_once("expected ").unwrap();
+    let (parameters, _) = expected.split_once(' ').unwrap();
     check_refused(&huge(parameters.parse().unwrap()), "too few for the");
 }
 

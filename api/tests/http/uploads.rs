@@ -223,11 +223,11 @@ async fn a_form_has_the_spec_and_then_the_file() {
     let file = ("file", FILE, CSV);
     let other = ("other", "", CSV);
     for (parts, expected) in [
-        (&[file, spec][..], "part \"spec\" should"),
-        (&[spec][..], "part \"file\" should"),
-        (&[spec, other][..], "other"),
-        (&[spec, file, file][..], "the end of the form"),
-        (&[][..], "part \"spec\" should"),
+        (&[file, spec][..], "instead of part \"spec\""),
+        (&[spec][..], "instead of part \"file\""),
+        (&[spec, other][..], "part \"other\" came instead of part \"file\""),
+        (&[spec, file, file][..], "instead of the end of the form"),
+        (&[][..], "instead of part \"spec\""),
     ] {
         let problem = send(&server, "/v1/datasets", FORM, form(parts)).await.problem(400);
         let detail = problem["detail"].as_str().unwrap();
