@@ -226,8 +226,8 @@ mod tests {
 
     #[tokio::test]
     async fn a_child_that_floods_or_says_nothing_is_refused() {
-        check_refused("yes | head -c 3000000", SOON, &["said", "y y y", "..."]).await;
-        check_refused("true", SOON, &["said \"\""]).await;
+        check_refused("yes | head -c 3000000", SOON, &["printed", "y y y", "..."]).await;
+        check_refused("true", SOON, &["printed \"\""]).await;
         check_refused("exit 3", SOON, &["exit status: 3"]).await;
     }
 

@@ -4,7 +4,7 @@
 //! So one message carries the lock and the statement. PostgreSQL executes a message as one
 //! transaction, and each of its statements sees everything that was committed before that statement
 //! began. Such a message has no parameters and would be planned each time, so each connection
-//! prepares the statements when it is opened.
+//! prepares both statements when it first needs one.
 
 use std::time::Duration;
 
@@ -32,8 +32,12 @@ pub(crate) enum StageEnd {
     Lost,
 }
 
+/// PostgreSQL's code for a prepared statement that the connection does not have.
+/// <https://www.postgresql.org/docs/15/errcodes-appendix.html>
+const NOT_PREPARED: &str = "26000";
+
 /// The SQL that prepares both statements.
-pub(super) fn prepared() -> String {
+fn prepared() -> String {
     format!("{}; {}", prepared_claim(), prepared_completion())
 }
 
@@ -121,9 +125,22 @@ impl Database {
 
     /// The rows of a statement that follows a lock. The lock answers the first row.
     async fn locked_rows(&self, sent: String) -> Result<Vec<PgRow>, sqlx::Error> {
-        let mut rows = sqlx::raw_sql(AssertSqlSafe(sent)).fetch_all(&self.reader).await?;
+        let mut connection = self.reader.acquire().await?;
+        let sent = || sqlx::raw_sql(AssertSqlSafe(sent.clone()));
+        let mut rows = match sent().fetch_all(&mut *connection).await {
+            Err(error) if is_not_prepared(&error) => {
+                sqlx::raw_sql(AssertSqlSafe(prepared())).execute(&mut *connection).await?;
+                sent().fetch_all(&mut *connection).await?
+            }
+            rows => rows?,
+        };
         Ok(rows.split_off(1.min(rows.len())))
     }
+}
+
+fn is_not_prepared(error: &sqlx::Error) -> bool {
+    let code = error.as_database_error().and_then(|error| error.code());
+    code.as_deref() == Some(NOT_PREPARED)
 }
 
 /// A text as SQL, safe for any content and for any setting of `standard_conforming_strings`.

@@ -7,7 +7,7 @@ use sqlx::migrate::{Migrate, Migration, MigrationType, Migrator};
 use sqlx::postgres::{PgConnectOptions, PgPoolOptions};
 use sqlx::{ConnectOptions, Connection, Executor, PgConnection, SqlStr};
 
-use super::{Database, claims};
+use super::Database;
 use crate::location::DatabaseUrl;
 use crate::patience::PATIENCE;
 use crate::{Access, StoreError};
@@ -50,10 +50,6 @@ const IDLE_TIMEOUT: Duration = Duration::from_secs(30);
 /// Our statements find rows by index whatever their parameters are, so one plan is enough.
 const PLAN_ONCE: &str = "SET plan_cache_mode = force_generic_plan";
 
-/// The first message of each new connection.
-static PREPARATION: LazyLock<String> =
-    LazyLock::new(|| format!("{PLAN_ONCE}; {}", claims::prepared()));
-
 /// A connection that was unused for this long is tested before it is used.
 const ASKED_AFTER: Duration = Duration::from_millis(200);
 
@@ -79,9 +75,7 @@ pub async fn open(url: &DatabaseUrl, access: Access) -> Result<Database, StoreEr
         .acquire_timeout(patience)
         .idle_timeout(IDLE_TIMEOUT)
         .after_connect(|connection, _| {
-            Box::pin(async {
-                connection.execute(sqlx::raw_sql(PREPARATION.as_str())).await.map(drop)
-            })
+            Box::pin(async { connection.execute(PLAN_ONCE).await.map(drop) })
         })
         .test_before_acquire(false)
         .before_acquire(|connection, used| Box::pin(is_alive(connection, used.idle_for)))
