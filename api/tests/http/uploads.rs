@@ -225,7 +225,7 @@ async fn a_form_has_the_spec_and_then_the_file() {
     for (parts, expected) in [
         (&[file, spec][..], "instead of part \"spec\""),
         (&[spec][..], "instead of part \"file\""),
-        (&[spec, other][..], "part \"other\" came instead of part \"file\""),
+        (&[spec, other][..], "unknown field received: \"other\""),
         (&[spec, file, file][..], "instead of the end of the form"),
         (&[][..], "instead of part \"spec\""),
     ] {
