@@ -206,6 +206,8 @@ async fn a_file_is_scored_as_if_its_model_had_been_asked() {
     let page = laboratory.product.get(&format!("/evaluations/{evaluation}")).await;
     let remark = format!("predictions of file {}", &infos[2]["file"].as_str().unwrap()[..12]);
     assert!(page.as_str().unwrap().contains(&remark), "{remark}");
+    // The best model is the file, and it is drawn like a checkpoint.
+    assert!(page.as_str().unwrap().contains("prediction-worst.svg"));
 
     // Without baselines and checkpoints, and a part of the scenarios.
     let few = json!({"baselines": [], "scenarios": 2});
