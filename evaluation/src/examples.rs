@@ -56,7 +56,7 @@ pub fn examples(cells: &[CellResult], predictors: &[PredictorInfo]) -> Option<Ex
         ScenarioRank::Median => *place > 0,
         ScenarioRank::Best => last > 0,
     });
-    let scenarios = scenarios.map(|(rank, place)| Example { rank, ..answered[place] }).collect();
+    let scenarios = scenarios.map(|(rank, place)| answered[place].ranked(rank)).collect();
     Some(Examples { predictors, scenarios })
 }
 
@@ -89,14 +89,28 @@ fn best_first<'a>(
     ranked.into_iter().map(|(.., info)| info).collect()
 }
 
-/// The scenarios that a predictor has an answer to, in order; all are called the worst for now.
-fn answers(cells: &[CellResult], predictor: &str) -> Vec<Example> {
+/// A scenario that a predictor has an answer to, and the error of the answer.
+struct Answered {
+    cell: usize,
+    scenario: usize,
+    rmse_deg: f64,
+}
+
+impl Answered {
+    fn ranked(&self, rank: ScenarioRank) -> Example {
+        let Self { cell, scenario, rmse_deg } = *self;
+        Example { rank, cell, scenario, rmse_deg }
+    }
+}
+
+/// The scenarios that a predictor has an answer to, in their order.
+fn answers(cells: &[CellResult], predictor: &str) -> Vec<Answered> {
     let mut found = Vec::new();
     for (cell, result) in cells.iter().enumerate() {
         let errors = result.predictors.iter().filter(|errors| errors.predictor == predictor);
         for (scenario, rmse) in errors.flat_map(|errors| errors.rmse_deg.iter().enumerate()) {
             if let Some(rmse_deg) = *rmse {
-                found.push(Example { rank: ScenarioRank::Worst, cell, scenario, rmse_deg });
+                found.push(Answered { cell, scenario, rmse_deg });
             }
         }
     }

@@ -21,10 +21,9 @@ impl Store {
     #[boxed]
     pub async fn complete(&self, fence: Fence, result: Option<&Value>) -> Result<(), StoreError> {
         const OPERATION: &str = "completing a task";
-        let text = result.map(Value::to_string);
         patiently!({
             if let Database::Postgres(database) = self.database() {
-                let ended = database.complete_in_stage(fence, text.as_deref()).await;
+                let ended = database.complete_in_stage(fence, result).await;
                 match ended.map_err(StoreError::database(OPERATION))? {
                     StageEnd::Completed => return Ok(()),
                     StageEnd::Lost => return Err(lease_lost(fence)),

@@ -8,6 +8,7 @@
 
 use std::time::Duration;
 
+use serde_json::Value;
 use spec::Resources;
 use sqlx::postgres::PgRow;
 use sqlx::{AssertSqlSafe, FromRow, Row};
@@ -108,14 +109,15 @@ impl Database {
     pub async fn complete_in_stage(
         &self,
         fence: Fence,
-        result: Option<&str>,
+        result: Option<&Value>,
     ) -> Result<StageEnd, sqlx::Error> {
         let sent = format!(
             "SELECT pg_advisory_xact_lock_shared({QUEUE_LOCK}); \
              EXECUTE torqued_completion ({task}, {epoch}, {result})",
             task = fence.task.0,
             epoch = fence.epoch.0,
-            result = result.map_or_else(|| "NULL".to_owned(), literal),
+            result =
+                result.map_or_else(|| "NULL".to_owned(), |result| literal(&result.to_string())),
         );
         let rows = self.locked_rows(sent).await?;
         let Some(row) = rows.first() else { return Ok(StageEnd::Lost) };
