@@ -9,7 +9,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// interrupted. So each operation of this crate checks the interrupt first, and unwinds the thread
 /// to the beginning of the computation. Nothing has changed by then, because a step changes its
 /// trainer only after all gradients are computed.
-/// its trainer only when all gradients are there.
 #[derive(Clone, Debug, Default)]
 pub struct Interrupt(Arc<AtomicBool>);
 

@@ -17,7 +17,6 @@ pub(super) struct Windows {
 ///
 /// There is a row for each channel and each remainder of the tap by the step. A tap begins a sample
 /// later than the tap one step before it, so that no sample is stored twice.
-/// the tap a step before it. So no sample is there more than once.
 pub(super) struct Seen<'a> {
     pub values: &'a [f32],
     /// Elements of a row.

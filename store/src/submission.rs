@@ -187,7 +187,6 @@ impl Store {
     /// # Errors
     /// When a needed job has failed or was deleted, when an idempotency key was used with another
     /// request, or when the submission contradicts itself. Nothing is submitted then.
-    /// contradicts itself; nothing is submitted then.
     #[boxed]
     pub async fn submit(&self, submission: Submission) -> Result<Submitted, StoreError> {
         check(&submission)?;

@@ -173,7 +173,6 @@ fn a_decoder_that_nobody_wants_any_more_ends() {
 
 /// The child's standard input, which this test holds, is still open. A shell replaces the standard
 /// input of background commands, so it is passed as descriptor 3.
-/// one, so it goes by way of number 3.
 #[cfg(target_os = "linux")]
 #[test]
 fn a_decoder_ends_with_the_process_that_started_it() {
