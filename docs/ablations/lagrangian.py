@@ -1,12 +1,12 @@
-"""Trains the `lagrangian` without one part after another, and prints what each part is worth as a table.
+"""Trains the `lagrangian` with one part left out at a time, and prints the errors of these variants as a table.
 
     torqued serve --data /tmp/ablations --listen 127.0.0.1:7191 &
     torqued submit --watch --server http://127.0.0.1:7191 docs/ablations/lagrangian.json
     PYTHONPATH=python python docs/ablations/lagrangian.py --server http://127.0.0.1:7191
 
-Needs torch, numpy, safetensors and polars. torqued simulates the robots and evaluates ARX: the last row is what it
-measured. This script trains all other rows in one thread, as variants of the PyTorch twin. It leaves out the score of
-draws, whose gradient is that of `doubt` alone: no prediction here looks at it.
+Needs torch, numpy, safetensors and polars. torqued simulates the robots and evaluates ARX, which is the last row.
+This script trains the models of all other rows in one thread, as variants of the PyTorch twin. Their loss has no score
+of draws, because only `doubt` gets a gradient from it, and no prediction here uses `doubt`.
 """
 
 import argparse
@@ -68,7 +68,7 @@ class Pipeline:
             return json.load(answer)
 
     def table(self, job: str, content: str) -> polars.DataFrame:
-        """All files of a dataset that hold `content`, one after the other."""
+        """The rows of all files of a dataset whose content is `content`."""
         dataset = self.get(f"/v1/datasets/{self.members[job]['dataset']}")
         urls = [self.server + file["url"] for file in dataset["files"] if file["content"] == content]
         return polars.concat(polars.read_parquet(urllib.request.urlopen(url).read()) for url in urls)
@@ -85,7 +85,7 @@ class Pipeline:
         return list(robots.select("family", "frequency_hz").iter_rows())
 
     def scores(self, job: str, predictor: str) -> tuple[np.ndarray, float]:
-        """As `scores`, of a predictor, from what an evaluation left."""
+        """The same as the function `scores`, for a predictor of a finished evaluation."""
         evaluation = self.get(f"/v1/evaluations/{self.members[job]['id']}")
         (url,) = [file["url"] for file in evaluation["artifacts"] if file["name"] == "scenarios.parquet"]
         scenarios = polars.read_parquet(urllib.request.urlopen(self.server + url).read()).filter(predictor=predictor)
@@ -100,7 +100,7 @@ class Pipeline:
 
 
 def train(model: torch.nn.Module, peak: float, steps: int, robots: int, u: Tensor, y: Tensor) -> None:
-    """Adam with a warmup and half a cosine, as torqued schedules it. The first `robots` are trained on."""
+    """Trains on the first `robots` with Adam. The learning rate has a warmup and half a cosine, as in torqued."""
 
     def learning_rate(done: int) -> float:
         if done < WARMUP:
@@ -134,20 +134,20 @@ def train(model: torch.nn.Module, peak: float, steps: int, robots: int, u: Tenso
 
 
 def unscored_loss(model: torch.nn.Module, u: Tensor, y: Tensor) -> Tensor:
-    """The loss without draws, neither scored nor drawn."""
+    """The loss without the score of draws."""
     none = torch.zeros(len(u), dtype=torch.bool)
     return model.loss(u, y[:, :CONTEXT], y[:, CONTEXT:], chosen=none, normals=torch.empty(len(u), 0))
 
 
 def scores(truth: Tensor, answers: list[Tensor]) -> tuple[np.ndarray, float]:
-    """RMSE in degrees [seed, trajectory] and the share that diverged, of positions [trajectory, sample, joint]."""
+    """RMSE in degrees [seed, trajectory], and the share that diverged. Positions are [trajectory, sample, joint]."""
     errors = np.degrees((torch.stack(answers).double() - truth.double()).numpy())
     diverged = ~(np.abs(errors) <= DIVERGED_DEG).all((2, 3))
     return np.sqrt(np.square(errors).mean(2)).mean(2), diverged.mean()
 
 
 def row(name: str, rmse: np.ndarray, diverged: float, cells: list[Cell]) -> str:
-    """A line of the table, of RMSE in degrees [seed, trajectory]."""
+    """A line of the table. `rmse` is in degrees, [seed, trajectory]."""
     of_cell = {cell: rmse[:, [each == cell for each in cells]] for cell in sorted(set(cells))}
     columns = [name]
     of_seeds = []
@@ -163,7 +163,7 @@ def row(name: str, rmse: np.ndarray, diverged: float, cells: list[Cell]) -> str:
 
 
 def interval(of_cells: list[np.ndarray]) -> str:
-    """The mean over cells, and where 95 % of the means lie when robots are drawn again within each cell."""
+    """The mean over cells with its 95 % bootstrap interval. Robots are resampled within each cell."""
     generator = np.random.default_rng(0)
     drawn = [values[generator.integers(len(values), size=(RESAMPLES, len(values)))].mean(1) for values in of_cells]
     low, high = np.quantile(np.mean(drawn, axis=0), [0.025, 0.975])
@@ -182,9 +182,9 @@ def say(message: str) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--server", default="http://127.0.0.1:7191")
-    parser.add_argument("--steps", type=int, default=5000, help="of each training")
-    parser.add_argument("--robots", type=int, default=TRAINED_ON, help=f"to train on, {BATCH} to {TRAINED_ON}")
-    parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2], help="of weights, batches and points")
+    parser.add_argument("--steps", type=int, default=5000, help="steps of each training")
+    parser.add_argument("--robots", type=int, default=TRAINED_ON, help=f"robots to train on, {BATCH} to {TRAINED_ON}")
+    parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2], help="seeds of weights, batches and points")
     parser.add_argument("--variants", nargs="+", default=list(VARIANTS), choices=list(VARIANTS), metavar="VARIANT")
     asked = parser.parse_args()
     if not BATCH <= asked.robots <= TRAINED_ON:

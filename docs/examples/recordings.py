@@ -1,4 +1,4 @@
-"""Writes train.csv and test.csv: made-up recordings of an arm, in the units of a typical log, for docs/guides/recordings.md.
+"""Writes train.csv and test.csv for docs/guides/recordings.md: simulated recordings of an arm, in the units of a typical log.
 
     pip install polars
     python docs/examples/recordings.py

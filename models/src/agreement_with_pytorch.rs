@@ -1,6 +1,6 @@
 //! The same weights and data give the same numbers here and in PyTorch: the forward pass, every
-//! gradient, a step of AdamW, and whole chains of a sampler. `tests/peers/*.py` made the
-//! expectations with PyTorch, in double precision where gradients are compared.
+//! gradient, a step of AdamW, and all steps of a sampler. `tests/peers/*.py` computed the expected
+//! numbers with PyTorch, in double precision where gradients are compared.
 
 use std::path::PathBuf;
 
@@ -59,7 +59,7 @@ fn every_architecture_has_a_peer() {
         let found = peers(|model| model.architecture() == *architecture);
         assert!(
             !found.is_empty(),
-            "tests/data has nothing of PyTorch's about {architecture}; tests/peers makes it"
+            "tests/data has no results of PyTorch for {architecture}; make them with tests/peers"
         );
     }
 }
