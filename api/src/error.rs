@@ -231,7 +231,7 @@ impl ApiError {
     fn kind(&self) -> (StatusCode, &'static str, &'static str) {
         use StatusCode as S;
         match self {
-            Self::NotFound { .. } => (S::NOT_FOUND, "not-found", "There is no such thing"),
+            Self::NotFound { .. } => (S::NOT_FOUND, "not-found", "There is no such resource"),
             Self::NoRoute { .. } => (S::NOT_FOUND, "no-route", "There is no such path"),
             Self::Method { .. } => {
                 (S::METHOD_NOT_ALLOWED, "method", "The path does not answer this method")
@@ -412,7 +412,7 @@ fn harm(error: &StoreError) -> String {
 fn of_store(error: &StoreError) -> (StatusCode, &'static str, &'static str) {
     use StatusCode as S;
     match error {
-        StoreError::NotFound { .. } => (S::NOT_FOUND, "not-found", "There is no such thing"),
+        StoreError::NotFound { .. } => (S::NOT_FOUND, "not-found", "There is no such resource"),
         StoreError::IdempotencyConflict { .. } => (
             S::UNPROCESSABLE_ENTITY,
             "idempotency-key",

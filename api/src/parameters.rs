@@ -1,7 +1,7 @@
-//! Refuses unknown query parameters, so that a typing error is not taken for a filter that matches
-//! everything.
+//! Refuses unknown query parameters. Otherwise a filter with a misspelled name would be ignored,
+//! and the list would contain everything.
 //!
-//! The OpenAPI document decides: every parameter that works is documented.
+//! The known parameters are those of the OpenAPI document.
 
 use std::collections::HashMap;
 use std::sync::Arc;

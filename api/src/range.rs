@@ -1,4 +1,4 @@
-//! `Range` of RFC 9110, section 14, as far as files of known size need it.
+//! The `Range` header of RFC 9110, section 14, for files of known size.
 
 /// The bytes of a file that a request asks for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -6,9 +6,8 @@ use utoipa::ToSchema;
 
 use crate::check::{Check, Report};
 
-/// Resources that a job asks of the workers for its tasks, or that a worker offers. A worker takes
-/// a task if it offers at least as much of every resource, and all of the tags. More than that does
-/// not matter.
+/// Resources that the tasks of a job need, or that a worker offers. A worker takes a task if it
+/// offers at least as much of every resource, and all tags.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Resources {
@@ -31,7 +30,7 @@ impl Resources {
     pub const GPUS: std::ops::RangeInclusive<u32> = 0..=64;
     pub const MEMORY_GB: std::ops::RangeInclusive<f64> = 0.1..=100_000.0;
 
-    /// Whether any worker can take the task.
+    /// Whether the task needs no particular resources, so that any worker can take it.
     pub fn are_any(&self) -> bool {
         *self == Self::default()
     }

@@ -21,8 +21,8 @@ pub struct ControlReport {
     pub planner: Planner,
     pub bootstrap: Bootstrap,
     pub controllers: Vec<ControllerSummary>,
-    /// The differences between controllers: of each checkpoint to each controller before it, and of
-    /// each other controller to the one before it.
+    /// Differences between controllers. Each checkpoint is compared with every controller before
+    /// it, and each other controller with the one before it.
     pub paired: Vec<ControlDifference>,
     /// Torques, positions and rates that lie outside a checkpoint's training data, in the
     /// excitation and in the motions under its control. A checkpoint that does not record its

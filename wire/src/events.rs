@@ -76,14 +76,15 @@ pub struct CheckpointEvent {
     pub is_best: bool,
 }
 
-/// Something was deleted, restored or deleted for good. Each thing that went along has an event of its own.
+/// An item was moved into the trash, restored, or deleted permanently. Each item that is deleted
+/// with it has its own event.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct DeletionEvent {
     pub id: i64,
     pub at: String,
-    /// The job that the thing is, or that made it.
+    /// The item itself if it is a job, and otherwise the job that made it.
     pub job: i64,
-    /// The kind of the thing.
+    /// The kind of the item.
     pub item: ItemKind,
     pub item_id: i64,
     pub change: DeletionChange,

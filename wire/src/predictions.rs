@@ -16,8 +16,8 @@ pub struct PredictionRequest {
     pub scenarios: Vec<ObservedScenario>,
     #[serde(default)]
     pub sampling: PredictionSampling,
-    /// Standard deviation of the noise of `y`, rad, 0 to 0.1. Models that fit motions filter them
-    /// accordingly.
+    /// Standard deviation of the noise of `y`, rad, 0 to 0.1. Models that fit motions use it to
+    /// filter `y`.
     #[serde(default)]
     pub position_noise_rad: f64,
 }
@@ -107,7 +107,7 @@ pub struct PredictedQuantile {
 pub struct PredictionLatency {
     /// Waiting for the model to be loaded; close to 0 if it was loaded before.
     pub load: f64,
-    /// Waiting for the computation's turn.
+    /// Waiting in the queue for the computation.
     pub queue: f64,
     pub compute: f64,
 }

@@ -47,7 +47,7 @@ pub struct Deleted {
     pub purge_at: String,
 }
 
-/// The things restored from the trash.
+/// The items that were restored from the trash.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Restored {
     pub kind: ItemKind,
@@ -75,6 +75,6 @@ pub struct TrashedItem {
     pub deleted_at: String,
     /// After this time its bytes may be deleted permanently.
     pub purge_at: String,
-    /// Why it was deleted, if nobody asked for it.
+    /// The reason, if it was deleted automatically.
     pub reason: Option<String>,
 }

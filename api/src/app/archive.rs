@@ -16,7 +16,7 @@ const BLOCK: u64 = 512;
 /// Two empty blocks end a tar.
 static END: [u8; 1024] = [0; 1024];
 
-/// A file of an archive, before its bytes are read.
+/// A file of an archive. Its bytes are not read yet.
 #[derive(Clone, Debug)]
 pub struct Member {
     pub name: String,

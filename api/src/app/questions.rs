@@ -25,8 +25,7 @@ pub fn read<T: DeserializeOwned + ToSchema>(bytes: &[u8]) -> Result<T, ApiError>
         Ok(_) => "an object with named fields".to_owned(),
         Err(error) => error.to_string(),
     };
-    // A second pass finds everything that is wrong. It takes time, which valid requests do not
-    // lose.
+    // The second pass finds all violations. Valid requests do not pay for it.
     let message: Value = read_json(bytes).map_err(ApiError::Json)?;
     let mut violations = shape_violations::<T>(&message);
     if violations.is_empty() {

@@ -37,7 +37,7 @@ impl Window {
 /// A prediction from which the next one may start.
 struct Last {
     positions: Vec<f32>,
-    /// Number of samples since then.
+    /// Number of samples since that prediction.
     age: usize,
 }
 
@@ -47,7 +47,7 @@ pub struct PredictionStream {
     window: Window,
     last: Option<Last>,
     predictions: u64,
-    /// Kinds and joints of the warnings that this connection got already.
+    /// Warnings that were already sent on this connection, by kind and joint.
     warned: HashSet<(WarningKind, Option<u32>)>,
 }
 
@@ -127,7 +127,7 @@ impl PredictionStream {
 
         let u = self.window.u.iter().chain(&future_u).flatten().copied().collect();
         let y = self.window.y.iter().flatten().copied().collect();
-        // A prediction that is older than its horizon says nothing about this one.
+        // A prediction that is older than its horizon does not overlap the next one.
         let last = self.last.take().filter(|last| last.age < horizon);
         let previous = settings.warm_start_steps.zip(last).map(|(steps, last)| Previous {
             positions: last.positions,

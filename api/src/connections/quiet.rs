@@ -1,5 +1,5 @@
-//! Quiet connections: those without a running request, which wait for the next one. If there is no
-//! place for a new connection, the one that has been quiet for longest is closed.
+//! Idle connections: they have no running request, and wait for the next one. If there is no room
+//! for a new connection, the connection that has been idle for longest is closed.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};

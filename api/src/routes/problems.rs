@@ -29,7 +29,7 @@ const OF_OPERATIONS: [(&str, &str, &[u16]); 20] = [
 /// Errors of every request.
 const OF_ALL: [u16; 5] = [400, 421, 429, 500, 503];
 
-/// Prefixes of paths of things that can be deleted, or that belong to such things.
+/// Path prefixes of resources that can be deleted, and of their parts.
 const DELETABLE: [&str; 6] = [
     "/v1/jobs/{id}",
     "/v1/runs/{id}",
@@ -84,7 +84,7 @@ fn meaning(status: u16) -> &'static str {
         400 => "A parameter, or the body, cannot be read",
         401 => "A token is required",
         403 => "The token's scope is too small, or the request came from another site",
-        404 => "There is no such thing",
+        404 => "There is no such resource",
         408 => "The body did not arrive in time",
         409 => "The state of the resource does not allow it",
         410 => "It was deleted; the problem says how to restore it",

@@ -1,4 +1,4 @@
-//! Damaged files: nobody receives them as if they were intact.
+//! Damaged files: they are never sent as if they were intact.
 
 use std::path::PathBuf;
 use std::time::{Duration, Instant};

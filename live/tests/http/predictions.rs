@@ -137,7 +137,7 @@ async fn everything_that_is_wrong_with_a_question_is_named() {
     let (status, problem) = server.predict(checkpoint, &json!([])).await;
     assert!(status == 422, "{problem}");
     let (status, problem) = server.predict(999, &two()).await;
-    assert_eq!((status.as_u16(), &problem["title"]), (404, &json!("There is no such thing")));
+    assert_eq!((status.as_u16(), &problem["title"]), (404, &json!("There is no such resource")));
 }
 
 #[tokio::test]

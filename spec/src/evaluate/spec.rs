@@ -22,8 +22,8 @@ pub struct EvaluateSpec {
     pub checkpoints: Vec<CheckpointRef>,
     #[serde(default = "Baseline::all")]
     pub baselines: Vec<Baseline>,
-    /// Models that torqued does not know, by files of their predictions. Such a file answers a stored dataset without
-    /// further noise: `data` is no stream, and `position_noise_rad` is left out.
+    /// Models outside of torqued, as files of their predictions on a stored dataset. With them,
+    /// `data` must not be a stream, and `position_noise_rad` must be left out.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub predictions: Vec<FilePredictions>,
     /// Number of samples that every predictor is given.
@@ -32,13 +32,13 @@ pub struct EvaluateSpec {
     /// Number of samples to predict. Default: all samples of the data after `rounds` and `context`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub horizon: Option<u32>,
-    /// Number of samples, and so of windows, before the scored window. Predictions that start
-    /// `shifted` begin this many control periods earlier. Default: 8 if there are such predictions,
-    /// and 0 otherwise.
+    /// Number of windows before the scored window. Consecutive windows are one sample apart.
+    /// Predictions that start `shifted` begin this many control periods earlier. Default: 8 if there
+    /// are such predictions, and 0 otherwise.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rounds: Option<u32>,
-    /// Number of scenarios of each cell, taken from its beginning. Default: all; for data without a
-    /// grid 1000.
+    /// Number of scenarios of each cell: the first ones. Default: all, or 1000 for data without a
+    /// grid.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub scenarios: Option<u32>,
     /// Samplers of denoisers. Each denoiser is evaluated with each of them. Without any, each uses
@@ -50,8 +50,8 @@ pub struct EvaluateSpec {
     #[serde(default = "one", skip_serializing_if = "is_one")]
     pub samples: u32,
     /// Standard deviations of Gaussian noise that is added to the positions of contexts, rad: 1 to
-    /// 10 values from 0 to 0.1. Every predictor is evaluated at each value, and knows it. The
-    /// data's own noise comes in addition. Errors are measured against the true positions.
+    /// 10 values from 0 to 0.1. Every predictor is evaluated at each value, and knows it. This
+    /// noise is added to that of the data. Errors are measured against the true positions.
     #[serde(default = "noiseless", skip_serializing_if = "is_noiseless")]
     pub position_noise_rad: Vec<f64>,
     /// Seed of the noise of samples and of positions.
@@ -107,7 +107,7 @@ pub enum Baseline {
 }
 
 impl Baseline {
-    /// All baselines, from the simplest to the one that knows most.
+    /// All baselines, from the least to the most knowledge about the arms.
     pub fn all() -> Vec<Self> {
         vec![
             Self::HoldLast,

@@ -120,9 +120,9 @@ impl Check for BodyDescription {
 }
 
 impl BodyDescription {
-    /// Whether Σ = ½ tr(I) 1 − I, the second moments of the mass, is positive definite. Only bodies
-    /// that are not flat have such moments (Wensing, Kim and Slotine 2018). The test uses the
-    /// leading minors.
+    /// Whether Σ = ½ tr(I) 1 − I, the second moments of the mass, is positive definite. This holds
+    /// for every body that is not flat (Wensing, Kim and Slotine 2018). The test uses the leading
+    /// minors.
     fn has_second_moments(&self) -> bool {
         let [xx, xy, xz, yy, yz, zz] = self.inertia_kg_m2;
         let half_trace = 0.5 * (xx + yy + zz);

@@ -3,7 +3,7 @@
 /// The sizes of the study.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StudyScale {
-    /// Every kind of job in twenty minutes on two cores. Too small for conclusions.
+    /// All kinds of jobs, in twenty minutes on two cores. Too small for conclusions.
     Tiny,
     /// Tiny models, trained long enough to compare them, in some hours on two cores.
     Small,
