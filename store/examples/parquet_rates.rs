@@ -2,8 +2,8 @@
 //!
 //! `cargo run --release -p store --example parquet_rates -- trajectories-00000.parquet`
 //!
-//! It uses one thread, and every time is the best of three. Writing includes the digest, and ends
-//! when the file is on the disk.
+//! It uses one thread, and reports the best of three times. The time of writing includes the digest
+//! and the sync to disk.
 
 use std::path::Path;
 use std::time::Instant;
@@ -33,7 +33,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let write_s = best(|| pool.install(|| write(&batches, samples, &written)))?;
     let read_s = best(|| read(&written))?;
     if read(&written)? != batches {
-        return Err("other rows were read than written".into());
+        return Err("the rows that were read differ from those that were written".into());
     }
     let mut raw_bytes = 0;
     for column in batches.iter().flat_map(RecordBatch::columns) {

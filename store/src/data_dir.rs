@@ -10,12 +10,13 @@ use crate::StoreError;
 /// The purpose for which a process opens the store.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Access {
-    /// Creates the folder, migrates the schema and holds the folder's lock. Only one at a time.
+    /// Creates the folder, migrates the schema and holds the folder's lock. Only one process at a
+    /// time has this access.
     Server,
-    /// Uses a store that a server made. Any number at a time.
+    /// Uses a store that a server made. Any number of processes may.
     Worker,
-    /// Fills a new store with the contents of another one. Like a server, but it also continues a
-    /// transfer that was begun before.
+    /// Fills a new store with the contents of another one. Like a server, but it also continues an
+    /// unfinished transfer.
     Transfer,
     /// Rebuilds a lost database from its objects. Like a server, but it also takes over objects of
     /// another store.
@@ -46,7 +47,8 @@ impl DataDir {
         self.0.join("torqued.sqlite")
     }
 
-    /// The file that is closed by processes that queue tasks, and watched by workers.
+    /// The file that wakes workers. Processes that queue tasks open and close it, and workers watch
+    /// it.
     pub fn bell(&self) -> PathBuf {
         self.0.join("queue.bell")
     }

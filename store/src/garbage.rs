@@ -2,7 +2,6 @@
 //!
 //! Rows are deleted first, and their objects afterwards. A process that is killed in between leaves
 //! objects without a row, and the next sweep finds them. No row ever names a deleted object.
-//! finds; no row ever names an object that was deleted.
 
 use std::time::Duration;
 
@@ -37,9 +36,9 @@ pub enum GarbageKind {
     Item(Item),
     /// A run logged by an MLflow client, under the name that clients use.
     TrackedRun(String),
-    /// A sent file that no remaining job reads.
+    /// An uploaded file that no remaining job reads.
     Upload(Digest),
-    /// Objects that no row names.
+    /// Objects without a row.
     Orphans,
 }
 
@@ -183,8 +182,8 @@ impl Store {
         Ok(Some(files))
     }
 
-    /// Deletes things that nothing needs after the purge: sent files, rows of jobs that no other
-    /// job refers to, experiments without runs.
+    /// Deletes what the purge leaves unused: uploaded files, rows of jobs that no other job refers
+    /// to, experiments without runs.
     async fn purge_remains(&self, limit: Limit) -> Result<Vec<Garbage>, StoreError> {
         // A submission may be about to refer to one of them.
         let mut tx = self.begin(Scope::Queue, PURGING).await?;

@@ -17,11 +17,11 @@ use crate::{Store, StoreError};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DiskSpace {
     pub free_bytes: u64,
-    /// Space kept free. With less, no task is claimed: each would fail, and soon the whole queue.
+    /// Space kept free. With less, no task is claimed, because each one would fail.
     pub reserved_bytes: u64,
 }
 
-/// Tells a file from another one that gets the same path later.
+/// Distinguishes a file from a later one with the same path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct FileIdentity {
     device: u64,

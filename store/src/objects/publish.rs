@@ -73,15 +73,15 @@ impl Elsewhere {
         self.settle(object, &location, error).await
     }
 
-    /// Decides whether an error is one. If an object with the right bytes exists, an earlier try
-    /// published it and its answer was lost.
+    /// Ignores the error if an object with the right bytes exists: an earlier request published it,
+    /// and its response was lost.
     async fn settle(
         &self,
         object: &StoredObject,
         location: &Path,
         error: Error,
     ) -> Result<(), StoreError> {
-        // A completed upload does not exist any more, or allows nothing.
+        // A completed multipart upload no longer exists, or refuses all requests.
         let is_refusal = matches!(
             error,
             Error::Precondition { .. }

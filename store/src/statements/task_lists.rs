@@ -18,7 +18,7 @@ macro_rules! select_overview {
 }
 
 impl Database {
-    /// In the order in which they run.
+    /// A page of the tasks of a job, in the order in which they run.
     pub async fn task_page(&self, job: JobId, page: TaskPage) -> Result<Vec<Task>, sqlx::Error> {
         let query = match page.after {
             None => {
@@ -38,7 +38,7 @@ impl Database {
         query.fetch_all(&self.reader).await
     }
 
-    /// In the order in which they run.
+    /// The first tasks of a job, in the order in which they run.
     pub async fn first_tasks(
         &self,
         job: JobId,
@@ -59,7 +59,7 @@ impl Database {
         Ok(tasks.unsigned_abs())
     }
 
-    /// By job, in the order in which they run.
+    /// The tasks of a stage of `jobs`, by job, in the order in which they run.
     pub async fn tasks_of_stage(
         &self,
         jobs: &[JobId],
@@ -117,7 +117,7 @@ impl Database {
         Ok(rows.into_iter().map(tally).collect())
     }
 
-    /// Label and result of tasks, in the order in which the tasks run.
+    /// Labels and results of tasks, in the order in which the tasks run.
     pub async fn results_unlike(
         &self,
         job: JobId,

@@ -1,4 +1,4 @@
-//! Metrics of trainings, recorded as fast as the database can.
+//! Measures how fast the database records the metrics of trainings.
 
 use std::time::{Duration, Instant};
 

@@ -1,4 +1,4 @@
-//! A store moves from one place to another and back, whole or not at all.
+//! A transfer moves a store from one place to another and back, completely or not at all.
 
 mod backup;
 mod filled;
