@@ -11,7 +11,7 @@ use crate::kernels::Kernels;
 use crate::replay::{self, Together};
 use crate::structure::{Kind, Structure, with_structure};
 
-/// The whole simulations, compiled once per lane type and structure.
+/// Whole simulations. They are compiled once for each lane type and structure.
 trait Simulations: Kernels {
     /// See [`block::simulate`].
     fn simulate<S: Structure<N>, const N: usize>(
@@ -122,7 +122,7 @@ pub(crate) fn replay(
     ));
 }
 
-/// Robots that are simulated side by side.
+/// The number of robots that are simulated at once.
 pub(crate) fn lanes(instructions: InstructionSet, precision: Precision) -> usize {
     let f64_lanes = match instructions {
         #[cfg(target_arch = "x86_64")]

@@ -3,8 +3,8 @@
 use random::ChaCha8Rng;
 use spec::Range;
 
-/// The purpose of a sequence of draws. Each purpose has a sequence of its own, so that a change of
-/// one, such as another excitation, leaves the others as they were.
+/// The purpose of a sequence of draws. Each purpose has its own sequence, so another excitation
+/// does not change the masses.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Purpose {
     /// Excitation family and master frequency.

@@ -1,4 +1,4 @@
-//! Measured motions: Gaussian noise on positions and torques, and encoders that round.
+//! Measured motions: Gaussian noise on positions and torques, and the resolution of encoders.
 
 use rayon::prelude::*;
 use series::{MeasurementNoise, Series};

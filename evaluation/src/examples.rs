@@ -1,4 +1,4 @@
-//! The scenarios that an evaluation draws, and whose predictions it draws there.
+//! The scenarios that the figures of an evaluation show, and the predictors in them.
 
 use std::collections::BTreeSet;
 
@@ -13,9 +13,9 @@ const OTHER_CHECKPOINTS: usize = 2;
 /// Scenarios by the RMSE of the best model.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Examples {
-    /// By name: the best model, the best other trainings, baselines.
+    /// Names: the best model, then the best checkpoints of other trainings, then baselines.
     pub predictors: Vec<String>,
-    /// The worst scenario, then the median one, then the best one, as far as there are so many.
+    /// The worst scenario, then the median one, then the best one. Fewer if there are fewer than three.
     pub scenarios: Vec<Example>,
 }
 
@@ -23,16 +23,17 @@ pub struct Examples {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Example {
     pub rank: ScenarioRank,
-    /// Its place among the cells.
+    /// The index of the cell.
     pub cell: usize,
-    /// Counted from 0 in the cell.
+    /// The index of the scenario in its cell.
     pub scenario: usize,
     /// RMSE of the best model, mean over joints.
     pub rmse_deg: f64,
 }
 
-/// `None` where no predictor has an answer. A predictor that sees the future is never drawn, and without other checkpoints
-/// the best baseline takes the place of the model.
+/// The scenarios and predictors to draw; `None` if no predictor has an answer. A predictor that
+/// sees the future is never drawn. Without a checkpoint, the best baseline takes the place of the
+/// best model.
 pub fn examples(cells: &[CellResult], predictors: &[PredictorInfo]) -> Option<Examples> {
     let is_baseline = |info: &&PredictorInfo| info.kind == PredictorKind::Baseline;
     let fair = predictors.iter().filter(|info| !info.sees_the_future());
@@ -60,8 +61,8 @@ pub fn examples(cells: &[CellResult], predictors: &[PredictorInfo]) -> Option<Ex
     Some(Examples { predictors, scenarios })
 }
 
-/// The two best baselines that know different things of the arms, and the best one that knows nothing of them. `baselines`
-/// begins with the best.
+/// The two best baselines with different knowledge about the arms, and the best one without any.
+/// `baselines` begins with the best.
 fn ladder(baselines: Vec<&PredictorInfo>) -> Vec<&PredictorInfo> {
     let mut told = BTreeSet::new();
     let distinct: Vec<_> =
@@ -72,7 +73,8 @@ fn ladder(baselines: Vec<&PredictorInfo>) -> Vec<&PredictorInfo> {
     drawn.map(|(_, info)| info).collect()
 }
 
-/// Predictors without any answer are left out, and those that answer more scenarios come first.
+/// Sorts predictors: those with more answers first, then by their mean RMSE. Predictors without any
+/// answer are left out.
 fn best_first<'a>(
     cells: &[CellResult],
     predictors: Vec<&'a PredictorInfo>,

@@ -37,11 +37,12 @@ pub trait Predictor {
 
     /// Positions of the horizon, `[robot, horizon, joint]`, in rad.
     ///
-    /// A scenario without an answer has values that are not finite, and the report says so.
+    /// A scenario that the predictor cannot predict has values that are not finite, and the report
+    /// counts it.
     fn predict(&self, observed: &Observed<'_>) -> Result<Vec<f32>, EvaluationError>;
 
-    /// Number of samples that the predictor computes at a time, if its answers have seams between
-    /// them. They are counted from the first sample of the horizon.
+    /// Number of samples in a patch, if the predictor predicts patch by patch. The first patch
+    /// begins with the first sample of the horizon.
     fn patch(&self) -> Option<usize> {
         None
     }

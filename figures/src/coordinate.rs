@@ -12,7 +12,7 @@ use crate::{Axis, FigureError, Scale, text};
 /// pixels would have visible steps.
 pub(crate) const SUBPIXELS: u16 = 4;
 
-/// An axis with fixed ends. Without values or a range of its own it has no ticks, because their
+/// An axis with fixed ends. It has no ticks if there are no values and no range, because their
 /// numbers would mean nothing.
 #[derive(Debug, Clone)]
 pub(crate) struct Coordinate {
@@ -87,7 +87,7 @@ impl Coordinate {
         })
     }
 
-    /// The widest of the tick labels in pixels.
+    /// The width of the widest tick label in pixels.
     pub(crate) fn label_width(&self, font_size: f64) -> f64 {
         self.ticks.iter().map(|tick| text::width(&tick.label, font_size)).fold(0.0, f64::max)
     }

@@ -9,7 +9,7 @@ use super::packed::{PackedWeight, Packing};
 use super::parts::each_part;
 use super::{affine, linear, vectorized};
 
-/// Elements of a task: 64 KiB, which stay in the cache between reading and writing.
+/// Elements per task: 64 KiB, which stay in the cache between reading and writing.
 const TASK: usize = 16_384;
 
 /// `residual` plus [`super::linear`] of GELU of x `[batch, token, input]`, without storing the

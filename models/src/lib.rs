@@ -1,10 +1,10 @@
 //! The sequence models on burn: their architectures, their training and their checkpoints.
 //!
-//! A [`Trainer`] turns a [`spec::TrainSpec`] and batches of trajectories into weights. A
-//! [`TrainedModel`] turns a checkpoint and [`series::Observed`] arms into predicted joint
-//! positions. The caller chooses the batch of each step. Random numbers are keyed by the spec's
-//! seed and by their purpose, and never drawn from a state. So the same spec and batches give the
-//! same weights on one kind of processor, bit for bit, however often training was interrupted.
+//! A [`Trainer`] trains the model of a [`spec::TrainSpec`] on batches of trajectories. The caller
+//! chooses the batch of each step. A [`TrainedModel`] predicts joint positions from a checkpoint
+//! and [`series::Observed`] arms. Random numbers are keyed by the spec's seed and by their purpose,
+//! and have no state. So the same spec and batches give the same weights on one kind of processor,
+//! bit for bit, however often training was interrupted.
 //!
 //! Answers are row-major `[trajectory, sample, joint]`, in rad, like [`series::Series`].
 

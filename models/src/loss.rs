@@ -6,12 +6,12 @@ use crate::device::host_values;
 
 /// The loss of a training step, entry by entry.
 pub(crate) struct Loss {
-    /// The error of each entry, `[batch, sample, channel]`, 0 where it does not count. An error of
-    /// a whole series is `[batch, 1, channel]`.
+    /// The error of each entry, `[batch, sample, channel]`. It is 0 for entries that do not count.
+    /// Errors of whole series are `[batch, 1, channel]`.
     pub errors: Tensor<3>,
-    /// The divisor of their sum.
+    /// The divisor of the sum of errors.
     pub count: usize,
-    /// y of the horizon, where the loss is that of a prediction.
+    /// The predicted y of the horizon, if the loss is computed from a prediction.
     pub predicted: Option<Tensor<3>>,
 }
 

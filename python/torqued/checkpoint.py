@@ -1,4 +1,4 @@
-"""A checkpoint's `config.json` and `model.safetensors` as a model that predicts."""
+"""Loads a checkpoint, `config.json` and `model.safetensors`, as a model that predicts."""
 
 import inspect
 import json
@@ -47,7 +47,7 @@ class TrainedModel:
     ) -> np.ndarray:
         """Joint positions of the horizon in rad, [batch, horizon, joint].
 
-        `u` is [batch, samples, joint] in N·m, and `y_context` is [batch, context, joint] in rad. Their lengths are
+        `u` is [batch, samples, joint] in N·m, and `y_context` is [batch, context, joint] in rad. Their lengths must be
         those of the training, or lengths for which the network's `answers` is true. A denoiser uses `sampler`, by
         default the checkpoint's, and noise [batch, samples, channels] from `draw`, or by default from PyTorch with
         `seed`. torqued draws other numbers.
@@ -127,7 +127,7 @@ def load(directory: str | Path) -> TrainedModel:
 
 
 def save(model: TrainedModel, directory: str | Path) -> None:
-    """Writes the files that `load` reads and that torqued predicts with, with weights in single precision."""
+    """Writes the files that `load` and torqued read. Weights are written in single precision."""
     directory = Path(directory)
     directory.mkdir(parents=True, exist_ok=True)
     weights = {

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor, nn
 
 SWEEPS = 2
-"""Times that friction is linearized within a sampling time."""
+"""Number of linearizations of friction within a sampling time."""
 FASTEST = 50.0
 """The largest joint speed, rad/s."""
 ROUNDS = 8
@@ -31,17 +31,17 @@ EVERY = 8
 LEAST_PIVOT = 0.99
 """Least pivot of a mass matrix, as a ratio to the inertia of the joint alone."""
 HALVINGS = 6
-"""Times that a draw is moved half-way to the most likely robot, so that its pivots are large enough."""
+"""How often a draw is moved half-way to the most likely robot, until its pivots are large enough."""
 DRAWS = 7
-"""Draws of a robot that a loss scores."""
+"""Draws per robot whose score is part of the loss."""
 LEAST_DIFFERENCE = 1e-6
 """The least unit of the score, rad."""
 DOUBT_PACE = 30.0
-"""The factor by which the scales of draws learn faster than a weight."""
+"""The scales of draws learn faster than weights by this factor."""
 PARTS = 4
 """Parts of a context. Each is left out in turn for its residual torques."""
 STRETCH = 3
-"""Normal numbers that choose the stretch of residual torques of a draw."""
+"""Number of normal numbers that choose the stretch of residual torques of a draw."""
 
 
 Fit = tuple[Tensor, Tensor, Tensor]
@@ -51,7 +51,7 @@ mask of the numbers that must be at least 0 [batch, number]."""
 
 @dataclass
 class Motions:
-    """The motion at samples, as the law takes it, each `[batch, point, joint]`."""
+    """The motion at samples, in the form that the equations need. Each field is `[batch, point, joint]`."""
 
     q: Tensor
     """Angles, rad."""

@@ -1,6 +1,6 @@
 """The PyTorch twin of `models/src/transformer.rs`: the blocks of RoboMorph and CDT.
 
-Dropout drops other values than torqued's, in the same places and at the same rate.
+Dropout has the same places and the same rate as in torqued, but drops other values.
 """
 
 import torch.nn.functional as F

@@ -32,7 +32,7 @@ impl<'a> SeriesView<'a> {
         self.samples
     }
 
-    /// Number of samples whose y is known. They come first, and in a recording they are all.
+    /// Number of samples whose y is known. They come first. In a recording, all are known.
     pub fn known(&self) -> usize {
         self.known
     }
@@ -104,8 +104,8 @@ impl<'a> SeriesView<'a> {
         self.true_y.concat()
     }
 
-    /// The part that a predictor may know of the window after `pre_roll` samples: its torques, and
-    /// the positions of its first `context` samples. This is the only way to make an [`Observed`].
+    /// The data that a predictor may see in the window after `pre_roll` samples: all torques, and
+    /// the positions of the first `context` samples. This is the only way to make an [`Observed`].
     ///
     /// # Panics
     /// If y is known for fewer samples, or the context is longer than the window.

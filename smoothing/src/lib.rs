@@ -1,10 +1,10 @@
 //! Removes measurement noise from positions: Kalman smoothing of the motion of joints.
 //!
-//! The model of a joint's motion has white jerk: the acceleration is a random walk. For noise of a
-//! known standard deviation, the most likely positions given all measured ones follow in one pass
-//! forwards (Kalman 1960) and one backwards (the adjoint form of Bryson and Frazier 1963, which
-//! inverts no covariance). The intensity of the jerk is chosen for each joint by the likelihood of
-//! its measured positions, so that a slow joint is smoothed more.
+//! The model of a joint's motion has white jerk: the acceleration is a random walk. The standard
+//! deviation of the noise is known. Then a forward pass (Kalman 1960) and a backward pass (the
+//! adjoint form of Bryson and Frazier 1963, which inverts no covariance) give the most likely
+//! positions. The intensity of the jerk is chosen for each joint by the likelihood of its measured
+//! positions, so that a slow joint is smoothed more.
 
 mod gains;
 

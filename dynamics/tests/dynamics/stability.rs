@@ -1,4 +1,4 @@
-//! Tests where explicit damping diverges. The spec refuses these cases by the robot's description.
+//! The cases in which explicit damping diverges. The spec refuses them by the robot's description.
 
 use std::ops::ControlFlow;
 

@@ -1,4 +1,4 @@
-//! Figures of robots that follow their paths.
+//! Figures of robots that follow reference paths.
 
 use figures::{Axis, Figure, FigureError, Mark, Point, Series, Size, Stroke, stacked};
 use wire::{ControlReport, PredictorKind};
@@ -41,12 +41,11 @@ pub fn tracking_figure(report: &ControlReport, robots: &[RobotTrials]) -> Figure
     }
 }
 
-/// The positions of the first joint, of one in the middle and of the last, with their path, one
-/// panel each. `traces` has one trace for each controller.
+/// The positions of three joints with their paths, one panel each: the first joint, one in the
+/// middle and the last. `traces` has one trace for each controller.
 ///
 /// # Errors
 /// Those of [`figures::stacked`].
-/// As [`figures::stacked`].
 pub fn robot_figure(
     robot: u64,
     rate_hz: f64,

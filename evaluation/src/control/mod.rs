@@ -1,9 +1,9 @@
 //! Closed loop: how well a robot follows a path when a predictor plans its torques.
 //!
-//! A [`Plant`] is a simulated robot that was excited for a while. A [`Controller`] has a
-//! [`Forecast`]. [`Experiment::run`] lets it plan by [`mppi`], applies the first torques of the
-//! plan, observes the robot, and plans again. In the simulation planning takes no time. The actual
-//! time is recorded.
+//! A [`Plant`] is a simulated robot that was excited for a while. A [`Controller`] predicts with a
+//! [`Forecast`]. [`Experiment::run`] repeats four steps: the controller plans by [`mppi`], the
+//! first torques of the plan are applied, the robot moves, and the controller observes it. In the
+//! simulation planning takes no time. The actual time is recorded.
 
 mod figure;
 mod forecast;

@@ -1,7 +1,7 @@
 use dynamics::Joints;
 use spec::{ControlPath, Range};
 
-/// The path that a robot should follow, from the beginning of control on.
+/// The path that a robot should follow. It starts when control begins.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Reference {
     path: ControlPath,

@@ -1,4 +1,5 @@
-//! The factors of a robot's numbers in the equation, as tensors with gradients.
+//! The features: the factors of a robot's parameters in the equations of motion, as tensors with
+//! gradients.
 //!
 //! A particle has a Jacobian Bᵀ of three rows: its velocity is Bᵀ v. By d'Alembert's principle a
 //! particle of mass 1 loads the joints with B (Bᵀ a + Ḃᵀ v). Where the network does not see the

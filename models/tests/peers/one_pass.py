@@ -1,9 +1,9 @@
 """Makes the files of ../data/NAME/ for models that answer in one pass: PyTorch's weights, their predictions,
-gradients, and the weights after four optimizer steps. `src/agreement_with_pytorch.rs` must get the same.
+gradients, and the weights after four optimizer steps. `src/agreement_with_pytorch.rs` must compute the same numbers.
 
     PYTHONPATH=../../../python python one_pass.py [NAME ...]
 
-Begin a new one with ../data/NAME/config.json, of which only `model` is read. Without names all are made.
+For a new one, write ../data/NAME/config.json first. Only its field `model` is read. Without names, all files are made.
 """
 
 import json

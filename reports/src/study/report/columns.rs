@@ -14,8 +14,8 @@ pub struct Column {
     family: Option<Family>,
 }
 
-/// Chirps have the same torques at every frequency, while those of multisines grow with it. So
-/// above the band, chirps only shift the frequency, and multisines shift frequency and torques.
+/// Chirps have the same torques at every frequency. The torques of multisines grow with it. So
+/// above the band, chirps shift only the frequency, and multisines shift frequency and torques.
 pub const COLUMNS: [Column; 6] = [
     Column::new("within", StudyQuestion::Sweep, Shift::Within, None),
     Column::new("below the band", StudyQuestion::Sweep, Shift::Below, None),
