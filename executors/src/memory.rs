@@ -10,14 +10,14 @@ use crate::backoff::Backoff;
 use crate::refusals::Refusals;
 use crate::{KnownWorker, Phase, PlacedWorker, WorkerState};
 
-/// Its loss does no harm: it only avoids requests, and remembers reasons.
+/// It avoids repeated requests and keeps reasons for reports. Losing it does no harm.
 #[derive(Debug)]
 pub struct Memory {
     /// Requested workers that the engine does not show yet.
     pub asked: HashMap<String, Asked>,
-    /// Workers that were told to end, with the reason.
+    /// Workers that were asked to end, with the reason.
     pub let_go: HashMap<String, &'static str>,
-    /// Workers that have shown themselves.
+    /// Workers that have begun.
     pub began: HashSet<String>,
     pub refusals: Refusals,
     pub looking: Backoff,
@@ -25,7 +25,7 @@ pub struct Memory {
     pub stopped: Option<String>,
     /// Why no workers come, as it was last reported.
     pub told: Option<Option<String>>,
-    /// The moment since when a worker waits for its place.
+    /// When each worker began to wait for its place.
     pending: HashMap<String, Instant>,
     /// No worker is requested before this moment.
     asking_from: Instant,
@@ -42,7 +42,7 @@ pub struct Asked {
     pub at: Instant,
 }
 
-/// How long a request counts that the engine does not show. It may still be on its way.
+/// How long a request counts as pending if the engine does not show it.
 const ASTRAY_AFTER: Duration = Duration::from_secs(60);
 
 const LONGEST_PAUSE: Duration = Duration::from_secs(60);

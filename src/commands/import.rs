@@ -101,14 +101,14 @@ fn read_spec(path: &Path, file: &Path) -> anyhow::Result<Value> {
     Ok(spec)
 }
 
-/// The format that the name of a file tells.
+/// The format that the file's extension implies.
 fn format_of(file: &Path) -> Option<FileFormat> {
     let extension = file.extension()?.to_str()?;
     FileFormat::ALL.into_iter().find(|format| extension.eq_ignore_ascii_case(format.as_str()))
 }
 
-/// The import spec of predictions of all samples after the first `context` of each trajectory of `dataset`. The robot
-/// is the dataset's, whose limits a prediction may leave.
+/// The import spec for predictions on `dataset`: all samples after the first `context` of each
+/// trajectory. The robot is that of the dataset, but predictions may exceed its joint limits.
 fn mapping_of_predictions(
     dataset: &Dataset,
     context: u32,

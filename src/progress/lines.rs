@@ -4,8 +4,8 @@ use wire::JobState;
 
 use super::row::Row;
 
-/// Progress for logs and pipes: a line when a state changes, and from time to time while something
-/// runs.
+/// Progress for logs and pipes: a line for each change of state, and one every few seconds while
+/// work runs.
 #[derive(Debug, Default)]
 pub struct Lines {
     said: Vec<Said>,

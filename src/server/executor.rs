@@ -73,9 +73,9 @@ pub enum Executor {
 /// Default number of threads of a cluster's worker.
 const THREADS: u32 = 4;
 
-/// Prefixes of the server's variables that a worker elsewhere needs. They say how to reach the
-/// object store, and have the parts that a URL of PostgreSQL leaves out, including keys and
-/// passwords.
+/// Prefixes of the server's environment variables that a remote worker needs. They hold the
+/// settings of the object store, and the parts of the connection that a PostgreSQL URL leaves out.
+/// Keys and passwords are among them.
 const PASSED_ON: [&str; 3] = ["AWS_", "TORQUED_S3_", "PG"];
 
 /// Further such variables by their full names.
@@ -211,8 +211,8 @@ pub fn worker_command(options: &Options, log: &Logging) -> anyhow::Result<Worker
 const DATABASE: &str = "TORQUED_DATABASE";
 const OBJECTS: &str = "TORQUED_OBJECTS";
 
-/// The places of database and objects, as variables. They have passwords, and other users can see
-/// arguments.
+/// The locations of database and objects, as environment variables. They contain passwords, and
+/// other users can see the arguments of a process.
 fn urls(store: &StoreArguments) -> impl Iterator<Item = (String, String)> {
     let database = store.database.as_ref().map(|url| (DATABASE, url.expose().to_owned()));
     let objects = store.objects.as_ref().map(|url| (OBJECTS, url.to_string()));

@@ -12,7 +12,7 @@ use crate::product::{Product, is_alive, run_to_end, signal, small_pipeline, torq
 /// "Within two seconds" on a busy machine. The interrupted work would take minutes.
 const SOON: Duration = Duration::from_secs(20);
 
-/// An evaluation of one cell whose one predictor takes minutes.
+/// An evaluation with one cell and one predictor, which takes minutes.
 fn slow_evaluation() -> Value {
     json!({
         "kind": "evaluate",

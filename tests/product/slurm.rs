@@ -1,4 +1,5 @@
-//! Workers on a real Slurm: it starts, preempts, cancels and loses them, and is down for a while.
+//! Workers on a real Slurm cluster. It starts, preempts, cancels and loses them, and is down for a
+//! while.
 
 use std::time::{Duration, Instant};
 
@@ -9,7 +10,7 @@ use crate::product::{
 };
 use crate::slurm_cluster::Cluster;
 
-/// A cluster, or `None` where there can be none, after reporting the test as skipped.
+/// A cluster. `None` if this machine cannot run one; the test is then reported as skipped.
 fn cluster(test: &str) -> Option<Cluster> {
     if let Some(obstacle) = Cluster::obstacle() {
         skip(test, &obstacle);

@@ -1,4 +1,4 @@
-"""Tables of errors, as an evaluation prints them and as documents show them."""
+"""Tables of errors that an evaluation prints and that documents show."""
 
 import re
 
@@ -8,7 +8,7 @@ NUMBER = re.compile(r"\d+(?:\.\d+)?")
 class Table:
     """The first table of errors in a text: its caption, its columns, and its rows by predictor.
 
-    A row has its numbers, means and intervals in a row, and what its predictor is told.
+    A row has its means and interval bounds in order, and the text in the column `told`.
     """
 
     def __init__(self, text):
@@ -25,9 +25,9 @@ class Table:
 
 
 def differences(documented, printed, tolerances):
-    """Sentences about how the documented table differs from the printed one, which may have more rows.
+    """Describes the differences between the documented table and the printed one. The printed one may have more rows.
 
-    `tolerances` has the relative tolerance of the rows of some predictors; those of the others agree in all digits.
+    `tolerances` maps predictors to the relative tolerance of their rows. All other rows must agree in all digits.
     """
     found = []
     for what in ("caption", "columns"):

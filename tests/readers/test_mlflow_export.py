@@ -27,7 +27,7 @@ from mlflow import MlflowClient  # noqa: E402
 
 from product import REPOSITORY, TORQUED, Product  # noqa: E402
 
-# The server needs packages that disagree with those of the other readers: `cargo xtask test` makes this environment.
+# The server's packages conflict with those of the other tests: `cargo xtask test` makes this environment.
 MLFLOW_PYTHON = os.environ.get("MLFLOW_PYTHON", str(REPOSITORY / "target/peers/mlflow/bin/python"))
 
 
@@ -70,7 +70,7 @@ class MlflowServer:
 
 
 class Refusing(BaseHTTPRequestHandler):
-    """Asks for a login, as a proxy before an MLflow server does."""
+    """Asks for a login, like a proxy in front of an MLflow server."""
 
     def do_GET(self):
         self.send_response(401)

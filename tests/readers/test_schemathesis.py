@@ -1,7 +1,7 @@
-"""Requests that schemathesis makes from the OpenAPI document, valid and invalid: none breaks the server, and each
-answer agrees with the document.
+"""Valid and invalid requests that schemathesis makes from the OpenAPI document. None breaks the server, and each
+response agrees with the document.
 
-CASES=300 sets the number of random ones for each operation, in addition to those that cover every bound."""
+CASES=300 sets the number of random requests for each operation, in addition to those that cover every bound."""
 
 import os
 import re

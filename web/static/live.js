@@ -1,5 +1,5 @@
-// Keeps the page current: when the server tells that something happened, fetches the page again and puts in the parts that changed.
-// Everything works without this script; reloading does the same. Where events cannot be had, the page is fetched now and then.
+// Keeps the page current: after an event of the server, fetches the page again and replaces the parts that changed.
+// Everything works without this script; reloading does the same. Without events, the page is fetched at intervals.
 
 const SHORTEST_WAIT = 1500;
 const LONGEST_WAIT = 30000;
@@ -8,7 +8,7 @@ const REQUEST_TIMEOUT = 15000;
 // The kinds of events after which something may have changed; `end` comes after the last of a job.
 const KINDS = ["job", "task", "metrics", "checkpoint", "deletion", "progress", "gap", "end"];
 
-// Lists show how far tasks are, of which no event tells.
+// Lists show the progress of tasks, for which there is no event.
 const LIST_WAIT = 10000;
 
 const status = document.getElementById("liveness");
@@ -81,7 +81,7 @@ async function refresh() {
   schedule();
 }
 
-// When the page is fetched next: soon after something happened, and now and then where nobody tells.
+// Schedules the next fetch of the page: soon after an event, and at intervals without events.
 function schedule() {
   clearTimeout(timer);
   if (document.hidden || isRefreshing) return;
@@ -124,7 +124,7 @@ function close() {
   events = undefined;
 }
 
-// A browser has few connections to one server: pages that nobody sees have none.
+// A browser allows few connections to one server, so hidden pages close theirs.
 document.addEventListener("visibilitychange", () => {
   wait = SHORTEST_WAIT;
   if (document.hidden) {

@@ -68,7 +68,7 @@ impl ProgressCell {
     }
 }
 
-/// The duration of an attempt's lease, and the time limit of the attempt.
+/// The duration of an attempt's lease, and the attempt's time limit.
 #[derive(Clone, Copy, Debug)]
 pub struct LeaseTerms {
     pub fence: Fence,
@@ -77,10 +77,10 @@ pub struct LeaseTerms {
     pub time_limit: Option<Duration>,
 }
 
-/// Renews the lease and sends the log until `over`. Tells the work through `stop` when it has to
+/// Renews the lease and sends the log until `over`. Signals the work through `stop` when it has to
 /// end.
 ///
-/// A database that does not answer is no reason to stop. Nobody can take the task meanwhile, and
+/// It does not stop when the database does not answer: no other worker can claim the task then, and
 /// every write carries the epoch of the claim.
 pub async fn keep_alive(
     store: &Store,

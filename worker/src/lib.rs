@@ -1,9 +1,9 @@
 //! Executes tasks: claims one, keeps its lease alive, does the science, commits, repeats.
 //!
 //! There is one module per job kind, which turns rows and objects into science and back. It is
-//! blocking code on its own thread, while heartbeats go on beside it. When told to stop, it ends at
-//! the next point where nothing is lost. If it does not end, the attempt is ended first, and then
-//! this process ends.
+//! blocking code on its own thread, while heartbeats continue. After a stop signal, it ends at the
+//! next point where no work is lost. If it does not end in time, the worker ends the attempt, and
+//! then its own process.
 
 mod attempt;
 mod attempt_log;

@@ -44,8 +44,8 @@ pub fn simulation_seconds(spec: &SimulateSpec) -> Result<f64, RehearsalError> {
 /// Takes a few steps of a training on robots of `data`, and makes a few predictions.
 ///
 /// # Errors
-/// When the training itself fails. Lack of memory is no such error, because the system may kill the
-/// process then. Therefore few trajectories are computed at once.
+/// When the training itself fails. If memory runs out, the system may kill the process instead of
+/// returning an error. Therefore few trajectories are computed at once.
 pub fn training_times(
     spec: &TrainSpec,
     data: &SimulateSpec,
@@ -84,7 +84,8 @@ pub fn training_times(
 /// Seconds per scenario, on all threads.
 ///
 /// # Errors
-/// When the simulation of the scenarios fails. A baseline that gives no answer still took its time.
+/// When the simulation of the scenarios fails. A baseline without an answer is timed like any
+/// other.
 pub fn baseline_seconds(
     name: Baseline,
     data: &SimulateSpec,
@@ -112,7 +113,7 @@ fn repeated(series: &Series, robots: usize) -> Result<Series, ShapeError> {
     Series::new(shape, series.rate_hz(), repeated(series.u()), repeated(series.y()))
 }
 
-/// The fastest of several steps. The first one allocates memory, and others may be disturbed.
+/// The fastest of several steps. The first one allocates memory, and other load may slow the rest.
 fn step_seconds(trainer: &mut Trainer, batch: &Series) -> Result<f64, ModelError> {
     let mut fastest = f64::INFINITY;
     for _ in 0..STEPS {

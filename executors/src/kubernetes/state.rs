@@ -102,7 +102,7 @@ fn end_of_pod(pod: &Pod) -> Option<End> {
         (_, Some(condition)) if is_lost_node(condition) => {
             end(Cause::Died, format!("lost its node: {}", text_of_condition(condition)))
         }
-        // It may have given its task back and ended normally.
+        // The worker may have given its task back and ended normally.
         (_, Some(condition)) => end(
             Cause::Interrupted,
             format!("was interrupted by Kubernetes: {}", text_of_condition(condition)),
@@ -133,7 +133,7 @@ fn gave_up(status: &PodStatus) -> bool {
 fn death(status: &PodStatus) -> String {
     let Some(death) = failure(status) else {
         let why = status.message.as_deref().or(status.reason.as_deref());
-        return format!("died: {}", why.unwrap_or("Kubernetes does not say of what"));
+        return format!("died: {}", why.unwrap_or("Kubernetes gives no reason"));
     };
     if death.reason.as_deref() == Some("OOMKilled") {
         return "ran out of the memory that Kubernetes gave it (OOMKilled)".to_owned();
@@ -144,7 +144,7 @@ fn death(status: &PodStatus) -> String {
     format!("died: exit code {}", death.exit_code)
 }
 
-/// The condition that says why Kubernetes ended a Pod that did nothing wrong.
+/// The condition that says why Kubernetes ended a healthy Pod.
 fn disruption(status: &PodStatus) -> Option<&PodCondition> {
     let mut conditions = status.conditions.iter().flatten();
     conditions.find(|condition| condition.type_ == "DisruptionTarget" && condition.status == "True")

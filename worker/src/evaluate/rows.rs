@@ -89,7 +89,7 @@ pub(super) fn read(table: &TableReader) -> Result<Vec<RecordBatch>, store::Store
     (0..table.row_groups().count()).map(|group| table.read_row_group(group, &names)).collect()
 }
 
-/// Puts the errors of scenarios back into a result, which is stored without them.
+/// Reads the errors of scenarios from the table into a result. The result is stored without them.
 pub(super) fn complete(result: &mut CellResult, table: &[RecordBatch]) -> Result<(), ArrowError> {
     let joints = result.joints.max(1);
     let mut rows = Vec::new();

@@ -1,4 +1,4 @@
-//! Measures our networks and their PyTorch twins in turns, in separate processes.
+//! Measures our networks and their PyTorch twins alternately, in separate processes.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -29,8 +29,8 @@ pub(super) struct Subject {
     pub paper: Rounds,
 }
 
-/// Numbers of rounds and of steps in each. Many short rounds resist other load on the machine,
-/// which lasts for seconds.
+/// The number of rounds, and of steps in each. Other load on the machine lasts for seconds, so many
+/// short rounds give more reliable medians.
 #[derive(Clone, Copy)]
 pub(super) struct Rounds {
     pub count: usize,

@@ -13,16 +13,16 @@ use tokio_util::io::ReaderStream;
 use super::entities::{FileInfo, Pair, Point, Run};
 use super::error::MlflowError;
 
-/// Its database may be slow: a page of a long metric is 25 000 rows.
+/// The server's database may be slow: a page of a long metric has 25 000 rows.
 const TIMEOUT: Duration = Duration::from_secs(120);
 
-/// For a file.
+/// The timeout for a file.
 const FILE_TIMEOUT: Duration = Duration::from_secs(6 * 60 * 60);
 
-/// Points of a page that are asked for at once, as many as MLflow gives.
+/// Points per page of a metric: the largest number that MLflow allows.
 const HISTORY_PAGE: u32 = 25_000;
 
-/// How MLflow's clients say who asks.
+/// The credentials of an MLflow client.
 #[derive(Clone)]
 pub enum Login {
     Nobody,
@@ -87,7 +87,7 @@ impl MlflowServer {
         shown.as_str().trim_end_matches('/').to_owned()
     }
 
-    /// The id of the experiment with this name, which is made if it is missing.
+    /// The id of the experiment with this name. Creates it if it is missing.
     pub async fn experiment(&self, name: &str) -> Result<String, MlflowError> {
         #[derive(Deserialize)]
         struct Answer {
@@ -134,7 +134,7 @@ impl MlflowServer {
             "max_results": 100,
         });
         let found: Found = self.post("runs/search", &question).await?;
-        // A run that is there counts, even when another with these tags was deleted.
+        // An existing run takes precedence over a deleted one with the same tags.
         let (active, deleted): (Vec<Run>, Vec<Run>) =
             found.runs.into_iter().partition(|run| run.info.lifecycle_stage != "deleted");
         Ok(active.into_iter().chain(deleted).next())
@@ -176,7 +176,7 @@ impl MlflowServer {
         }
     }
 
-    /// The files and folders right in a folder of a run.
+    /// The files and folders directly in a folder of a run.
     pub async fn files(&self, run: &str, folder: &str) -> Result<Vec<FileInfo>, MlflowError> {
         let mut files = Vec::new();
         let mut token = String::new();
@@ -197,10 +197,10 @@ impl MlflowServer {
         }
     }
 
-    /// Where the server takes the files of a run with this `artifact_uri`.
+    /// The address to which files of a run with this `artifact_uri` are sent.
     ///
     /// # Errors
-    /// [`MlflowError::NoProxy`] when it leaves that to its clients.
+    /// [`MlflowError::NoProxy`] when the server lets its clients write files directly.
     pub fn files_url(&self, artifact_uri: &str) -> Result<Url, MlflowError> {
         let no_proxy =
             || MlflowError::NoProxy { server: self.shown(), place: artifact_uri.to_owned() };
