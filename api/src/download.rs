@@ -45,14 +45,14 @@ impl Identity {
 
 /// The answer to a request for a file: its headers, and the bytes to send, if any.
 #[derive(Debug)]
-pub struct Answer {
+pub struct FileResponse {
     status: StatusCode,
     headers: HeaderMap,
     /// The bytes to send; `None` if the answer has no body.
     pub part: Option<std::ops::Range<u64>>,
 }
 
-impl Answer {
+impl FileResponse {
     /// Decides according to RFC 9110, sections 13.2.2 and 14.2.
     pub fn new(method: &Method, request: &HeaderMap, file: &FileInfo) -> Self {
         let tag = file.identity.tag();
@@ -167,15 +167,15 @@ mod tests {
         }
     }
 
-    fn answer(method: &Method, request: &[(HeaderName, &str)]) -> Answer {
+    fn answer(method: &Method, request: &[(HeaderName, &str)]) -> FileResponse {
         let request = request
             .iter()
             .map(|(name, value)| (name.clone(), HeaderValue::from_str(value).unwrap()))
             .collect();
-        Answer::new(method, &request, &file())
+        FileResponse::new(method, &request, &file())
     }
 
-    fn header(answer: &Answer, name: HeaderName) -> &str {
+    fn header(answer: &FileResponse, name: HeaderName) -> &str {
         answer.headers[name].to_str().unwrap()
     }
 

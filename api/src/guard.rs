@@ -27,9 +27,9 @@ const ARTIFACTS: &str = "/api/2.0/mlflow-artifacts/artifacts/";
 
 /// Permits for concurrent requests.
 #[derive(Clone)]
-pub struct Crowd(Arc<Semaphore>);
+pub struct RequestLimit(Arc<Semaphore>);
 
-impl Crowd {
+impl RequestLimit {
     pub fn new() -> Self {
         Self(Arc::new(Semaphore::new(CONCURRENT_REQUESTS)))
     }
@@ -38,11 +38,11 @@ impl Crowd {
 /// Answers within [`REQUEST_TIMEOUT`], or says that it could not. An upload takes as long as its
 /// sender needs, and checks the time itself.
 pub async fn admit(
-    State(crowd): State<Crowd>,
+    State(limit): State<RequestLimit>,
     request: Request,
     next: Next,
 ) -> Result<Response, ApiError> {
-    let _place = crowd.0.try_acquire().map_err(|_| ApiError::Crowded)?;
+    let _place = limit.0.try_acquire().map_err(|_| ApiError::Crowded)?;
     let path = request.uri().path();
     let is_artifact = request.method() == Method::PUT && path.starts_with(ARTIFACTS);
     if is_artifact || (request.method() == Method::POST && path == UPLOADS) {

@@ -20,9 +20,9 @@ const REMEMBERED: usize = 10_000;
 
 /// A limiter that counts the requests that each address may still send.
 #[derive(Clone)]
-pub struct Pace(Arc<DefaultKeyedRateLimiter<IpAddr>>);
+pub struct AddressRateLimit(Arc<DefaultKeyedRateLimiter<IpAddr>>);
 
-impl Pace {
+impl AddressRateLimit {
     pub fn new(requests_per_second: NonZero<u32>) -> Self {
         let burst =
             requests_per_second.saturating_mul(const { NonZero::new(BURST_SECONDS).unwrap() });
@@ -55,12 +55,12 @@ fn network(address: IpAddr) -> IpAddr {
 
 /// Refuses an address that sends too many requests.
 pub async fn keep(
-    State(pace): State<Pace>,
+    State(limit): State<AddressRateLimit>,
     request: Request,
     next: Next,
 ) -> Result<Response, ApiError> {
     let peer = request.extensions().get::<Peer>().copied();
-    match peer.and_then(|Peer(address)| pace.wait(address)) {
+    match peer.and_then(|Peer(address)| limit.wait(address)) {
         Some(wait) => Err(ApiError::TooFast { wait }),
         None => Ok(next.run(request).await),
     }
@@ -72,14 +72,14 @@ mod tests {
 
     #[test]
     fn an_address_may_ask_for_some_seconds_at_once_and_others_are_not_held_up() {
-        let pace = Pace::new(NonZero::<u32>::MIN);
+        let limit = AddressRateLimit::new(NonZero::<u32>::MIN);
         let (one, other): (IpAddr, IpAddr) = ("10.0.0.1".parse().unwrap(), "::1".parse().unwrap());
         for _ in 0..BURST_SECONDS {
-            assert_eq!(pace.wait(one), None);
+            assert_eq!(limit.wait(one), None);
         }
-        let wait = pace.wait(one).unwrap();
+        let wait = limit.wait(one).unwrap();
         assert!(wait > Duration::ZERO && wait <= Duration::from_secs(1), "{wait:?}");
-        assert_eq!(pace.wait(other), None);
+        assert_eq!(limit.wait(other), None);
     }
 
     #[test]

@@ -38,7 +38,7 @@ pub(crate) struct Block<'a> {
 
 /// The state of a lane.
 #[derive(Clone, Copy)]
-enum Lane {
+enum LaneState {
     Idle,
     /// The lane starts the trajectory in this row of the block.
     Starting {
@@ -70,26 +70,26 @@ pub(crate) fn simulate<L: Kernels, S: Structure<N>, const N: usize>(
     let mut model = Model::splat(structure, block.source.nominal());
     let mut state = State::<L, N>::zero();
     let mut scratch = Scratch::new();
-    let mut lanes = [Lane::Idle; MAX_LANES];
+    let mut lanes = [LaneState::Idle; MAX_LANES];
     let mut waiting = 0..block.scenarios.len();
 
     loop {
         let mut running = false;
         for lane in 0..L::LANES {
-            if matches!(lanes[lane], Lane::Idle)
+            if matches!(lanes[lane], LaneState::Idle)
                 && let Some(row) = waiting.next()
             {
-                lanes[lane] = Lane::Starting { row };
+                lanes[lane] = LaneState::Starting { row };
             }
-            if let Lane::Starting { row } = lanes[lane] {
+            if let LaneState::Starting { row } = lanes[lane] {
                 let scenario = &block.scenarios[row];
                 let u = &mut block.u[row * row_len..][..row_len];
                 scenario.torques.sample::<L::Double>(joints, spec.rate_hz, u);
                 model.set_lane(structure, lane, &scenario.robot);
                 state.set_lane(lane, &scenario.q0, &scenario.qd0);
-                lanes[lane] = Lane::Running { row, sample: 0 };
+                lanes[lane] = LaneState::Running { row, sample: 0 };
             }
-            running |= matches!(lanes[lane], Lane::Running { .. });
+            running |= matches!(lanes[lane], LaneState::Running { .. });
         }
         if !running {
             return Ok(());
@@ -97,7 +97,7 @@ pub(crate) fn simulate<L: Kernels, S: Structure<N>, const N: usize>(
 
         let mut torques = [[0.0; MAX_LANES]; N];
         for lane in 0..L::LANES {
-            let Lane::Running { row, sample } = lanes[lane] else { continue };
+            let LaneState::Running { row, sample } = lanes[lane] else { continue };
             let u = &block.u[row * row_len + sample * joints..][..joints];
             for joint in 0..joints {
                 torques[joint][lane] = u[joint];
@@ -126,7 +126,7 @@ pub(crate) fn simulate<L: Kernels, S: Structure<N>, const N: usize>(
 
         let mut finished = 0;
         for lane in 0..L::LANES {
-            let Lane::Running { row, sample } = lanes[lane] else { continue };
+            let LaneState::Running { row, sample } = lanes[lane] else { continue };
             let at = row * row_len + sample * joints;
             let q = &mut block.q[at..][..joints];
             for joint in 0..joints {
@@ -149,17 +149,17 @@ pub(crate) fn simulate<L: Kernels, S: Structure<N>, const N: usize>(
             }
             if excess[lane] > 0.0 {
                 redraw(block.source, &spec.rejection, &mut block.scenarios[row])?;
-                lanes[lane] = Lane::Starting { row };
+                lanes[lane] = LaneState::Starting { row };
             } else if sample + 1 == samples {
                 if let Some(poses) = &mut block.end_effector {
                     let q = &block.q[row * row_len..][..row_len];
                     let poses = &mut poses[row * samples * POSE..][..samples * POSE];
                     block.scenarios[row].robot.kinematics.record_poses::<L::Double>(q, poses);
                 }
-                lanes[lane] = Lane::Idle;
+                lanes[lane] = LaneState::Idle;
                 finished += 1;
             } else {
-                lanes[lane] = Lane::Running { row, sample: sample + 1 };
+                lanes[lane] = LaneState::Running { row, sample: sample + 1 };
             }
         }
         if finished > 0 && (block.finished)(finished).is_break() {

@@ -8,7 +8,7 @@ use spec::Precision;
 use crate::DynamicsError;
 use crate::block::{self, Block};
 use crate::kernels::Kernels;
-use crate::replay::{self, Together};
+use crate::replay::{self, MotionBatch};
 use crate::structure::{Kind, Structure, with_structure};
 
 /// Whole simulations. They are compiled once for each lane type and structure.
@@ -20,7 +20,7 @@ trait Simulations: Kernels {
     ) -> Result<(), DynamicsError>;
 
     /// See [`replay::replay`].
-    fn replay<S: Structure<N>, const N: usize>(structure: S, together: &mut Together<'_>);
+    fn replay<S: Structure<N>, const N: usize>(structure: S, together: &mut MotionBatch<'_>);
 }
 
 macro_rules! simulations {
@@ -47,12 +47,12 @@ macro_rules! simulations {
             }
 
             #[inline(always)]
-            fn replay<S: Structure<N>, const N: usize>(structure: S, together: &mut Together<'_>) {
+            fn replay<S: Structure<N>, const N: usize>(structure: S, together: &mut MotionBatch<'_>) {
                 $(#[target_feature(enable = $features)])?
                 #[inline(never)]
                 fn compiled<S: Structure<N>, const N: usize>(
                     structure: S,
-                    together: &mut Together<'_>,
+                    together: &mut MotionBatch<'_>,
                 ) {
                     replay::replay::<$lanes, S, N>(structure, together);
                 }
@@ -113,7 +113,7 @@ pub(crate) fn replay(
     instructions: InstructionSet,
     precision: Precision,
     kind: Kind,
-    together: &mut Together<'_>,
+    together: &mut MotionBatch<'_>,
 ) {
     with_structure!(kind, |structure| on_lanes!(
         instructions,

@@ -26,7 +26,7 @@ impl General {
 
 /// The position and orientation of a joint's frame in the frame of the link before it.
 #[derive(Clone, Copy)]
-struct Place<L> {
+struct JointPlacement<L> {
     origin: Vector<L>,
     /// The turn about x.
     twist: Turn<L>,
@@ -34,7 +34,7 @@ struct Place<L> {
     turn: Turn<L>,
 }
 
-impl<L: Lanes> Place<L> {
+impl<L: Lanes> JointPlacement<L> {
     /// A vector of the joint's link, in the parent's axes.
     #[inline(always)]
     fn to_parent(self, [x, y, z]: Vector<L>) -> Vector<L> {
@@ -123,7 +123,7 @@ impl<L: Lanes> Motion<L> {
 
     /// The motion of the link behind a joint, from that of the link before it.
     #[inline(always)]
-    fn beyond(&self, place: Place<L>, qd: L) -> Self {
+    fn beyond(&self, place: JointPlacement<L>, qd: L) -> Self {
         let [w, w_dot] = [self.angular_velocity, self.angular_acceleration];
         let minus_xx = w[0].neg_mul_add(w[0], L::splat(0.0));
         let third = [
@@ -250,6 +250,6 @@ fn place<L: Lanes>(
     model: &Model<L, MAX_JOINTS>,
     turns: &[Turn<L>; MAX_JOINTS],
     joint: usize,
-) -> Place<L> {
-    Place { origin: model.origins[joint], twist: model.twists[joint], turn: turns[joint] }
+) -> JointPlacement<L> {
+    JointPlacement { origin: model.origins[joint], twist: model.twists[joint], turn: turns[joint] }
 }

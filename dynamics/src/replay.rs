@@ -60,7 +60,7 @@ pub struct Replay {
 }
 
 /// Motions that fit into the lanes of one vector.
-pub(crate) struct Together<'a> {
+pub(crate) struct MotionBatch<'a> {
     replay: &'a Replay,
     motions: &'a [Motion<'a>],
     /// `[motion, sample, joint]`.
@@ -112,7 +112,7 @@ impl Replay {
         let lanes = dispatch::lanes(self.instructions, self.precision);
         let chunks = motions.par_chunks(lanes).zip(q.par_chunks_mut(lanes * length));
         chunks.zip(ends.par_chunks_mut(lanes)).for_each(|((motions, q), ends)| {
-            let mut together = Together { replay: self, motions, q, ends };
+            let mut together = MotionBatch { replay: self, motions, q, ends };
             dispatch::replay(self.instructions, self.precision, kind, &mut together);
         });
         (q, ends)
@@ -123,10 +123,10 @@ impl Replay {
 #[inline(always)]
 pub(crate) fn replay<L: Kernels, S: Structure<N>, const N: usize>(
     structure: S,
-    together: &mut Together<'_>,
+    together: &mut MotionBatch<'_>,
 ) {
     let joints = structure.joints();
-    let Together { replay, motions, q, ends } = together;
+    let MotionBatch { replay, motions, q, ends } = together;
     let scheme = Scheme::from(replay.integrator);
     let period = 1.0 / replay.rate_hz;
     let samples = motions[0].u.len() / joints;

@@ -11,7 +11,7 @@ use store::{
 };
 use tokio_util::sync::CancellationToken;
 
-use crate::memory::{Asked, Memory};
+use crate::memory::{Memory, RequestedWorker};
 use crate::resources::written;
 use crate::worker_command::{new_name, prefix};
 use crate::{Action, Ask, Bounds, Cause, End, Engine, EngineError, Phase, PlacedWorker, plan};
@@ -288,7 +288,7 @@ impl Control {
         let Ask { name, resources, stays } = ask;
         if answer.as_ref().err().is_none_or(EngineError::is_uncertain) {
             let resources = resources.clone();
-            let asked = Asked { resources, stays, at: Instant::now() };
+            let asked = RequestedWorker { resources, stays, at: Instant::now() };
             self.memory.asked.insert(name.clone(), asked);
         }
         let identifier = match answer {

@@ -14,7 +14,7 @@ use crate::{KnownWorker, Phase, PlacedWorker, WorkerState};
 #[derive(Debug)]
 pub struct Memory {
     /// Requested workers that the engine does not show yet.
-    pub asked: HashMap<String, Asked>,
+    pub asked: HashMap<String, RequestedWorker>,
     /// Workers that were asked to end, with the reason.
     pub let_go: HashMap<String, &'static str>,
     /// Workers that have begun.
@@ -36,7 +36,7 @@ pub struct Memory {
 
 /// A worker that was requested.
 #[derive(Debug)]
-pub struct Asked {
+pub struct RequestedWorker {
     pub resources: Resources,
     pub stays: bool,
     pub at: Instant,

@@ -4,7 +4,7 @@ use spec::{CheckpointRef, Digest, JobSpec, Product, SpecError, TrainingRef, Trai
 use store::{Checkpoint, CheckpointId, Need, StoreError, WhichCheckpoint};
 
 use crate::SubmissionError;
-use crate::references::{Found, References, deleted, newest, no_such, stored, training};
+use crate::references::{FoundSpec, References, deleted, newest, no_such, stored, training};
 
 /// A checkpoint that a job refers to, and its training.
 pub(crate) struct FoundCheckpoint {
@@ -20,7 +20,7 @@ pub(crate) struct FoundCheckpoint {
 }
 
 impl FoundCheckpoint {
-    fn of(found: Found, reference: impl Fn(Digest) -> CheckpointRef) -> Self {
+    fn of(found: FoundSpec, reference: impl Fn(Digest) -> CheckpointRef) -> Self {
         Self {
             reference: reference(found.digest),
             digest: found.digest,
@@ -110,7 +110,7 @@ impl References<'_> {
         Ok(FoundCheckpoint { reference, digest, existing, need: None, training })
     }
 
-    async fn trained(&self, digest: Digest, field: &str) -> Result<Found, SubmissionError> {
+    async fn trained(&self, digest: Digest, field: &str) -> Result<FoundSpec, SubmissionError> {
         self.made(digest, Product::Checkpoints, field, &digest.to_string()).await
     }
 }

@@ -5,7 +5,7 @@ use store::{Dataset, DatasetId, JobState, StoreError};
 
 use crate::SubmissionError;
 use crate::inputs::FoundData;
-use crate::references::{Found, References, deleted, newest, no_such, stored};
+use crate::references::{FoundSpec, References, deleted, newest, no_such, stored};
 
 impl References<'_> {
     pub async fn data(
@@ -33,7 +33,7 @@ impl References<'_> {
                 self.made(*digest, Product::Trajectories, &field, &digest.to_string()).await?
             }
         };
-        let Found { digest, need, spec, dataset } = found;
+        let FoundSpec { digest, need, spec, dataset } = found;
         let dataset = match dataset {
             Some(id) => Some(self.store.dataset(id).await?),
             None => None,

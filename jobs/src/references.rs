@@ -39,7 +39,7 @@ pub(crate) struct Resolved {
 }
 
 /// The digest of a needed spec, and the job that makes its result.
-pub(crate) struct Found {
+pub(crate) struct FoundSpec {
     pub digest: Digest,
     pub need: Need,
     pub spec: JobSpec,
@@ -107,13 +107,13 @@ impl<'a> References<'a> {
         Ok(Resolved { spec, inputs })
     }
 
-    pub fn named(&self, name: &str, field: &str) -> Result<Found, SubmissionError> {
+    pub fn named(&self, name: &str, field: &str) -> Result<FoundSpec, SubmissionError> {
         let Some(sibling) = self.siblings.get(name) else {
             let names: Vec<&str> = self.siblings.keys().map(String::as_str).collect();
             let allowed = format!("a job of this pipeline: {}", names.join(", "));
             return Err(SpecError::one(field, format!("{name:?}"), allowed).into());
         };
-        Ok(Found {
+        Ok(FoundSpec {
             digest: sibling.digest,
             need: Need::New(sibling.index),
             spec: sibling.spec.clone(),
@@ -128,7 +128,7 @@ impl<'a> References<'a> {
         product: Product,
         field: &str,
         value: &str,
-    ) -> Result<Found, SubmissionError> {
+    ) -> Result<FoundSpec, SubmissionError> {
         let fitting = |job: Option<Job>| job.filter(|job| makes(job, product));
         let mut job =
             fitting(self.store.usable_job_by_digest(digest, &[JobState::Succeeded]).await?);
@@ -139,7 +139,7 @@ impl<'a> References<'a> {
         let Some(job) = job else {
             return Err(self.not_made(digest, product, field, value).await?.into());
         };
-        Ok(Found {
+        Ok(FoundSpec {
             digest,
             need: Need::Existing(job.id),
             spec: stored(&job, field)?,

@@ -50,7 +50,7 @@ impl LiveModel for Loaded {
             let samples = question.samples.unwrap_or(1);
             let work = move |interrupt: &Interrupt| ask(&model, question, interrupt);
             let Done { result, queued, computed } = lanes.of(lane).run(work).await?;
-            let Asked { positions, warnings } = result
+            let Predicted { positions, warnings } = result
                 .map_err(|Panic(reason)| LiveError::Failed { reason })?
                 .map_err(live_error)?;
             if positions.iter().any(|position| !position.is_finite()) {
@@ -64,7 +64,7 @@ impl LiveModel for Loaded {
 }
 
 /// The predicted positions, with the warnings about the request and about them.
-struct Asked {
+struct Predicted {
     positions: Vec<f32>,
     warnings: Vec<Warning>,
 }
@@ -73,7 +73,7 @@ fn ask(
     model: &TrainedModel,
     question: Question,
     interrupt: &Interrupt,
-) -> Result<Asked, ModelError> {
+) -> Result<Predicted, ModelError> {
     let Question { scenarios, samples, sampler, seed, previous } = question;
     let observed = scenarios.observed(model.context());
     let warm_start = previous.map(|previous| WarmStart {
@@ -94,7 +94,7 @@ fn ask(
     }
     let (robots, horizon) = (observed.robots(), observed.horizon());
     warnings.extend(limit_warnings(&positions, robots, horizon, &config.limits_rad));
-    Ok(Asked { positions, warnings })
+    Ok(Predicted { positions, warnings })
 }
 
 /// The error for a request that the model cannot answer, or for a failure of the model.

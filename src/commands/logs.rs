@@ -49,7 +49,7 @@ const PAUSE: Duration = Duration::from_millis(400);
 
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let client = arguments.server.client()?;
-    let asked = Asked {
+    let asked = LogRequest {
         client: &client,
         job: arguments.job,
         task: arguments.task.as_deref(),
@@ -77,14 +77,14 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
 }
 
 /// The requested logs.
-struct Asked<'a> {
+struct LogRequest<'a> {
     client: &'a Client,
     job: i64,
     task: Option<&'a str>,
     attempt: Option<i64>,
 }
 
-impl Asked<'_> {
+impl LogRequest<'_> {
     /// The last `lines` lines, the `after` for the following ones, and whether the logs are
     /// complete.
     async fn newest(&self, lines: usize) -> Result<(Vec<LogChunk>, i64, bool), ClientError> {

@@ -8,12 +8,12 @@ use super::row::Row;
 /// work runs.
 #[derive(Debug, Default)]
 pub struct Lines {
-    said: Vec<Said>,
+    said: Vec<LastLine>,
 }
 
 /// The last message about a row.
 #[derive(Clone, Debug)]
-struct Said {
+struct LastLine {
     state: JobState,
     at: Instant,
     text: String,
@@ -40,7 +40,7 @@ impl Lines {
                 _ => String::new(),
             };
             lines.push(format!("{:widest$}  {percent}{text}", row.name));
-            let said = Said { state: row.state, at: now, text };
+            let said = LastLine { state: row.state, at: now, text };
             match self.said.get_mut(k) {
                 Some(slot) => *slot = said,
                 None => self.said.push(said),

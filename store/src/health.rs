@@ -10,7 +10,7 @@ use nix::sys::statvfs::statvfs;
 
 use crate::boxed;
 use crate::database::{Scope, sql};
-use crate::objects::Elsewhere;
+use crate::objects::RemoteStore;
 use crate::{Store, StoreError};
 
 /// Space on the disk of the data folder.
@@ -91,7 +91,7 @@ impl Store {
         if let Err(error) = self.check_database_file() {
             return Some(error.to_string());
         }
-        if let Some(obstacle) = self.objects().away().and_then(Elsewhere::obstacle) {
+        if let Some(obstacle) = self.objects().away().and_then(RemoteStore::obstacle) {
             return Some(obstacle);
         }
         let space = self.disk_space().ok().filter(DiskSpace::is_low)?;

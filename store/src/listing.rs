@@ -140,12 +140,12 @@ pub struct Listed<T> {
 }
 
 /// The positions of the rows of a page, in order, and the page's end.
-struct Found {
+struct FoundRows {
     ids: Vec<i64>,
     end: Option<Position>,
 }
 
-impl Found {
+impl FoundRows {
     /// The rows at these positions, in the same order. A row that was deleted meanwhile is left
     /// out.
     fn with<T>(self, mut rows: Vec<T>, id: impl Fn(&T) -> i64) -> Listed<T> {
@@ -200,14 +200,14 @@ impl Store {
     }
 
     /// Finds the ids of a page before any large column is read.
-    async fn found(&self, thing: Thing, listing: &Listing) -> Result<Found, StoreError> {
+    async fn found(&self, thing: Thing, listing: &Listing) -> Result<FoundRows, StoreError> {
         let mut places = sql!(self.database(), LISTING, places(thing, listing))?;
         let limit = usize::try_from(listing.limit()).unwrap_or(usize::MAX);
         // One row more than the limit tells whether there is another page.
         let has_more = places.len() > limit;
         places.truncate(limit);
         let end = places.last().filter(|_| has_more).cloned();
-        Ok(Found { ids: places.iter().map(|place| place.id).collect(), end })
+        Ok(FoundRows { ids: places.iter().map(|place| place.id).collect(), end })
     }
 }
 

@@ -37,7 +37,7 @@ enum Destination {
     /// A file in the data folder.
     Folder(WriteMultipart),
     /// A file that will be published to a remote store.
-    Elsewhere(tokio::fs::File, UnfinishedCopy),
+    Remote(tokio::fs::File, UnfinishedCopy),
 }
 
 /// Number of bytes that are handed to the disk at once.
@@ -64,7 +64,7 @@ impl Store {
             Some(elsewhere) => {
                 let copy = elsewhere.begin(&path)?;
                 let file = copy.file().try_clone().map_err(StoreError::file("writing", &path))?;
-                Destination::Elsewhere(file.into(), copy)
+                Destination::Remote(file.into(), copy)
             }
             None => {
                 let parts = self.objects().remote().put_multipart(&Path::from(path.as_str())).await;
@@ -164,7 +164,7 @@ impl UploadWriter {
                 // not make each of them an object.
                 parts.write(bytes);
             }
-            Destination::Elsewhere(file, _) => {
+            Destination::Remote(file, _) => {
                 let written = file.write_all(bytes).await;
                 written.map_err(StoreError::file("writing", &self.path))?;
             }
@@ -194,7 +194,7 @@ impl UploadWriter {
             Destination::Folder(parts) => {
                 parts.finish().await.map_err(StoreError::object("writing", &object.path))?;
             }
-            Destination::Elsewhere(mut file, copy) => {
+            Destination::Remote(mut file, copy) => {
                 file.flush().await.map_err(StoreError::file("writing", &object.path))?;
                 publish(self.store.clone(), copy, object.clone()).await?;
             }

@@ -107,11 +107,11 @@ async fn work_on(
         }
         let found = search.next_task().await;
         presence.waits_for(match &found {
-            Ok(Found::Obstacle(obstacle)) => Some(obstacle.clone()),
+            Ok(SearchResult::Obstacle(obstacle)) => Some(obstacle.clone()),
             _ => None,
         });
         let pause = match found {
-            Ok(Found::Task(task)) => {
+            Ok(SearchResult::Task(task)) => {
                 bell.iter_mut().for_each(Bell::brought_a_task);
                 let mut execution = pin!(execute(store, device, *task, options, shutdown));
                 match tokio::time::timeout(BELL_KEPT, &mut execution).await {
@@ -124,12 +124,12 @@ async fn work_on(
                 idle_since = Instant::now();
                 Duration::ZERO
             }
-            Ok(Found::Nothing) => {
+            Ok(SearchResult::Nothing) => {
                 let wait = wait_for_a_task(store, &mut bell);
                 let _ = shutdown.run_until_cancelled(wait).await;
                 Duration::ZERO
             }
-            Ok(Found::Obstacle(_)) => RETRY,
+            Ok(SearchResult::Obstacle(_)) => RETRY,
             Err(error) => {
                 tracing::error!(error = faults::causes(&error), "cannot look for a task");
                 RETRY
@@ -171,7 +171,7 @@ struct Search<'a> {
     looked_at: Option<Instant>,
 }
 
-enum Found {
+enum SearchResult {
     Task(Box<ClaimedTask>),
     Nothing,
     /// The reason why no task should be claimed now.
@@ -185,9 +185,9 @@ impl<'a> Search<'a> {
 
     /// Looks and claims. A worker that has just had a task will probably get another one, so it
     /// claims without a look.
-    async fn next_task(&mut self) -> Result<Found, StoreError> {
+    async fn next_task(&mut self) -> Result<SearchResult, StoreError> {
         if let Some(obstacle) = self.store.obstacle() {
-            return Ok(Found::Obstacle(obstacle));
+            return Ok(SearchResult::Obstacle(obstacle));
         }
         let WorkerOptions { name, offers, lease, .. } = self.options;
         let looked_at = self.looked_at.take().filter(|at| at.elapsed() < KNOWN_FOR);
@@ -198,19 +198,19 @@ impl<'a> Search<'a> {
                 if let Some(obstacle) =
                     other_version(look.server_version).filter(|_| !self.options.any_version)
                 {
-                    return Ok(Found::Obstacle(obstacle));
+                    return Ok(SearchResult::Obstacle(obstacle));
                 }
                 if !look.is_any_claimable {
-                    return Ok(Found::Nothing);
+                    return Ok(SearchResult::Nothing);
                 }
                 Instant::now()
             }
         };
         let Some(task) = self.store.claim(name, offers, *lease).await? else {
-            return Ok(Found::Nothing);
+            return Ok(SearchResult::Nothing);
         };
         self.looked_at = Some(looked_at);
-        Ok(Found::Task(Box::new(task)))
+        Ok(SearchResult::Task(Box::new(task)))
     }
 }
 

@@ -16,8 +16,8 @@ use store::{
 use thiserror::Error;
 
 use crate::error::TaskError;
-use crate::simulate::{ProgressOf, SimulatedShard};
-use crate::verify::{Agreement, Place, verify};
+use crate::simulate::{ProgressCallback, SimulatedShard};
+use crate::verify::{Agreement, FileLocation, verify};
 
 /// Why a folder cannot be made or verified.
 #[derive(Debug, Error)]
@@ -149,7 +149,7 @@ impl DatasetFolder {
     ///
     /// # Errors
     /// [`FolderError::Stopped`] when `progress` breaks. Finished shards stay.
-    pub fn complete(&mut self, progress: ProgressOf<'_>) -> Result<(), FolderError> {
+    pub fn complete(&mut self, progress: ProgressCallback<'_>) -> Result<(), FolderError> {
         let mut kept: u64 = 0;
         let found = std::mem::take(&mut self.description.shards);
         for shard in found {
@@ -175,7 +175,11 @@ impl DatasetFolder {
         self.write_description()
     }
 
-    fn make(&self, ordinal: u32, progress: ProgressOf<'_>) -> Result<ShardContents, FolderError> {
+    fn make(
+        &self,
+        ordinal: u32,
+        progress: ProgressCallback<'_>,
+    ) -> Result<ShardContents, FolderError> {
         let begin =
             |content: FileContent| ObjectWriter::in_folder(&self.dir, &content.file_name(ordinal));
         let (trajectories, robots) =
@@ -202,7 +206,7 @@ impl DatasetFolder {
     ///
     /// # Errors
     /// The first difference found. [`FolderError::Stopped`] when `progress` breaks.
-    pub fn verify(&self, progress: ProgressOf<'_>) -> Result<Verified, FolderError> {
+    pub fn verify(&self, progress: ProgressCallback<'_>) -> Result<Verified, FolderError> {
         let mut verified = Verified {
             shards: self.description.shards.len(),
             trajectories: self.description.trajectories,
@@ -213,8 +217,9 @@ impl DatasetFolder {
             let recorded = self.recorded(ordinal, shard)?;
             let simulated = SimulatedShard::new(&self.spec, self.description.digest, ordinal);
             let progress = |done: u64| progress(done_before + done);
-            let agreement = verify(&simulated, &recorded, Place::Folder(&self.dir), &progress)
-                .map_err(of_shard(ordinal))?;
+            let agreement =
+                verify(&simulated, &recorded, FileLocation::Folder(&self.dir), &progress)
+                    .map_err(of_shard(ordinal))?;
             if let Agreement::Values { version, tolerance } = agreement {
                 verified.by_other_versions.push(format!(
                     "shard {ordinal:05} was written by version {version}: other bytes, the same \

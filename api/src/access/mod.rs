@@ -34,7 +34,7 @@ pub(crate) use caller::{ANYONE, OWN_PROCESS, SERVERS_TOKEN};
 pub use caller::{Caller, asked_for_a_token, logged_in_as};
 pub use credentials::Credentials;
 pub use scopes::Scopes;
-pub(crate) use tokens::{Found, KnownTokens};
+pub(crate) use tokens::{KnownTokens, TokenLookup};
 
 /// Routes that reveal almost nothing and so need no token.
 const OPEN_ROUTES: [&str; 5] = ["/healthz", "/readyz", "/static/{name}", LOGIN, LOGOUT];

@@ -43,7 +43,7 @@ struct Known {
 }
 
 /// The result of looking up a request's token.
-pub enum Found {
+pub enum TokenLookup {
     Nothing,
     Token(Token),
     /// The token is valid, and its use must be recorded: the last record is a minute old.
@@ -60,7 +60,7 @@ impl KnownTokens {
     }
 
     /// The valid token with this digest.
-    pub async fn find(&self, digest: Digest, store: &Store) -> Result<Found, StoreError> {
+    pub async fn find(&self, digest: Digest, store: &Store) -> Result<TokenLookup, StoreError> {
         self.refresh(store, TOKENS_KEPT).await?;
         if !self.has(digest) {
             self.refresh(store, UNKNOWN_AGAIN).await?;
@@ -73,20 +73,20 @@ impl KnownTokens {
         list.as_ref().is_some_and(|list| list.tokens.iter().any(|it| it.token.digest == digest))
     }
 
-    fn look_up(&self, digest: Digest) -> Found {
+    fn look_up(&self, digest: Digest) -> TokenLookup {
         let mut list = self.list();
         let tokens = list.as_mut().map(|list| &mut list.tokens);
         let mut valid = tokens.into_iter().flatten().filter(|known| known.token.is_valid);
         let Some(known) = valid.find(|known| known.token.digest == digest) else {
-            return Found::Nothing;
+            return TokenLookup::Nothing;
         };
         let is_recorded =
             known.use_recorded.is_some_and(|recorded| recorded.elapsed() < USE_RECORDED_EVERY);
         if is_recorded {
-            return Found::Token(known.token.clone());
+            return TokenLookup::Token(known.token.clone());
         }
         known.use_recorded = Some(Instant::now());
-        Found::ToRecord(known.token.clone())
+        TokenLookup::ToRecord(known.token.clone())
     }
 
     /// Makes the next request read the list again, because this server changed it.

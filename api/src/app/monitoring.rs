@@ -35,38 +35,38 @@ const CENSUS_KEPT: Duration = Duration::from_secs(10);
 const NO_ROUTE: &str = "none";
 
 #[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
-struct Asked {
+struct RequestLabels {
     method: &'static str,
     route: String,
     status: u16,
 }
 
 #[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
-struct OfKind {
+struct KindLabels {
     kind: String,
     state: &'static str,
 }
 
 #[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
-struct OfOutcome {
+struct OutcomeLabels {
     kind: String,
     outcome: &'static str,
 }
 
 #[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
-struct OfState {
+struct StateLabels {
     state: &'static str,
 }
 
 #[derive(Clone, Debug, Hash, PartialEq, Eq, EncodeLabelSet)]
-struct OfVersion {
+struct VersionLabels {
     version: &'static str,
 }
 
 /// Counts of the requests since this server started, and the last census of the store.
 #[derive(Clone)]
 pub struct Monitor {
-    requests: Family<Asked, Histogram>,
+    requests: Family<RequestLabels, Histogram>,
     census: Arc<Mutex<Option<(Instant, Census)>>>,
 }
 
@@ -93,7 +93,7 @@ impl App {
         elapsed: Duration,
     ) {
         let route = route.unwrap_or(NO_ROUTE).to_owned();
-        let asked = Asked { method: name(method), route, status: status.as_u16() };
+        let asked = RequestLabels { method: name(method), route, status: status.as_u16() };
         self.monitor.requests.get_or_create(&asked).observe(elapsed.as_secs_f64());
     }
 
@@ -103,8 +103,8 @@ impl App {
         let queue = self.store.queue().await?;
         let workers = self.workers().await?.workers;
         let mut registry = Registry::with_prefix(PREFIX);
-        let build = Family::<OfVersion, Gauge>::default();
-        build.get_or_create(&OfVersion { version: VERSION }).set(1);
+        let build = Family::<VersionLabels, Gauge>::default();
+        build.get_or_create(&VersionLabels { version: VERSION }).set(1);
         registry.register("build_info", "The version of the server", build);
         registry.register(
             "http_request_duration_seconds",
@@ -154,22 +154,24 @@ impl App {
 }
 
 fn tell_census(registry: &mut Registry, census: Census) {
-    let jobs = Family::<OfKind, Gauge>::default();
+    let jobs = Family::<KindLabels, Gauge>::default();
     for (kind, state, number) in census.jobs {
-        jobs.get_or_create(&OfKind { kind, state: state.as_str() }).set(signed(number));
+        jobs.get_or_create(&KindLabels { kind, state: state.as_str() }).set(signed(number));
     }
     registry.register("jobs", "Jobs by kind and state", jobs);
 
-    let tasks = Family::<OfKind, Gauge>::default();
+    let tasks = Family::<KindLabels, Gauge>::default();
     for (kind, state, number) in census.tasks {
-        tasks.get_or_create(&OfKind { kind, state: state.as_str() }).set(signed(number));
+        tasks.get_or_create(&KindLabels { kind, state: state.as_str() }).set(signed(number));
     }
     registry.register("tasks", "Tasks by kind of job and state", tasks);
 
-    let attempts = Family::<OfOutcome, Counter>::default();
+    let attempts = Family::<OutcomeLabels, Counter>::default();
     for (kind, outcome, number) in census.attempts {
         if let Some(outcome) = outcome {
-            attempts.get_or_create(&OfOutcome { kind, outcome: outcome.as_str() }).inc_by(number);
+            attempts
+                .get_or_create(&OutcomeLabels { kind, outcome: outcome.as_str() })
+                .inc_by(number);
         }
     }
     registry.register("attempts", "Ended attempts at tasks, by kind of job and outcome", attempts);
@@ -183,12 +185,12 @@ fn tell_queue(registry: &mut Registry, queue: &Queue) {
 }
 
 fn tell_workers(registry: &mut Registry, workers: &[Worker]) {
-    let states = Family::<OfState, Gauge>::default();
+    let states = Family::<StateLabels, Gauge>::default();
     for state in ["busy", "idle", "drained", "dead"] {
-        states.get_or_create(&OfState { state }).set(0);
+        states.get_or_create(&StateLabels { state }).set(0);
     }
     for worker in workers {
-        states.get_or_create(&OfState { state: state(worker) }).inc();
+        states.get_or_create(&StateLabels { state: state(worker) }).inc();
     }
     registry.register("workers", "Workers by state", states);
     tell_resources(registry, workers);

@@ -6,7 +6,7 @@ use store::{Timestamp, TokenId};
 use wire::{CreatedToken, NewToken, Token, Tokens};
 
 use crate::access::{
-    ANYONE, Caller, Credentials, Found, OWN_PROCESS, SERVERS_TOKEN, credentials, secret,
+    ANYONE, Caller, Credentials, OWN_PROCESS, SERVERS_TOKEN, TokenLookup, credentials, secret,
 };
 use crate::app::App;
 use crate::app::questions::Violations;
@@ -39,8 +39,10 @@ impl App {
         }
         let Some(token) = token else { return Ok(None) };
         let found = self.tokens.find(token, &self.store).await?;
-        let (Found::Token(token) | Found::ToRecord(token)) = &found else { return Ok(None) };
-        if let Found::ToRecord(token) = &found
+        let (TokenLookup::Token(token) | TokenLookup::ToRecord(token)) = &found else {
+            return Ok(None);
+        };
+        if let TokenLookup::ToRecord(token) = &found
             && let Err(error) = self.store.token_used(token.id).await
         {
             tracing::warn!(%error, token = token.name, "cannot record that a token was used");

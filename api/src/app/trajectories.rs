@@ -39,7 +39,7 @@ pub struct Channel<'a> {
 }
 
 /// The position of a trajectory.
-struct Place {
+struct TrajectoryLocation {
     shard: Shard,
     spec: DataSpec,
 }
@@ -48,7 +48,7 @@ impl App {
     /// # Errors
     /// When the trajectory does not exist, or its shard cannot be read.
     pub async fn trajectory(&self, dataset: i64, index: u64) -> Result<StoredTrajectory, ApiError> {
-        let Place { shard, spec } = self.place(dataset, index).await?;
+        let TrajectoryLocation { shard, spec } = self.place(dataset, index).await?;
         let columns = spec.trajectory_columns();
         let names: Vec<String> = columns.iter().map(|column| column.name.clone()).collect();
         let first = shard.contents.first;
@@ -74,12 +74,12 @@ impl App {
     /// # Errors
     /// When the trajectory does not exist, or its shard cannot be read.
     pub async fn robot(&self, dataset: i64, index: u64) -> Result<Map<String, Value>, ApiError> {
-        let Place { shard, .. } = self.place(dataset, index).await?;
+        let TrajectoryLocation { shard, .. } = self.place(dataset, index).await?;
         let row = index - shard.contents.first;
         self.open_shards.read(&self.store, &shard, move |open| robot(&open.robots, row)).await
     }
 
-    async fn place(&self, dataset: i64, index: u64) -> Result<Place, ApiError> {
+    async fn place(&self, dataset: i64, index: u64) -> Result<TrajectoryLocation, ApiError> {
         let row = self.store.dataset(DatasetId(dataset)).await?;
         let shards = self.store.shards(row.id).await?;
         let holds = |shard: &&Shard| shard.contents.range().contains(&index);
@@ -93,7 +93,7 @@ impl App {
             let reason = "its spec is of another version of torqued".to_owned();
             ApiError::ShardUnreadable { dataset, shard: shard.ordinal, reason }
         })?;
-        Ok(Place { shard, spec })
+        Ok(TrajectoryLocation { shard, spec })
     }
 }
 

@@ -1,6 +1,6 @@
 //! Connections: where they come from, how many there are, and how long each may be silent.
 
-mod quiet;
+mod idle;
 
 use std::convert::Infallible;
 use std::io;
@@ -17,7 +17,7 @@ use hyper::body::Incoming;
 use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
-use quiet::{QuietOnes, Visitor};
+use idle::{ClientConnection, IdleConnections};
 use tokio::io::{AsyncRead, AsyncWrite};
 use tokio::net::{TcpListener, TcpStream, UnixListener, UnixStream};
 use tokio::sync::Semaphore;
@@ -102,7 +102,7 @@ pub async fn serve(
     stop: CancellationToken,
 ) {
     let places = Arc::new(Semaphore::new(connections));
-    let (open, quiet) = (TaskTracker::new(), QuietOnes::default());
+    let (open, idle) = (TaskTracker::new(), IdleConnections::default());
     let accept = async {
         loop {
             let stream = match listener.accept().await {
@@ -115,19 +115,19 @@ pub async fn serve(
                 }
             };
             if places.available_permits() == 0 {
-                quiet.close_one();
+                idle.close_one();
             }
             // The semaphore is never closed.
             let Ok(place) = Arc::clone(&places).acquire_owned().await else { return };
             // Registered before the next connection comes, which may need this one's place.
-            let visitor = quiet.visitor();
+            let client = idle.register();
             let (router, stop) = (router.clone(), stop.clone());
             open.spawn(async move {
                 match stream {
                     Stream::Tcp(stream, peer) => {
-                        answer(stream, Some(peer), router, visitor, stop).await;
+                        answer(stream, Some(peer), router, client, stop).await;
                     }
-                    Stream::Unix(stream) => answer(stream, None, router, visitor, stop).await,
+                    Stream::Unix(stream) => answer(stream, None, router, client, stop).await,
                 }
                 drop(place);
             });
@@ -149,7 +149,7 @@ async fn answer<S>(
     stream: S,
     peer: Option<Peer>,
     router: Router,
-    visitor: Arc<Visitor>,
+    client: Arc<ClientConnection>,
     stop: CancellationToken,
 ) where
     S: AsyncRead + AsyncWrite + Send + 'static,
@@ -157,9 +157,9 @@ async fn answer<S>(
     let arrived = Instant::now() + ARRIVAL;
     let mut stream = TimeoutStream::new(stream);
     stream.set_write_timeout(Some(WRITE_STALL));
-    let asks = Arc::clone(&visitor);
+    let request_client = Arc::clone(&client);
     let service = tower::service_fn(move |mut request: Request<Incoming>| {
-        let (router, asking) = (router.clone(), asks.asks());
+        let (router, request_guard) = (router.clone(), request_client.begin_request());
         if let Some(peer) = peer {
             request.extensions_mut().insert(peer);
         }
@@ -168,7 +168,7 @@ async fn answer<S>(
             // The request is running until its answer is sent.
             Ok::<_, Infallible>(answer.map(|body| {
                 body.map_frame(move |frame| {
-                    let _held = &asking;
+                    let _held = &request_guard;
                     frame
                 })
             }))
@@ -184,13 +184,13 @@ async fn answer<S>(
     let mut connection = pin!(connection);
     let ended = tokio::select! {
         ended = connection.as_mut() => ended,
-        () = visitor.unwanted() => match tokio::time::timeout_at(arrived, connection.as_mut()).await {
+        () = client.close_requested() => match tokio::time::timeout_at(arrived, connection.as_mut()).await {
             Ok(ended) => ended,
-            Err(_) if visitor.is_asking() => {
+            Err(_) if client.has_running_request() => {
                 connection.as_mut().graceful_shutdown();
                 connection.as_mut().await
             }
-            Err(_) if visitor.has_asked() => {
+            Err(_) if client.has_had_request() => {
                 connection.as_mut().graceful_shutdown();
                 tokio::time::timeout(LAST_BYTES, connection.as_mut()).await.unwrap_or(Ok(()))
             }
@@ -201,7 +201,7 @@ async fn answer<S>(
             connection.as_mut().await
         }
     };
-    visitor.goes();
+    client.end();
     if let Err(error) = ended {
         tracing::debug!(%error, "a connection broke off");
     }

@@ -13,7 +13,7 @@ use crate::extract::{Path, Query};
 use crate::page::answer::{InPage, PageError, html};
 use crate::page::channels::ChannelRow;
 use crate::page::labels::Labelled;
-use crate::page::parts::{Commands, Fact, FileRow, Standing};
+use crate::page::parts::{Commands, Fact, FileRow, JobHeader};
 use crate::page::spec_text::spec_text;
 use crate::page::verification::Checked;
 use crate::page::viewer::Viewer;
@@ -29,7 +29,7 @@ pub struct View {
 #[template(path = "dataset.html")]
 struct DatasetPage {
     id: i64,
-    job: Standing,
+    job: JobHeader,
     labelled: Labelled,
     settled: bool,
     digest: String,
@@ -71,7 +71,7 @@ pub async fn show(
     }
     let page = DatasetPage {
         id,
-        job: Standing::of(&job),
+        job: JobHeader::of(&job),
         labelled: Labelled::new(
             format!("/datasets/{id}"),
             &dataset.name,

@@ -9,7 +9,7 @@ use crate::app::App;
 use crate::extract::Path;
 use crate::page::answer::{InPage, PageError, html};
 use crate::page::labels::Labelled;
-use crate::page::parts::{FileLink, Standing};
+use crate::page::parts::{FileLink, JobHeader};
 use crate::page::predictions::Drawn;
 use crate::page::report::ReportView;
 use crate::page::spec_text::spec_text;
@@ -18,7 +18,7 @@ use crate::page::spec_text::spec_text;
 #[template(path = "evaluation.html")]
 struct EvaluationPage {
     id: i64,
-    job: Standing,
+    job: JobHeader,
     labelled: Labelled,
     report: Option<ReportView>,
     /// Single predictions beside the truth.
@@ -44,7 +44,7 @@ pub async fn show(
     let drawn = app.drawn_predictions(evaluation.run).await?;
     let page = EvaluationPage {
         id,
-        job: Standing::of(&job),
+        job: JobHeader::of(&job),
         labelled: Labelled::of_job(&job),
         report: evaluation.report.as_ref().map(ReportView::new),
         drawn: drawn.map(|drawn| Drawn::new(evaluation.run, &drawn)),

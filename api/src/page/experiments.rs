@@ -10,9 +10,9 @@ use wire::JobState;
 use crate::app::App;
 use crate::extract::QueryPairs;
 use crate::page::answer::{PageError, html};
-use crate::page::asked::Asked;
+use crate::page::filter_query::FilterQuery;
 use crate::page::labels::TagLink;
-use crate::page::parts::{Commands, Standing};
+use crate::page::parts::{Commands, JobHeader};
 use crate::page::rows::Row;
 
 /// Number of experiments on a page. Each shows all its jobs.
@@ -48,7 +48,7 @@ struct Choice {
 }
 
 struct Experiment {
-    job: Standing,
+    job: JobHeader,
     tags: Vec<TagLink>,
     /// Whether its only row repeats its heading.
     is_single: bool,
@@ -60,11 +60,11 @@ pub async fn show(
     pairs: QueryPairs,
     headers: HeaderMap,
 ) -> Result<Response, PageError> {
-    let asked = Asked::new("/", pairs);
+    let asked = FilterQuery::new("/", pairs);
     let jobs = app.experiments(asked.pairs(), PAGE).await?;
     let rows = Row::of_each(&app, &jobs.jobs).await?;
     let experiments = jobs.jobs.iter().zip(rows).map(|(job, rows)| Experiment {
-        job: Standing::of(job),
+        job: JobHeader::of(job),
         tags: TagLink::all(&job.tags),
         is_single: job.kind != JobKind::Pipeline,
         rows,
@@ -90,7 +90,7 @@ pub async fn show(
     Ok(html(&page)?)
 }
 
-fn filters(asked: &Asked, current: &str) -> Vec<Filter> {
+fn filters(asked: &FilterQuery, current: &str) -> Vec<Filter> {
     let states = [
         JobState::Running,
         JobState::Queued,

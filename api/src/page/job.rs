@@ -19,7 +19,7 @@ use crate::page::answer::{InPage, PageError, html};
 use crate::page::control::ClosedLoop;
 use crate::page::kinds::{closed_loop, headlines, own_page};
 use crate::page::labels::Labelled;
-use crate::page::parts::{Bar, Commands, FileLink, Link, Standing};
+use crate::page::parts::{Bar, Commands, FileLink, JobHeader, Link};
 use crate::page::rows::{Row, results};
 use crate::page::spec_text::spec_text;
 use crate::page::text::instant;
@@ -33,7 +33,7 @@ const ATTEMPTS: u32 = 50;
 #[derive(Template)]
 #[template(path = "job.html")]
 struct JobPage {
-    job: Standing,
+    job: JobHeader,
     labelled: Labelled,
     warnings: Vec<String>,
     /// Its outcome in words.
@@ -102,7 +102,7 @@ pub async fn show(
         _ => Vec::new(),
     };
     let page = JobPage {
-        job: Standing::of(&job),
+        job: JobHeader::of(&job),
         labelled: Labelled::of_job(&job),
         warnings: job.warnings.clone(),
         outcome,

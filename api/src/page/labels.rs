@@ -96,43 +96,43 @@ impl Fields {
     }
 }
 
-type Answer = Result<Response, PageError>;
-type Asked = Result<Form<Fields>, FormRejection>;
+type FormResult = Result<Response, PageError>;
+type LabelForm = Result<Form<Fields>, FormRejection>;
 
 pub async fn job(
     State(app): State<App>,
     InPage(Path(id)): InPage<Path<i64>>,
-    form: Asked,
-) -> Answer {
+    form: LabelForm,
+) -> FormResult {
     change(&app, Thing::Job, id, form).await
 }
 
 pub async fn run(
     State(app): State<App>,
     InPage(Path(id)): InPage<Path<i64>>,
-    form: Asked,
-) -> Answer {
+    form: LabelForm,
+) -> FormResult {
     change(&app, Thing::Run, id, form).await
 }
 
 pub async fn dataset(
     State(app): State<App>,
     InPage(Path(id)): InPage<Path<i64>>,
-    form: Asked,
-) -> Answer {
+    form: LabelForm,
+) -> FormResult {
     change(&app, Thing::Dataset, id, form).await
 }
 
 pub async fn checkpoint(
     State(app): State<App>,
     InPage(Path(id)): InPage<Path<i64>>,
-    form: Asked,
-) -> Answer {
+    form: LabelForm,
+) -> FormResult {
     change(&app, Thing::Checkpoint, id, form).await
 }
 
 /// Changes the labels, and shows the thing.
-async fn change(app: &App, thing: Thing, id: i64, form: Asked) -> Answer {
+async fn change(app: &App, thing: Thing, id: i64, form: LabelForm) -> FormResult {
     let unreadable = |rejection: FormRejection| ApiError::Form { reason: rejection.body_text() };
     let Form(fields) = form.map_err(unreadable)?;
     app.label(thing, id, &fields.change()).await?;

@@ -11,9 +11,9 @@ use crate::app::listing::{CHECKPOINTS, DATASETS, EVALUATIONS, List, ListRequest,
 use crate::error::ApiError;
 use crate::extract::QueryPairs;
 use crate::page::answer::{PageError, html};
-use crate::page::asked::Asked;
 use crate::page::checkpoint::marks;
 use crate::page::dataset::filling;
+use crate::page::filter_query::FilterQuery;
 use crate::page::kinds::{evaluation_headlines, own_page};
 use crate::page::text;
 
@@ -97,17 +97,17 @@ struct ListRow {
     /// A text that tells the item from others of the same name.
     remark: String,
     tags: Vec<String>,
-    cells: Vec<(&'static Column, Cell)>,
+    cells: Vec<(&'static Column, ListCell)>,
 }
 
-enum Cell {
+enum ListCell {
     Text(String),
     /// The state of a job, by which it is coloured, and the words for it.
     State(JobState, String),
 }
 
 pub async fn datasets(State(app): State<App>, pairs: QueryPairs) -> Result<Response, PageError> {
-    let asked = Asked::new("/datasets", pairs);
+    let asked = FilterQuery::new("/datasets", pairs);
     let found = app.datasets(&asked.request(&DATASETS)?).await?;
     let abandoned = found.datasets.iter().filter(|it| it.state == DatasetState::Abandoned);
     let jobs = app.jobs_by_id(&abandoned.map(|it| it.job).collect::<Vec<_>>()).await?;
@@ -116,13 +116,13 @@ pub async fn datasets(State(app): State<App>, pairs: QueryPairs) -> Result<Respo
 }
 
 pub async fn runs(State(app): State<App>, pairs: QueryPairs) -> Result<Response, PageError> {
-    let asked = Asked::new("/runs", pairs);
+    let asked = FilterQuery::new("/runs", pairs);
     let found = app.runs(&asked.request(&RUNS)?).await?;
     answer(&OF_RUNS, &asked, found.runs.iter().map(of_run).collect(), found.next)
 }
 
 pub async fn checkpoints(State(app): State<App>, pairs: QueryPairs) -> Result<Response, PageError> {
-    let asked = Asked::new("/checkpoints", pairs);
+    let asked = FilterQuery::new("/checkpoints", pairs);
     let found = app.checkpoints(&asked.request(&CHECKPOINTS)?).await?;
     let jobs: Vec<i64> = found.checkpoints.iter().map(|it| it.job).collect();
     let jobs = app.jobs_by_id(&jobs).await?;
@@ -135,7 +135,7 @@ pub async fn checkpoints(State(app): State<App>, pairs: QueryPairs) -> Result<Re
 }
 
 pub async fn evaluations(State(app): State<App>, pairs: QueryPairs) -> Result<Response, PageError> {
-    let asked = Asked::new("/evaluations", pairs);
+    let asked = FilterQuery::new("/evaluations", pairs);
     let found = app.evaluations(&asked.request(&EVALUATIONS)?).await?;
     let runs: Vec<i64> = found.evaluations.iter().map(|it| it.run).collect();
     let headlines = evaluation_headlines(&app, &runs).await?;
@@ -148,7 +148,7 @@ pub async fn evaluations(State(app): State<App>, pairs: QueryPairs) -> Result<Re
 
 fn answer(
     list: &'static Listed,
-    asked: &Asked,
+    asked: &FilterQuery,
     rows: Vec<ListRow>,
     next: Option<String>,
 ) -> Result<Response, PageError> {
@@ -163,14 +163,14 @@ fn answer(
     Ok(html(&page)?)
 }
 
-impl Asked {
+impl FilterQuery {
     fn request(&self, list: &'static List) -> Result<ListRequest, ApiError> {
         ListRequest::read(list, self.pairs())
     }
 }
 
 impl Listed {
-    fn row(&'static self, href: String, name: &str, cells: Vec<Cell>) -> ListRow {
+    fn row(&'static self, href: String, name: &str, cells: Vec<ListCell>) -> ListRow {
         ListRow {
             href,
             name: name.to_owned(),
@@ -184,18 +184,20 @@ impl Listed {
 /// `job` is the job of a dataset that will never be complete.
 fn of_dataset(dataset: &Dataset, job: Option<&Job>) -> ListRow {
     let state = match (dataset.state, job) {
-        (DatasetState::Complete, _) => Cell::State(JobState::Succeeded, "complete".to_owned()),
-        (DatasetState::Building, _) => Cell::State(JobState::Running, "in progress".to_owned()),
+        (DatasetState::Complete, _) => ListCell::State(JobState::Succeeded, "complete".to_owned()),
+        (DatasetState::Building, _) => ListCell::State(JobState::Running, "in progress".to_owned()),
         (DatasetState::Abandoned, Some(job)) => {
-            Cell::State(job.state, format!("{} {}", filling(job.kind), job.state))
+            ListCell::State(job.state, format!("{} {}", filling(job.kind), job.state))
         }
-        (DatasetState::Abandoned, None) => Cell::State(JobState::Failed, "incomplete".to_owned()),
+        (DatasetState::Abandoned, None) => {
+            ListCell::State(JobState::Failed, "incomplete".to_owned())
+        }
     };
     let cells = vec![
         state,
-        Cell::Text(text::count(dataset.trajectories)),
-        Cell::Text(text::count(dataset.samples.into())),
-        Cell::Text(text::size(dataset.bytes)),
+        ListCell::Text(text::count(dataset.trajectories)),
+        ListCell::Text(text::count(dataset.samples.into())),
+        ListCell::Text(text::size(dataset.bytes)),
         created(&dataset.created_at),
     ];
     let row = OF_DATASETS.row(format!("/datasets/{}", dataset.id), &dataset.name, cells);
@@ -205,9 +207,9 @@ fn of_dataset(dataset: &Dataset, job: Option<&Job>) -> ListRow {
 fn of_run(run: &Run) -> ListRow {
     let rmse_deg = run.metrics.get(ValidationMetric::RmseDeg.key()).and_then(|it| it.value);
     let cells = vec![
-        Cell::Text(run.kind.to_string()),
+        ListCell::Text(run.kind.to_string()),
         state(run.state),
-        Cell::Text(rmse_deg.map_or(String::new(), text::degrees)),
+        ListCell::Text(rmse_deg.map_or(String::new(), text::degrees)),
         created(&run.created_at),
     ];
     let page = own_page(run.kind, run.job, run.id).map(|link| link.href);
@@ -219,11 +221,11 @@ fn of_run(run: &Run) -> ListRow {
 fn of_checkpoint(checkpoint: &Checkpoint, training: &str) -> ListRow {
     let rmse_deg = checkpoint.metrics.get(ValidationMetric::RmseDeg.key());
     let cells = vec![
-        Cell::Text(checkpoint.architecture.clone()),
-        Cell::Text(text::count(checkpoint.step)),
-        Cell::Text(marks(checkpoint)),
-        Cell::Text(rmse_deg.map_or(String::new(), |value| text::degrees(*value))),
-        Cell::Text(text::size(checkpoint.files.iter().map(|file| file.size).sum())),
+        ListCell::Text(checkpoint.architecture.clone()),
+        ListCell::Text(text::count(checkpoint.step)),
+        ListCell::Text(marks(checkpoint)),
+        ListCell::Text(rmse_deg.map_or(String::new(), |value| text::degrees(*value))),
+        ListCell::Text(text::size(checkpoint.files.iter().map(|file| file.size).sum())),
         created(&checkpoint.created_at),
     ];
     let name = checkpoint.name.as_deref().unwrap_or(training);
@@ -234,18 +236,18 @@ fn of_checkpoint(checkpoint: &Checkpoint, training: &str) -> ListRow {
 
 fn of_evaluation(evaluation: &Evaluation, headline: String) -> ListRow {
     let cells =
-        vec![state(evaluation.state), Cell::Text(headline), created(&evaluation.created_at)];
+        vec![state(evaluation.state), ListCell::Text(headline), created(&evaluation.created_at)];
     let href = format!("/evaluations/{}", evaluation.id);
     let row = OF_EVALUATIONS.row(href, &evaluation.name, cells);
     ListRow { remark: evaluation.id.to_string(), tags: evaluation.tags.clone(), ..row }
 }
 
-fn state(state: JobState) -> Cell {
-    Cell::State(state, state.to_string())
+fn state(state: JobState) -> ListCell {
+    ListCell::State(state, state.to_string())
 }
 
-fn created(at: &str) -> Cell {
-    Cell::Text(text::instant(at))
+fn created(at: &str) -> ListCell {
+    ListCell::Text(text::instant(at))
 }
 
 /// The tags of a thing and of its job.

@@ -23,7 +23,7 @@ struct LoginPage {
 }
 
 #[derive(Deserialize)]
-pub struct WayBack {
+pub struct ReturnQuery {
     /// The page to show after the login.
     #[serde(default)]
     back: String,
@@ -39,7 +39,7 @@ pub struct Login {
 /// The form for a token. A server that requires none redirects to its first page.
 pub async fn show(
     State(app): State<App>,
-    InPage(Query(WayBack { back })): InPage<Query<WayBack>>,
+    InPage(Query(ReturnQuery { back })): InPage<Query<ReturnQuery>>,
 ) -> Result<Response, PageError> {
     if app.is_open().await? {
         return Ok(Redirect::to("/").into_response());

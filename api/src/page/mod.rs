@@ -1,7 +1,6 @@
 //! The page: HTML that works without scripts, from the same data as the API.
 
 mod answer;
-mod asked;
 mod assets;
 mod channels;
 mod checkpoint;
@@ -10,6 +9,7 @@ mod dataset;
 mod docs;
 mod evaluation;
 mod experiments;
+mod filter_query;
 mod job;
 mod kinds;
 mod labels;

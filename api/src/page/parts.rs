@@ -90,7 +90,7 @@ pub struct FileRow {
 }
 
 /// The job of a page and its progress.
-pub struct Standing {
+pub struct JobHeader {
     pub id: i64,
     pub name: String,
     pub kind: JobKind,
@@ -106,7 +106,7 @@ pub struct Standing {
     pub progress: Option<Bar>,
 }
 
-impl Standing {
+impl JobHeader {
     pub fn of(job: &Job) -> Self {
         Self {
             id: job.id,

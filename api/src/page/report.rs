@@ -32,7 +32,7 @@ pub struct ReportView {
 pub struct SummaryRow {
     pub predictor: String,
     pub remark: String,
-    pub values: Vec<Cell>,
+    pub values: Vec<MeanWithInterval>,
 }
 
 pub struct FailureRow {
@@ -82,7 +82,7 @@ pub struct CellRow {
     pub frequency_hz: String,
     pub in_distribution: bool,
     pub scenarios: u64,
-    pub values: Vec<Cell>,
+    pub values: Vec<MeanWithInterval>,
 }
 
 pub struct PairedRow {
@@ -95,7 +95,7 @@ pub struct PairedRow {
 }
 
 /// A mean with its interval.
-pub struct Cell {
+pub struct MeanWithInterval {
     pub mean: String,
     pub interval: String,
     /// Whether it is the lowest mean among the predictors of the same scenarios.
@@ -105,7 +105,7 @@ pub struct Cell {
 impl ReportView {
     pub fn new(report: &Report) -> Self {
         let predictors = &report.predictors;
-        let by_group: Vec<Vec<Cell>> =
+        let by_group: Vec<Vec<MeanWithInterval>> =
             report.groups.iter().map(|group| row(predictors, &group.rmse_deg)).collect();
         Self {
             setting: setting(report),
@@ -287,7 +287,7 @@ impl LatencyRow {
 
 /// The values of `found` in the order of `predictors`. The best one is marked, among predictors
 /// that do not see the future.
-fn row(predictors: &[PredictorInfo], found: &[PredictorSummary]) -> Vec<Cell> {
+fn row(predictors: &[PredictorInfo], found: &[PredictorSummary]) -> Vec<MeanWithInterval> {
     let of = |predictor: &PredictorInfo| found.iter().find(|rmse| rmse.predictor == predictor.name);
     let honest = || predictors.iter().filter(|it| !it.sees_the_future());
     let lowest =
@@ -295,17 +295,22 @@ fn row(predictors: &[PredictorInfo], found: &[PredictorSummary]) -> Vec<Cell> {
     predictors
         .iter()
         .map(|predictor| match of(predictor) {
-            Some(rmse) => Cell {
+            Some(rmse) => MeanWithInterval {
                 mean: text::degrees(rmse.interval.mean),
                 interval: text::interval(rmse.interval),
                 best: rmse.interval.mean <= lowest && !predictor.sees_the_future(),
             },
-            None => Cell { mean: "–".to_owned(), interval: String::new(), best: false },
+            None => {
+                MeanWithInterval { mean: "–".to_owned(), interval: String::new(), best: false }
+            }
         })
         .collect()
 }
 
-fn transpose(predictors: &[PredictorInfo], by_group: Vec<Vec<Cell>>) -> Vec<SummaryRow> {
+fn transpose(
+    predictors: &[PredictorInfo],
+    by_group: Vec<Vec<MeanWithInterval>>,
+) -> Vec<SummaryRow> {
     let mut rows: Vec<SummaryRow> = predictors
         .iter()
         .map(|it| SummaryRow {

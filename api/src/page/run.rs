@@ -13,7 +13,7 @@ use crate::page::answer::{InPage, PageError, html};
 use crate::page::checkpoint::marks;
 use crate::page::kinds::own_page;
 use crate::page::labels::Labelled;
-use crate::page::parts::{Fact, Standing};
+use crate::page::parts::{Fact, JobHeader};
 use crate::page::spec_text::spec_text;
 use crate::page::text;
 
@@ -21,7 +21,7 @@ use crate::page::text;
 #[template(path = "run.html")]
 struct RunPage {
     id: i64,
-    job: Standing,
+    job: JobHeader,
     labelled: Labelled,
     loss: String,
     metrics: Vec<Fact>,
@@ -53,7 +53,7 @@ pub async fn show(
     let checkpoints = app.checkpoints_of_job(run.job).await?;
     let page = RunPage {
         id,
-        job: Standing::of(&job),
+        job: JobHeader::of(&job),
         labelled: Labelled::new(
             format!("/runs/{id}"),
             &run.name,

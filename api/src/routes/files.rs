@@ -14,7 +14,7 @@ use utoipa::{IntoParams, IntoResponses, PartialSchema as _};
 
 use crate::app::App;
 use crate::app::files::Download;
-use crate::download::Answer;
+use crate::download::FileResponse;
 use crate::error::ApiError;
 
 /// Parameters of a download.
@@ -35,7 +35,7 @@ pub async fn send_or_redirect(
     parameters: &FileParameters,
 ) -> Result<Response, ApiError> {
     if parameters.redirect == Some(true) {
-        let answer = Answer::new(method, headers, &file.info);
+        let answer = FileResponse::new(method, headers, &file.info);
         if !answer.is_known()
             && let Some(address) = app.address(&file, method).await?
         {
@@ -52,7 +52,7 @@ pub async fn send(
     headers: &HeaderMap,
     file: Download,
 ) -> Result<Response, ApiError> {
-    let answer = Answer::new(method, headers, &file.info);
+    let answer = FileResponse::new(method, headers, &file.info);
     let body = match answer.part.clone() {
         Some(part) => app.read(&file, part).await?,
         None => {

@@ -40,9 +40,9 @@ use utoipa_axum::routes;
 use crate::access::Scopes;
 use crate::app::App;
 use crate::error::ApiError;
-use crate::guard::Crowd;
+use crate::guard::RequestLimit;
 use crate::limits::BODY_BYTES;
-use crate::pace::{self, Pace};
+use crate::pace::{self, AddressRateLimit};
 use crate::parameters::KnownParameters;
 use crate::routes::openapi::Document;
 use crate::{access, guard, page, parameters, request_id};
@@ -132,8 +132,11 @@ pub fn router(app: App) -> Router {
         .layer(middleware::from_fn(guard::add_browser_headers))
         .layer(middleware::from_fn(crate::mlflow::translate))
         .layer(CatchPanicLayer::custom(guard::answer_panic))
-        .layer(middleware::from_fn_with_state(Pace::new(app.requests_per_second()), pace::keep))
-        .layer(middleware::from_fn_with_state(Crowd::new(), guard::admit))
+        .layer(middleware::from_fn_with_state(
+            AddressRateLimit::new(app.requests_per_second()),
+            pace::keep,
+        ))
+        .layer(middleware::from_fn_with_state(RequestLimit::new(), guard::admit))
         .layer(middleware::from_fn_with_state(app.clone(), access::require_loopback_name))
         .layer(middleware::from_fn_with_state((app.clone(), scopes), access::require_scope))
         .layer(CsrfLayer::new().with_rejection_response(refuse_cross_site))

@@ -3,7 +3,7 @@ use std::time::{Duration, SystemTime};
 use nix::sys::resource::{Resource, getrlimit};
 use worker::DeviceKind;
 
-use super::Report;
+use super::Findings;
 use crate::device;
 
 /// A clock with an earlier time than this is wrong: 2026-01-01T00:00:00Z.
@@ -12,7 +12,7 @@ const EARLIEST: Duration = Duration::from_secs(1_767_225_600);
 /// A server uses at most one connection per this many files that it may open.
 const FILES_PER_CONNECTION: u64 = 4;
 
-pub async fn look(report: &mut Report) -> anyhow::Result<()> {
+pub async fn look(report: &mut Findings) -> anyhow::Result<()> {
     clock(report)?;
     files(report)?;
     for kind in DeviceKind::ALL.into_iter().filter(|kind| kind.is_built()) {
@@ -30,7 +30,7 @@ pub async fn look(report: &mut Report) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn clock(report: &mut Report) -> anyhow::Result<()> {
+fn clock(report: &mut Findings) -> anyhow::Result<()> {
     let now = SystemTime::now();
     let shown = humantime::format_rfc3339_seconds(now);
     match now.duration_since(SystemTime::UNIX_EPOCH) {
@@ -40,7 +40,7 @@ fn clock(report: &mut Report) -> anyhow::Result<()> {
 }
 
 /// Checks the limit of open files. A server raises its own limit as far as it may.
-fn files(report: &mut Report) -> anyhow::Result<()> {
+fn files(report: &mut Findings) -> anyhow::Result<()> {
     let (_, most) = getrlimit(Resource::RLIMIT_NOFILE)?;
     let needed = FILES_PER_CONNECTION * api::limits::CONNECTIONS as u64;
     let found = format!("a process may open {most}");

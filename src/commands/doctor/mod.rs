@@ -31,7 +31,7 @@ pub struct Arguments {
 }
 
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
-    let mut report = Report { output: arguments.output, wrong: 0, doubtful: 0 };
+    let mut report = Findings { output: arguments.output, wrong: 0, doubtful: 0 };
     let client = arguments.server.client()?;
     machine::look(&mut report).await?;
     store::look(&arguments.store.location(), arguments.bytes, &mut report).await?;
@@ -43,7 +43,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
 }
 
 /// Prints findings and counts them.
-struct Report {
+struct Findings {
     output: OutputArguments,
     wrong: usize,
     doubtful: usize,
@@ -69,7 +69,7 @@ enum State {
     Wrong,
 }
 
-impl Report {
+impl Findings {
     fn good(&mut self, thing: &str, found: impl Into<String>) -> anyhow::Result<()> {
         self.add(&Finding { thing, state: State::Ok, found: found.into(), remedy: None })
     }

@@ -1,9 +1,9 @@
 use wire::Health;
 
-use super::Report;
+use super::Findings;
 use crate::client::{Client, ClientError};
 
-pub async fn look(client: &Client, report: &mut Report) -> anyhow::Result<()> {
+pub async fn look(client: &Client, report: &mut Findings) -> anyhow::Result<()> {
     let url = client.url("");
     let health: Health = match client.get("/healthz").await {
         Ok(health) => health,

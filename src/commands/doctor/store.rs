@@ -5,7 +5,7 @@ use std::time::SystemTime;
 use nix::unistd::{AccessFlags, access};
 use store::{Access, Location, ObjectPlace, Store, StoredObject};
 
-use super::Report;
+use super::Findings;
 use crate::exit::message;
 use crate::progress::measure;
 
@@ -16,7 +16,7 @@ const NAMED: usize = 20;
 const CLOCKS_MS: u64 = 5_000;
 
 /// Checks the folder, then the database, then every file that rows name.
-pub async fn look(location: &Location, bytes: bool, report: &mut Report) -> anyhow::Result<()> {
+pub async fn look(location: &Location, bytes: bool, report: &mut Findings) -> anyhow::Result<()> {
     let is_there = folder(&location.folder, report)?;
     if !is_there && location.database.is_none() {
         return Ok(());
@@ -36,7 +36,7 @@ pub async fn look(location: &Location, bytes: bool, report: &mut Report) -> anyh
 }
 
 /// Whether the folder exists.
-fn folder(folder: &Path, report: &mut Report) -> anyhow::Result<bool> {
+fn folder(folder: &Path, report: &mut Findings) -> anyhow::Result<bool> {
     let name = folder.display();
     let metadata = match std::fs::metadata(folder) {
         Ok(metadata) => metadata,
@@ -64,7 +64,7 @@ fn folder(folder: &Path, report: &mut Report) -> anyhow::Result<bool> {
     Ok(true)
 }
 
-fn space(store: &Store, report: &mut Report) -> anyhow::Result<()> {
+fn space(store: &Store, report: &mut Findings) -> anyhow::Result<()> {
     let space = store.disk_space()?;
     let [free, kept] = [space.free_bytes, space.reserved_bytes].map(measure::size);
     if space.is_low() {
@@ -74,7 +74,7 @@ fn space(store: &Store, report: &mut Report) -> anyhow::Result<()> {
     report.good("disk", format!("{free} free"))
 }
 
-async fn database(store: &Store, location: &Location, report: &mut Report) -> anyhow::Result<()> {
+async fn database(store: &Store, location: &Location, report: &mut Findings) -> anyhow::Result<()> {
     let version = store.schema_version();
     match store.database_damage().await {
         Ok(None) => report.good("database", format!("{location}, schema {version}, sound"))?,
@@ -96,7 +96,7 @@ async fn database(store: &Store, location: &Location, report: &mut Report) -> an
     Ok(())
 }
 
-async fn objects(store: &Store, bytes: bool, report: &mut Report) -> anyhow::Result<()> {
+async fn objects(store: &Store, bytes: bool, report: &mut Findings) -> anyhow::Result<()> {
     let mut place = ObjectPlace::default();
     let (mut count, mut size, mut bad) = (0_u64, 0_u64, 0_usize);
     loop {

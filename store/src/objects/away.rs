@@ -30,7 +30,7 @@ pub struct RemoteObjects {
 }
 
 #[derive(Debug)]
-pub(crate) struct Elsewhere {
+pub(crate) struct RemoteStore {
     pub(super) remote: Arc<dyn ObjectStore>,
     /// Local copies, from which objects are read.
     pub(super) cache: Cache,
@@ -63,7 +63,7 @@ impl RemoteObjects {
     }
 }
 
-impl Elsewhere {
+impl RemoteStore {
     /// Remote objects with copies in the data folder.
     pub fn new(dir: &DataDir, objects: RemoteObjects) -> Result<Self, StoreError> {
         let RemoteObjects { store: remote, answers, cache_bytes, signer } = objects;

@@ -39,7 +39,7 @@ pub(crate) struct Cache {
 
 /// An object in the cache, or the right to put it there.
 #[derive(Debug)]
-pub(crate) enum Place {
+pub(crate) enum CacheSlot {
     Taken(File),
     Free(UnfinishedCopy),
 }
@@ -59,11 +59,11 @@ impl Cache {
     }
 
     /// Finds the copy with this digest. Waits while another process or thread fetches it.
-    pub fn place(&self, digest: Digest, size: u64) -> io::Result<Place> {
+    pub fn place(&self, digest: Digest, size: u64) -> io::Result<CacheSlot> {
         let at = self.folder.join(format!("{digest}.{UNFINISHED}"));
         loop {
             if let Some(file) = self.open(digest, size)? {
-                return Ok(Place::Taken(file));
+                return Ok(CacheSlot::Taken(file));
             }
             let file =
                 File::options().read(true).write(true).create(true).truncate(false).open(&at)?;
@@ -74,10 +74,10 @@ impl Cache {
             }
             let copy = UnfinishedCopy { file, at, kept: false };
             if let Some(file) = self.open(digest, size)? {
-                return Ok(Place::Taken(file));
+                return Ok(CacheSlot::Taken(file));
             }
             copy.file.set_len(0)?;
-            return Ok(Place::Free(copy));
+            return Ok(CacheSlot::Free(copy));
         }
     }
 
@@ -279,7 +279,7 @@ mod tests {
     fn who_wants_what_another_one_fetches_waits_for_it() {
         let (cache, _folder) = cache(u64::MAX);
         let (bytes, digest) = bytes(7);
-        let Place::Free(copy) = cache.place(digest, LARGE as u64).unwrap() else { panic!() };
+        let CacheSlot::Free(copy) = cache.place(digest, LARGE as u64).unwrap() else { panic!() };
         let (send, receive) = channel();
         thread::scope(|scope| {
             for _ in 0..3 {
@@ -291,7 +291,7 @@ mod tests {
             cache.keep(copy, digest).unwrap();
         });
         for _ in 0..3 {
-            assert!(matches!(receive.recv().unwrap(), Place::Taken(_)));
+            assert!(matches!(receive.recv().unwrap(), CacheSlot::Taken(_)));
         }
         assert_eq!(names(&cache), 1);
     }
@@ -300,13 +300,13 @@ mod tests {
     fn whoever_waits_fetches_it_when_the_other_one_gives_up() {
         let (cache, _folder) = cache(u64::MAX);
         let (bytes, digest) = bytes(7);
-        let Place::Free(copy) = cache.place(digest, LARGE as u64).unwrap() else { panic!() };
+        let CacheSlot::Free(copy) = cache.place(digest, LARGE as u64).unwrap() else { panic!() };
         copy.file().write_all(&bytes[..10]).unwrap();
         thread::scope(|scope| {
             let waits = scope.spawn(|| cache.place(digest, LARGE as u64).unwrap());
             thread::sleep(Duration::from_millis(20));
             drop(copy);
-            let Place::Free(copy) = waits.join().unwrap() else { panic!() };
+            let CacheSlot::Free(copy) = waits.join().unwrap() else { panic!() };
             assert_eq!(copy.file().metadata().unwrap().len(), 0);
         });
         assert_eq!(names(&cache), 0);

@@ -9,8 +9,8 @@ use object_store::{GetOptions, GetRange, ObjectMeta, ObjectStoreExt};
 use sha2::{Digest as _, Sha256};
 use spec::Digest;
 
-use super::away::Elsewhere;
-use super::cache::Place;
+use super::away::RemoteStore;
+use super::cache::CacheSlot;
 use super::checked::CheckedObjects;
 use super::parse;
 use super::publish::digest_of;
@@ -30,7 +30,7 @@ struct Fetch<'a> {
     digest: Sha256,
 }
 
-impl Elsewhere {
+impl RemoteStore {
     /// Opens a copy of an object. Its bytes were compared with its digest when they were fetched.
     /// Blocks.
     ///
@@ -45,8 +45,8 @@ impl Elsewhere {
         let failed = || StoreError::file("keeping a copy of", &object.path);
         let wait = || self.cache.place(object.sha256, object.size);
         let copy = match tokio::task::block_in_place(wait).map_err(failed())? {
-            Place::Taken(file) => return Ok(file),
-            Place::Free(copy) => copy,
+            CacheSlot::Taken(file) => return Ok(file),
+            CacheSlot::Free(copy) => copy,
         };
         let is_kept = self.cache.make_room(object.size).map_err(failed())?;
         self.block_on(self.fetch(object, copy.file(), checked))?;

@@ -50,8 +50,8 @@ use crate::data_dir::DataDir;
 use crate::objects::checked::{CheckedObjects, Verdict};
 use crate::objects::file::measure;
 
-pub(crate) use away::Elsewhere;
 pub use away::RemoteObjects;
+pub(crate) use away::RemoteStore;
 pub(crate) use cache::UnfinishedCopy;
 pub use file::measure_file;
 pub use fingerprint::Fingerprint;
@@ -82,14 +82,14 @@ pub struct ObjectBytes {
 
 #[derive(Debug)]
 pub(crate) struct Objects {
-    place: Place,
+    place: Backend,
     checked: CheckedObjects,
 }
 
 #[derive(Debug)]
-enum Place {
+enum Backend {
     Folder(Folder),
-    Elsewhere(Elsewhere),
+    Remote(RemoteStore),
 }
 
 /// Objects as files in a folder.
@@ -105,46 +105,46 @@ impl Objects {
         let local = LocalFileSystem::new_with_prefix(dir.objects())
             .map_err(|error| dir.unusable(io::Error::other(error)))?
             .with_fsync(true);
-        Ok(Self::new(Place::Folder(Folder { path: dir.objects(), local })))
+        Ok(Self::new(Backend::Folder(Folder { path: dir.objects(), local })))
     }
 
     /// Remote objects, with copies in the data folder.
     pub fn elsewhere(dir: &DataDir, objects: RemoteObjects) -> Result<Self, StoreError> {
-        Elsewhere::new(dir, objects).map(|elsewhere| Self::new(Place::Elsewhere(elsewhere)))
+        RemoteStore::new(dir, objects).map(|elsewhere| Self::new(Backend::Remote(elsewhere)))
     }
 
-    fn new(place: Place) -> Self {
+    fn new(place: Backend) -> Self {
         Self { place, checked: CheckedObjects::default() }
     }
 
     pub fn remote(&self) -> &dyn ObjectStore {
         match &self.place {
-            Place::Folder(folder) => &folder.local,
-            Place::Elsewhere(elsewhere) => &*elsewhere.remote,
+            Backend::Folder(folder) => &folder.local,
+            Backend::Remote(elsewhere) => &*elsewhere.remote,
         }
     }
 
     /// The name of the place in errors.
     pub fn place(&self) -> String {
         match &self.place {
-            Place::Folder(folder) => folder.path.display().to_string(),
-            Place::Elsewhere(elsewhere) => elsewhere.remote.to_string(),
+            Backend::Folder(folder) => folder.path.display().to_string(),
+            Backend::Remote(elsewhere) => elsewhere.remote.to_string(),
         }
     }
 
     /// The folder, if objects are files.
     pub fn folder(&self) -> Option<&std::path::Path> {
         match &self.place {
-            Place::Folder(folder) => Some(&folder.path),
-            Place::Elsewhere(_) => None,
+            Backend::Folder(folder) => Some(&folder.path),
+            Backend::Remote(_) => None,
         }
     }
 
     /// The remote objects, if objects are not files.
-    pub fn away(&self) -> Option<&Elsewhere> {
+    pub fn away(&self) -> Option<&RemoteStore> {
         match &self.place {
-            Place::Folder(_) => None,
-            Place::Elsewhere(elsewhere) => Some(elsewhere),
+            Backend::Folder(_) => None,
+            Backend::Remote(elsewhere) => Some(elsewhere),
         }
     }
 
@@ -162,7 +162,7 @@ impl Objects {
     /// again.
     pub async fn delete(&self, paths: Vec<String>) {
         match &self.place {
-            Place::Folder(folder) => {
+            Backend::Folder(folder) => {
                 for path in paths {
                     match delete_file(&folder.local, &path).await {
                         Ok(()) => folder.delete_if_empty(&path),
@@ -170,7 +170,7 @@ impl Objects {
                     }
                 }
             }
-            Place::Elsewhere(elsewhere) => elsewhere.delete(paths).await,
+            Backend::Remote(elsewhere) => elsewhere.delete(paths).await,
         }
     }
 
@@ -204,8 +204,8 @@ impl Objects {
     /// The current time, by the clock that dates objects.
     pub async fn now(&self) -> Result<SystemTime, StoreError> {
         match &self.place {
-            Place::Folder(_) => Ok(SystemTime::now()),
-            Place::Elsewhere(elsewhere) => elsewhere.now().await,
+            Backend::Folder(_) => Ok(SystemTime::now()),
+            Backend::Remote(elsewhere) => elsewhere.now().await,
         }
     }
 
@@ -222,8 +222,8 @@ impl Objects {
     /// file that this process has checked before and that did not change is not read again.
     pub fn open_verified(&self, object: &StoredObject) -> Result<File, StoreError> {
         let folder = match &self.place {
-            Place::Folder(folder) => folder,
-            Place::Elsewhere(elsewhere) => return elsewhere.open_verified(object, &self.checked),
+            Backend::Folder(folder) => folder,
+            Backend::Remote(elsewhere) => return elsewhere.open_verified(object, &self.checked),
         };
         let head = futures::executor::block_on(folder.local.head(&parse(&object.path)?));
         let version = head.map_err(StoreError::object("looking for it", &object.path))?;
@@ -239,16 +239,16 @@ impl Objects {
     /// Opens an object for blocking reads, without checking its bytes.
     pub fn open(&self, path: &str) -> Result<File, StoreError> {
         match &self.place {
-            Place::Folder(folder) => folder.open(path),
-            Place::Elsewhere(elsewhere) => elsewhere.open(path),
+            Backend::Folder(folder) => folder.open(path),
+            Backend::Remote(elsewhere) => elsewhere.open(path),
         }
     }
 
     /// Reads an object to learn its size and digest, without checking them. Blocks.
     pub fn measure(&self, path: &str) -> Result<StoredObject, StoreError> {
         match &self.place {
-            Place::Folder(folder) => measure(&folder.open(path)?, path),
-            Place::Elsewhere(elsewhere) => elsewhere.measure(path),
+            Backend::Folder(folder) => measure(&folder.open(path)?, path),
+            Backend::Remote(elsewhere) => elsewhere.measure(path),
         }
     }
 }

@@ -11,7 +11,7 @@ use object_store::{Error, MultipartUpload, ObjectStore, ObjectStoreExt};
 use sha2::{Digest as _, Sha256};
 use spec::Digest;
 
-use super::away::Elsewhere;
+use super::away::RemoteStore;
 use super::cache::UnfinishedCopy;
 use super::parse;
 use crate::{StoreError, StoredObject};
@@ -25,7 +25,7 @@ const PARTS: u64 = 10_000;
 /// Number of parts that are sent at a time. It bounds memory.
 const PARTS_IN_FLIGHT: usize = 4;
 
-impl Elsewhere {
+impl RemoteStore {
     /// Publishes bytes.
     ///
     /// # Errors

@@ -32,7 +32,7 @@ pub struct ObjectWriter {
 enum Destination {
     File(UnfinishedFile),
     /// A file whose bytes will be published to a remote store.
-    Elsewhere(Store, UnfinishedCopy),
+    Remote(Store, UnfinishedCopy),
     /// Only computes the digest.
     Nowhere,
 }
@@ -42,7 +42,7 @@ impl ObjectWriter {
     /// upload is then short and can be retried, however long it took to make the bytes.
     pub(crate) fn in_store(store: &Store, path: &str) -> Result<Self, StoreError> {
         let to = match store.objects().away() {
-            Some(elsewhere) => Destination::Elsewhere(store.clone(), elsewhere.begin(path)?),
+            Some(elsewhere) => Destination::Remote(store.clone(), elsewhere.begin(path)?),
             None => {
                 let folder = store.objects().folder().unwrap_or(Path::new("."));
                 return Self::below(folder, path);
@@ -94,7 +94,7 @@ impl ObjectWriter {
         let object = StoredObject { path: self.path, size: self.size, sha256 };
         match self.to {
             Destination::File(file) => file.publish().map_err(failed(&object.path))?,
-            Destination::Elsewhere(store, copy) => {
+            Destination::Remote(store, copy) => {
                 if let Some(elsewhere) = store.objects().away() {
                     elsewhere.publish(copy, &object)?;
                 }
@@ -109,7 +109,7 @@ impl io::Write for ObjectWriter {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         match &mut self.to {
             Destination::File(file) => file.write_all(bytes)?,
-            Destination::Elsewhere(_, copy) => copy.file().write_all(bytes)?,
+            Destination::Remote(_, copy) => copy.file().write_all(bytes)?,
             Destination::Nowhere => {}
         }
         self.digest.update(bytes);

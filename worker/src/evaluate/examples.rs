@@ -17,7 +17,7 @@ use crate::error::TaskError;
 use crate::trajectories::TrajectorySource;
 
 /// The parts of an evaluation that its examples need.
-pub(super) struct Asked<'a> {
+pub(super) struct ExampleInputs<'a> {
     pub spec: &'a EvaluateSpec,
     pub data: &'a TrajectorySource,
     pub files: &'a [PredictionFile],
@@ -28,7 +28,11 @@ pub(super) struct Asked<'a> {
 
 /// The worst, the median and the best scenario of the best model: a figure with its table for each, and `predictions.json`.
 /// Nothing where no predictor has an answer.
-pub(super) fn put(attempt: &Attempt, asked: &Asked, cells: &[CellResult]) -> Result<(), TaskError> {
+pub(super) fn put(
+    attempt: &Attempt,
+    asked: &ExampleInputs,
+    cells: &[CellResult],
+) -> Result<(), TaskError> {
     let Some(chosen) = examples(cells, asked.predictors) else { return Ok(()) };
     let mut drawn = Vec::new();
     for example in &chosen.scenarios {
@@ -43,7 +47,7 @@ pub(super) fn put(attempt: &Attempt, asked: &Asked, cells: &[CellResult]) -> Res
     attempt.put("predictions.json", "application/json", serde_json::to_vec_pretty(&list)?)
 }
 
-impl Asked<'_> {
+impl ExampleInputs<'_> {
     fn predictors(&self) -> Result<Predictors<'_>, TaskError> {
         Ok(Predictors::new(self.spec, self.data.spec(), self.files, self.checkpoints)?)
     }
@@ -67,7 +71,7 @@ impl Asked<'_> {
 /// `None` if the model has no answer this time.
 fn draw(
     attempt: &Attempt,
-    asked: &Asked,
+    asked: &ExampleInputs,
     chosen: &Examples,
     example: Example,
     result: &CellResult,

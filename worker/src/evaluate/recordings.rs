@@ -11,7 +11,7 @@ pub(super) type Refused = (String, String);
 
 /// The places in the file, counted from 0, of the answers to one trajectory.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub(super) struct OfTrajectory {
+pub(super) struct TrajectoryPredictions {
     /// The recording that is named by the trajectory alone.
     prediction: Option<u64>,
     /// Those named by trajectory and sample, by sample.
@@ -25,8 +25,8 @@ pub(super) struct OfTrajectory {
 pub(super) fn answers_of(
     recordings: &[String],
     trajectories: Option<u64>,
-) -> Result<BTreeMap<u64, OfTrajectory>, Refused> {
-    let mut found: BTreeMap<u64, OfTrajectory> = BTreeMap::new();
+) -> Result<BTreeMap<u64, TrajectoryPredictions>, Refused> {
+    let mut found: BTreeMap<u64, TrajectoryPredictions> = BTreeMap::new();
     for (place, name) in (0..).zip(recordings) {
         let refused = |allowed: String| (format!("recording {name:?}"), allowed);
         let (trajectory, sample) = parse(name).ok_or_else(|| {
@@ -81,7 +81,7 @@ impl Answers {
     /// # Errors
     /// Names a trajectory without a prediction, or with fewer samples.
     pub fn of_scenarios(
-        found: &BTreeMap<u64, OfTrajectory>,
+        found: &BTreeMap<u64, TrajectoryPredictions>,
         wanted: Range<u64>,
         samples: usize,
     ) -> Result<Self, Refused> {
@@ -96,9 +96,10 @@ impl Answers {
             );
             return Err((value, allowed));
         }
-        let each: Vec<&OfTrajectory> = found.range(wanted.clone()).map(|(_, it)| it).collect();
-        let first_sample = |it: &OfTrajectory| it.samples.get(&0).copied();
-        let prediction = |it: &&OfTrajectory| it.prediction.or_else(|| first_sample(it));
+        let each: Vec<&TrajectoryPredictions> =
+            found.range(wanted.clone()).map(|(_, it)| it).collect();
+        let first_sample = |it: &TrajectoryPredictions| it.samples.get(&0).copied();
+        let prediction = |it: &&TrajectoryPredictions| it.prediction.or_else(|| first_sample(it));
         let predictions = each.iter().filter_map(prediction).collect();
         if samples < 2 || each.iter().all(|it| it.samples.len() < 2) {
             return Ok(Self { predictions, samples: Vec::new() });
@@ -122,7 +123,7 @@ impl Answers {
 mod tests {
     use super::*;
 
-    fn answers(names: &[&str]) -> Result<BTreeMap<u64, OfTrajectory>, Refused> {
+    fn answers(names: &[&str]) -> Result<BTreeMap<u64, TrajectoryPredictions>, Refused> {
         let names: Vec<String> = names.iter().map(|&name| name.to_owned()).collect();
         answers_of(&names, Some(10))
     }

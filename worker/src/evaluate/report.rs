@@ -9,7 +9,7 @@ use wire::DataNoise;
 
 use super::cell::{CellRecord, TableAt};
 use super::checkpoints::LoadedCheckpoint;
-use super::examples::Asked;
+use super::examples::ExampleInputs;
 use super::latency::LatencyRecord;
 use super::predictions::PredictionFile;
 use super::predictors::Predictors;
@@ -58,7 +58,7 @@ pub(super) fn report(attempt: &Attempt, spec: &EvaluateSpec) -> Result<(), TaskE
         attempt.put(&format!("{name}.csv"), "text/csv", figure.to_csv().into_bytes())?;
     }
     let (predictors, checkpoints) = (&report.predictors, &checkpoints);
-    let asked = Asked { spec, data: &data, files: &files, checkpoints, predictors };
+    let asked = ExampleInputs { spec, data: &data, files: &files, checkpoints, predictors };
     examples::put(attempt, &asked, &cells)?;
     let joints = data.spec().joints();
     let footer = rows::footer(&attempt.task.spec, joints);

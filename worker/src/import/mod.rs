@@ -15,7 +15,7 @@ use wire::ImportCounts;
 use crate::attempt::Attempt;
 use crate::error::TaskError;
 use crate::kinds::KindModule;
-use crate::simulate::{ProgressOf, VERSION, VERSION_KEY};
+use crate::simulate::{ProgressCallback, VERSION, VERSION_KEY};
 use crate::summary::SummaryBuilder;
 
 pub(crate) const MODULE: KindModule = KindModule { run, computes_models: false };
@@ -69,7 +69,7 @@ pub(crate) fn convert(
     spec: &ImportSpec,
     trajectories: ObjectWriter,
     table: ObjectWriter,
-    progress: ProgressOf<'_>,
+    progress: ProgressCallback<'_>,
 ) -> Result<WrittenImport, TaskError> {
     let columns = [spec.trajectory_columns(), spec.table_columns()];
     let [samples, origins] = columns.each_ref().map(|columns| store::table_schema(columns));

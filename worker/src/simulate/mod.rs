@@ -13,7 +13,7 @@ use crate::attempt::Attempt;
 use crate::error::TaskError;
 use crate::kinds::KindModule;
 
-pub(crate) use shard::{ProgressOf, SimulatedShard, VERSION, VERSION_KEY};
+pub(crate) use shard::{ProgressCallback, SimulatedShard, VERSION, VERSION_KEY};
 
 pub(crate) const MODULE: KindModule = KindModule { run, computes_models: false };
 

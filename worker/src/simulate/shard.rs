@@ -18,7 +18,7 @@ use crate::error::TaskError;
 use crate::summary::SummaryBuilder;
 
 /// A callback that gets the number of finished trajectories, and stops the work by breaking.
-pub(crate) type ProgressOf<'a> = &'a (dyn Fn(u64) -> ControlFlow<()> + Sync);
+pub(crate) type ProgressCallback<'a> = &'a (dyn Fn(u64) -> ControlFlow<()> + Sync);
 
 /// The version that is written into files.
 pub(crate) const VERSION: &str = env!("CARGO_PKG_VERSION");
@@ -93,7 +93,7 @@ impl<'a> SimulatedShard<'a> {
         &self,
         trajectories: ObjectWriter,
         robots: ObjectWriter,
-        progress: ProgressOf<'_>,
+        progress: ProgressCallback<'_>,
     ) -> Result<WrittenShard, TaskError> {
         let spec = self.spec;
         let footer = self.footer(&spec.trajectory_columns())?;
@@ -129,7 +129,7 @@ impl<'a> SimulatedShard<'a> {
         &self,
         trajectories: &mut TableEncoder,
         robots: &mut TableEncoder,
-        progress: ProgressOf<'_>,
+        progress: ProgressCallback<'_>,
         send: &SyncSender<Encoded>,
     ) -> Result<ShardSummary, TaskError> {
         let mut summary = SummaryBuilder::new(self.spec.samples, self.spec.rate_hz);
@@ -183,7 +183,7 @@ impl<'a> SimulatedShard<'a> {
     fn simulate_next(
         &self,
         parts: &mut impl Iterator<Item = Range<u64>>,
-        progress: ProgressOf<'_>,
+        progress: ProgressCallback<'_>,
         into: &mut Trajectories,
     ) -> Result<ControlFlow<()>, TaskError> {
         let Some(part) = parts.next() else { return Ok(ControlFlow::Break(())) };
@@ -195,7 +195,7 @@ impl<'a> SimulatedShard<'a> {
     pub fn simulate(
         &self,
         part: Range<u64>,
-        progress: ProgressOf<'_>,
+        progress: ProgressCallback<'_>,
         into: &mut Trajectories,
     ) -> Result<(), TaskError> {
         let done_before = part.start - self.trajectories.start;

@@ -119,7 +119,7 @@ fn send_epoch(
         let columns = blocks.iter().map(Block::columns).collect::<Result<Vec<_>, _>>()?;
         let places = places(&blocks);
         for index in &window.trajectories[std::mem::take(&mut to_skip)..] {
-            let Place { block, robot } = places[index];
+            let BlockPosition { block, robot } = places[index];
             series.gather(&columns[block], robot..robot + 1);
             trajectories.push(*index);
             if series.robots() < size {
@@ -141,7 +141,7 @@ fn send_epoch(
 
 /// The position of a trajectory in the blocks of a window.
 #[derive(Clone, Copy)]
-struct Place {
+struct BlockPosition {
     block: usize,
     robot: usize,
 }
@@ -155,10 +155,10 @@ fn read_blocks(data: &DatasetReader, ranges: &[Range<u64>]) -> Result<Vec<Block>
 }
 
 /// The positions of trajectories, by index in the dataset.
-fn places(blocks: &[Block]) -> HashMap<u64, Place> {
+fn places(blocks: &[Block]) -> HashMap<u64, BlockPosition> {
     let of_block = |(block, held): (usize, &Block)| {
         let robots = held.trajectories.clone().enumerate();
-        robots.map(move |(robot, index)| (index, Place { block, robot }))
+        robots.map(move |(robot, index)| (index, BlockPosition { block, robot }))
     };
     blocks.iter().enumerate().flat_map(of_block).collect()
 }

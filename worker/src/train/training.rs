@@ -81,7 +81,7 @@ impl<'a> Training<'a> {
         let step = self.trainer.steps_done();
         let is_due = step > 0 && step.is_multiple_of(self.spec.validate_every_steps);
         if is_due && self.validate()? {
-            self.keep_checkpoint(Kind::Best)?;
+            self.keep_checkpoint(CheckpointRole::Best)?;
         }
         Ok(self.whether_to_go_on())
     }
@@ -104,9 +104,9 @@ impl<'a> Training<'a> {
             return Ok(ControlFlow::Break(()));
         }
         if step.is_multiple_of(self.spec.validate_every_steps) && self.validate()? {
-            self.keep_checkpoint(Kind::Best)?;
+            self.keep_checkpoint(CheckpointRole::Best)?;
         } else if self.is_checkpoint_due(step) {
-            self.keep_checkpoint(Kind::Passing)?;
+            self.keep_checkpoint(CheckpointRole::Passing)?;
         }
         self.recorder.write_if_due()?;
         Ok(self.whether_to_go_on())
@@ -131,7 +131,11 @@ impl<'a> Training<'a> {
 
     pub fn finish(mut self) -> Result<(), TaskError> {
         let is_best = self.validate()?;
-        self.keep_checkpoint(if is_best { Kind::FinalAndBest } else { Kind::Final })?;
+        self.keep_checkpoint(if is_best {
+            CheckpointRole::FinalAndBest
+        } else {
+            CheckpointRole::Final
+        })?;
         let (store, fence) = (&self.attempt.store, self.attempt.fence());
         let step = self.trainer.steps_done();
         let result = self.result();
@@ -172,7 +176,7 @@ impl<'a> Training<'a> {
         let is_kept = self.kept.is_some_and(|(_, kept)| kept == step);
         let may_write = self.attempt.stop.get() != Some(StopReason::LeaseLost);
         if step > 0 && !is_kept && may_write {
-            self.keep_checkpoint(Kind::Passing)?;
+            self.keep_checkpoint(CheckpointRole::Passing)?;
         }
         Ok(TaskError::Stopped)
     }
@@ -215,7 +219,7 @@ impl<'a> Training<'a> {
         Ok(is_best)
     }
 
-    fn keep_checkpoint(&mut self, kind: Kind) -> Result<(), TaskError> {
+    fn keep_checkpoint(&mut self, kind: CheckpointRole) -> Result<(), TaskError> {
         let files = match self.trainer.checkpoint() {
             Ok(files) => files,
             Err(error) => return Err(self.failed(error)),
@@ -233,8 +237,8 @@ impl<'a> Training<'a> {
         }
         let mut checkpoint = NewCheckpoint {
             step,
-            is_final: matches!(kind, Kind::Final | Kind::FinalAndBest),
-            is_best: matches!(kind, Kind::Best | Kind::FinalAndBest),
+            is_final: matches!(kind, CheckpointRole::Final | CheckpointRole::FinalAndBest),
+            is_best: matches!(kind, CheckpointRole::Best | CheckpointRole::FinalAndBest),
             metrics: self.trainer.metrics().clone(),
             files: published,
         };
@@ -279,7 +283,7 @@ impl<'a> Training<'a> {
 
 /// The kind of a checkpoint.
 #[derive(Clone, Copy, Debug)]
-enum Kind {
+enum CheckpointRole {
     Passing,
     Best,
     Final,

@@ -16,7 +16,7 @@ use crate::import;
 use crate::kinds::KindModule;
 use crate::simulate::{SimulatedShard, VERSION};
 
-pub(crate) use place::Place;
+pub(crate) use place::FileLocation;
 pub(crate) use shard::{Agreement, verify};
 
 pub(crate) const MODULE: KindModule = KindModule { run, computes_models: false };
@@ -34,7 +34,7 @@ fn run(attempt: &Attempt) -> Result<(), TaskError> {
     let (bytes, values) = match DataSpec::of(&job) {
         Some(DataSpec::Simulation(spec)) => {
             let simulated = SimulatedShard::new(&spec, dataset.digest, ordinal);
-            let place = Place::Store(&attempt.store);
+            let place = FileLocation::Store(&attempt.store);
             let progress = |done: u64| attempt.show(done);
             verify(&simulated, &shard.contents, place, &progress)?.words()
         }
@@ -65,7 +65,7 @@ fn verify_import(
     spec: &ImportSpec,
     recorded: &ShardContents,
 ) -> Result<Words, TaskError> {
-    let place = Place::Store(&attempt.store);
+    let place = FileLocation::Store(&attempt.store);
     for (_, recorded) in recorded.files() {
         attempt.check_stop()?;
         let stored = shard::measure(place, recorded)?;

@@ -4,12 +4,12 @@ use store::{Store, StoreError, StoredObject, TableReader};
 
 /// The place of the files to verify.
 #[derive(Clone, Copy, Debug)]
-pub(crate) enum Place<'a> {
+pub(crate) enum FileLocation<'a> {
     Store(&'a Store),
     Folder(&'a Path),
 }
 
-impl Place<'_> {
+impl FileLocation<'_> {
     /// Size and SHA-256 of a file's present bytes.
     pub fn measure(&self, path: &str) -> Result<StoredObject, StoreError> {
         match self {

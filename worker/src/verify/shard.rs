@@ -8,9 +8,9 @@ use dynamics::Trajectories;
 use store::{FileContent, ObjectWriter, ShardContents, ShardReader, StoredObject, TableReader};
 
 use super::difference::{Difference, Tolerance, first_difference};
-use super::place::Place;
+use super::place::FileLocation;
 use crate::error::TaskError;
-use crate::simulate::{ProgressOf, SimulatedShard, VERSION, VERSION_KEY};
+use crate::simulate::{ProgressCallback, SimulatedShard, VERSION, VERSION_KEY};
 
 /// How a stored shard agrees with the one made again.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -44,8 +44,8 @@ const fn tolerance_between_versions(content: FileContent) -> Tolerance {
 pub(crate) fn verify(
     shard: &SimulatedShard<'_>,
     recorded: &ShardContents,
-    place: Place<'_>,
-    progress: ProgressOf<'_>,
+    place: FileLocation<'_>,
+    progress: ProgressCallback<'_>,
 ) -> Result<Agreement, TaskError> {
     let files = recorded.files();
     // A missing or damaged file is reported before the shard is made again.
@@ -69,7 +69,7 @@ pub(crate) fn verify(
 }
 
 pub(super) fn measure(
-    place: Place<'_>,
+    place: FileLocation<'_>,
     recorded: &StoredObject,
 ) -> Result<StoredObject, TaskError> {
     place.measure(&recorded.path).map_err(|error| {
@@ -87,7 +87,7 @@ struct File<'a> {
     content: FileContent,
     recorded: &'a StoredObject,
     stored: &'a StoredObject,
-    place: Place<'a>,
+    place: FileLocation<'a>,
 }
 
 impl File<'_> {

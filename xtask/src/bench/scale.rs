@@ -12,7 +12,7 @@ use statistics::measured_quantile;
 
 use super::measurement::Measurement;
 use super::queue::cluster::Cluster;
-use super::queue::program::{Place, Program};
+use super::queue::program::{Program, QueueLocation};
 use super::queue::workers::Workers;
 use super::wanted::{Report, Wanted};
 use crate::places::target;
@@ -32,7 +32,8 @@ pub(super) fn run(_: Wanted) -> anyhow::Result<Report> {
     let ours = Program::new(product::build_example("queue_rates")?, []);
     let folder = tempfile::Builder::new().prefix("bench-scale-").tempdir_in(target())?;
     let mut cluster = Cluster::start(&ours)?;
-    let place = Place { folder: folder.path().to_owned(), database: cluster.database("scale")? };
+    let place =
+        QueueLocation { folder: folder.path().to_owned(), database: cluster.database("scale")? };
     ours.run("setup", &place, &[])?;
     let empty = megabytes(&place)?;
     eprintln!("submitting {JOBS} jobs");
@@ -86,7 +87,7 @@ pub(super) fn run(_: Wanted) -> anyhow::Result<Report> {
 }
 
 /// The size of a database.
-fn megabytes(place: &Place) -> anyhow::Result<f64> {
+fn megabytes(place: &QueueLocation) -> anyhow::Result<f64> {
     let mut psql = Command::new("psql");
     let statement = "SELECT pg_database_size(current_database()) / 1e6";
     psql.arg(&place.database).args(["--tuples-only", "--no-align", "--command", statement]);

@@ -39,8 +39,13 @@ impl App {
         &self,
         search: &ExperimentSearch,
     ) -> Result<(Vec<Experiment>, Option<String>), MlflowError> {
-        let mut found: Vec<Found> =
-            self.store.tracked_experiments().await?.into_iter().map(Found::new).collect();
+        let mut found: Vec<ExperimentWithId> = self
+            .store
+            .tracked_experiments()
+            .await?
+            .into_iter()
+            .map(ExperimentWithId::new)
+            .collect();
         found.retain(|it| {
             search.view.shows(it.experiment.is_deleted)
                 && search.filter.is_met(|field| it.datum(field))
@@ -95,12 +100,12 @@ fn refuse_own(id: ExperimentId, change: &str) -> Result<(), MlflowError> {
 }
 
 /// An experiment, with its id as text.
-struct Found {
+struct ExperimentWithId {
     experiment: TrackedExperiment,
     id: String,
 }
 
-impl Found {
+impl ExperimentWithId {
     fn new(experiment: TrackedExperiment) -> Self {
         Self { id: experiment.id.to_string(), experiment }
     }

@@ -15,13 +15,13 @@ use crate::mlflow::{MlflowError, Request, limits};
 use crate::routes::files::send;
 use crate::upload::IncomingBytes;
 
-type Answer = Result<Json<Value>, MlflowError>;
+type MlflowResult = Result<Json<Value>, MlflowError>;
 
 /// Bytes of a path that also names an experiment and a run.
 const PATH: usize = 2 * limits::ARTIFACT_NAME;
 
 /// Lists files with paths that begin at the run.
-pub async fn list_of_run(State(app): State<App>, request: Request) -> Answer {
+pub async fn list_of_run(State(app): State<App>, request: Request) -> MlflowResult {
     let fields = request.fields();
     let name = fields.text("path", PATH)?.unwrap_or_default();
     let place =
@@ -31,7 +31,7 @@ pub async fn list_of_run(State(app): State<App>, request: Request) -> Answer {
 }
 
 /// Lists files with paths that begin at the listed folder.
-pub async fn list(State(app): State<App>, request: Request) -> Answer {
+pub async fn list(State(app): State<App>, request: Request) -> MlflowResult {
     let path = request.fields().required_text("path", PATH)?;
     let mut files = app.list_artifacts(&ArtifactPlace::parse(path)?).await?;
     for file in &mut files {
@@ -54,12 +54,12 @@ pub async fn receive(
     State(app): State<App>,
     Path(path): Path<String>,
     bytes: IncomingBytes,
-) -> Answer {
+) -> MlflowResult {
     app.receive_artifact(&ArtifactPlace::parse(&path)?, bytes).await?;
     Ok(Json(json!({})))
 }
 
-pub async fn delete(State(app): State<App>, Path(path): Path<String>) -> Answer {
+pub async fn delete(State(app): State<App>, Path(path): Path<String>) -> MlflowResult {
     app.delete_artifacts(&ArtifactPlace::parse(&path)?).await?;
     Ok(Json(json!({})))
 }

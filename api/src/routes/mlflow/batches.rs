@@ -9,15 +9,15 @@ use super::runs::{NAME_TAG, run};
 use crate::app::App;
 use crate::mlflow::{Fields, MlflowError, Request, is_key, limits};
 
-type Answer = Result<Json<Value>, MlflowError>;
+type MlflowResult = Result<Json<Value>, MlflowError>;
 
-pub async fn log_metric(State(app): State<App>, request: Request) -> Answer {
+pub async fn log_metric(State(app): State<App>, request: Request) -> MlflowResult {
     let fields = request.fields();
     let batch = TrackedBatch { metrics: vec![metric(fields)?], ..TrackedBatch::default() };
     log(&app, fields, batch).await
 }
 
-pub async fn log_param(State(app): State<App>, request: Request) -> Answer {
+pub async fn log_param(State(app): State<App>, request: Request) -> MlflowResult {
     let fields = request.fields();
     let batch = TrackedBatch {
         params: vec![pair(fields, limits::PARAM_VALUE)?],
@@ -26,14 +26,14 @@ pub async fn log_param(State(app): State<App>, request: Request) -> Answer {
     log(&app, fields, batch).await
 }
 
-pub async fn set_tag(State(app): State<App>, request: Request) -> Answer {
+pub async fn set_tag(State(app): State<App>, request: Request) -> MlflowResult {
     let fields = request.fields();
     let batch =
         TrackedBatch { tags: vec![pair(fields, limits::TAG_VALUE)?], ..TrackedBatch::default() };
     log(&app, fields, batch).await
 }
 
-pub async fn log_batch(State(app): State<App>, request: Request) -> Answer {
+pub async fn log_batch(State(app): State<App>, request: Request) -> MlflowResult {
     let fields = request.fields();
     let metrics = fields.objects("metrics", limits::METRICS_PER_BATCH)?;
     let params = fields.objects("params", limits::TEXTS_PER_BATCH)?;
@@ -52,13 +52,13 @@ pub async fn log_batch(State(app): State<App>, request: Request) -> Answer {
     log(&app, fields, batch).await
 }
 
-pub async fn delete_tag(State(app): State<App>, request: Request) -> Answer {
+pub async fn delete_tag(State(app): State<App>, request: Request) -> MlflowResult {
     let fields = request.fields();
     app.delete_tracked_tag(&run(fields)?, key(fields)?).await?;
     Ok(Json(json!({})))
 }
 
-async fn log(app: &App, fields: Fields<'_>, batch: TrackedBatch) -> Answer {
+async fn log(app: &App, fields: Fields<'_>, batch: TrackedBatch) -> MlflowResult {
     let name = batch.tags.iter().rev().find(|(key, _)| key == NAME_TAG);
     let name = name.map(|(_, value)| value.clone()).filter(|name| !name.is_empty());
     app.log_batch(&run(fields)?, &TrackedBatch { name, ..batch }).await?;

@@ -10,9 +10,9 @@ use crate::app::App;
 use crate::app::mlflow::ExperimentSearch;
 use crate::mlflow::{Attribute, Fields, MlflowError, Request, limits};
 
-type Answer = Result<Json<Value>, MlflowError>;
+type MlflowResult = Result<Json<Value>, MlflowError>;
 
-pub async fn create(State(app): State<App>, request: Request) -> Answer {
+pub async fn create(State(app): State<App>, request: Request) -> MlflowResult {
     let fields = request.fields();
     let name = name(fields, "name")?;
     // Files are in torqued's own store, so no other location is accepted.
@@ -26,17 +26,17 @@ pub async fn create(State(app): State<App>, request: Request) -> Answer {
     Ok(Json(json!({"experiment_id": id.to_string()})))
 }
 
-pub async fn show(State(app): State<App>, request: Request) -> Answer {
+pub async fn show(State(app): State<App>, request: Request) -> MlflowResult {
     let experiment = app.mlflow_experiment(id(request.fields())?).await?;
     Ok(Json(json!({"experiment": experiment})))
 }
 
-pub async fn show_named(State(app): State<App>, request: Request) -> Answer {
+pub async fn show_named(State(app): State<App>, request: Request) -> MlflowResult {
     let name = request.fields().required_text("experiment_name", limits::EXPERIMENT_NAME)?;
     Ok(Json(json!({"experiment": app.experiment_named(name).await?})))
 }
 
-pub async fn search(State(app): State<App>, request: Request) -> Answer {
+pub async fn search(State(app): State<App>, request: Request) -> MlflowResult {
     let fields = request.fields();
     let search = ExperimentSearch {
         filter: filter(fields, &Attribute::OF_EXPERIMENTS)?,
@@ -53,30 +53,30 @@ pub async fn search(State(app): State<App>, request: Request) -> Answer {
     Ok(Json(answer))
 }
 
-pub async fn rename(State(app): State<App>, request: Request) -> Answer {
+pub async fn rename(State(app): State<App>, request: Request) -> MlflowResult {
     let fields = request.fields();
     app.rename_experiment(id(fields)?, name(fields, "new_name")?).await?;
     Ok(Json(json!({})))
 }
 
-pub async fn delete(State(app): State<App>, request: Request) -> Answer {
+pub async fn delete(State(app): State<App>, request: Request) -> MlflowResult {
     app.set_experiment_deleted(id(request.fields())?, true).await?;
     Ok(Json(json!({})))
 }
 
-pub async fn restore(State(app): State<App>, request: Request) -> Answer {
+pub async fn restore(State(app): State<App>, request: Request) -> MlflowResult {
     app.set_experiment_deleted(id(request.fields())?, false).await?;
     Ok(Json(json!({})))
 }
 
-pub async fn set_tag(State(app): State<App>, request: Request) -> Answer {
+pub async fn set_tag(State(app): State<App>, request: Request) -> MlflowResult {
     let fields = request.fields();
     let value = fields.text("value", limits::EXPERIMENT_TAG_VALUE)?.unwrap_or_default();
     app.tag_experiment(id(fields)?, key(fields)?, Some(value)).await?;
     Ok(Json(json!({})))
 }
 
-pub async fn delete_tag(State(app): State<App>, request: Request) -> Answer {
+pub async fn delete_tag(State(app): State<App>, request: Request) -> MlflowResult {
     let fields = request.fields();
     app.tag_experiment(id(fields)?, key(fields)?, None).await?;
     Ok(Json(json!({})))

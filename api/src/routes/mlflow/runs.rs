@@ -11,12 +11,12 @@ use crate::app::App;
 use crate::app::mlflow::{RunName, RunSearch, experiment_id};
 use crate::mlflow::{Attribute, Fields, MlflowError, Request, limits};
 
-type Answer = Result<Json<Value>, MlflowError>;
+type MlflowResult = Result<Json<Value>, MlflowError>;
 
 /// The largest number of experiments in one search.
 const EXPERIMENTS: usize = 10_000;
 
-pub async fn create(State(app): State<App>, request: Request) -> Answer {
+pub async fn create(State(app): State<App>, request: Request) -> MlflowResult {
     let fields = request.fields();
     let experiment = match fields.text("experiment_id", limits::KEY)? {
         None | Some("") => ExperimentId::DEFAULT,
@@ -31,11 +31,11 @@ pub async fn create(State(app): State<App>, request: Request) -> Answer {
     Ok(Json(json!({"run": run})))
 }
 
-pub async fn show(State(app): State<App>, request: Request) -> Answer {
+pub async fn show(State(app): State<App>, request: Request) -> MlflowResult {
     Ok(Json(json!({"run": app.mlflow_run(&run(request.fields())?).await?})))
 }
 
-pub async fn search(State(app): State<App>, request: Request) -> Answer {
+pub async fn search(State(app): State<App>, request: Request) -> MlflowResult {
     let fields = request.fields();
     let experiments = fields.texts("experiment_ids", EXPERIMENTS)?;
     let search = RunSearch {
@@ -54,7 +54,7 @@ pub async fn search(State(app): State<App>, request: Request) -> Answer {
     Ok(Json(answer))
 }
 
-pub async fn update(State(app): State<App>, request: Request) -> Answer {
+pub async fn update(State(app): State<App>, request: Request) -> MlflowResult {
     let fields = request.fields();
     let change = TrackedRunChange {
         name: run_name(fields)?.map(str::to_owned),
@@ -64,17 +64,17 @@ pub async fn update(State(app): State<App>, request: Request) -> Answer {
     Ok(Json(json!({"run_info": app.change_tracked_run(&run(fields)?, &change).await?})))
 }
 
-pub async fn delete(State(app): State<App>, request: Request) -> Answer {
+pub async fn delete(State(app): State<App>, request: Request) -> MlflowResult {
     app.set_tracked_run_deleted(&run(request.fields())?, true).await?;
     Ok(Json(json!({})))
 }
 
-pub async fn restore(State(app): State<App>, request: Request) -> Answer {
+pub async fn restore(State(app): State<App>, request: Request) -> MlflowResult {
     app.set_tracked_run_deleted(&run(request.fields())?, false).await?;
     Ok(Json(json!({})))
 }
 
-pub async fn history(State(app): State<App>, request: Request) -> Answer {
+pub async fn history(State(app): State<App>, request: Request) -> MlflowResult {
     let fields = request.fields();
     let key = fields.required_text("metric_key", limits::KEY)?;
     let limit = limit(fields, limits::HISTORY_PAGE, limits::PAGE_MAXIMUM)?;

@@ -42,7 +42,7 @@ struct RunAnswer {
 }
 
 #[derive(Deserialize)]
-struct Found {
+struct FoundRuns {
     #[serde(default)]
     runs: Vec<Run>,
 }
@@ -133,7 +133,7 @@ impl MlflowServer {
             "order_by": ["attributes.start_time ASC"],
             "max_results": 100,
         });
-        let found: Found = self.post("runs/search", &question).await?;
+        let found: FoundRuns = self.post("runs/search", &question).await?;
         // An existing run takes precedence over a deleted one with the same tags.
         let (active, deleted): (Vec<Run>, Vec<Run>) =
             found.runs.into_iter().partition(|run| run.info.lifecycle_stage != "deleted");

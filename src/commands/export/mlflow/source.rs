@@ -24,7 +24,7 @@ pub enum Selection {
 }
 
 #[derive(Deserialize)]
-struct Found {
+struct RunPage {
     #[serde(default)]
     runs: Vec<Run>,
     next_page_token: Option<String>,
@@ -58,7 +58,7 @@ pub async fn selected(client: &Client, selection: Selection) -> anyhow::Result<V
             "max_results": PAGE,
             "page_token": token,
         });
-        let page: Found = client.ask("/api/2.0/mlflow/runs/search", &question).await?;
+        let page: RunPage = client.ask("/api/2.0/mlflow/runs/search", &question).await?;
         ids.extend(page.runs.iter().filter_map(|run| own_id(&run.info.run_id)));
         token = page.next_page_token;
         if token.is_none() {

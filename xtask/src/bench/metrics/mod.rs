@@ -17,7 +17,7 @@ use self::client::Client;
 use self::logging::{BATCH, CLIENTS, Logged};
 use self::mlflow::MlflowServer;
 use super::measurement::{Goal, Measurement, Peer};
-use super::queue::program::{Place, Program, SQLITE};
+use super::queue::program::{Program, QueueLocation, SQLITE};
 use super::serving::Serving;
 use super::wanted::{Peers, Report, Wanted};
 use crate::places::target;
@@ -126,7 +126,7 @@ fn read(
     theirs: Option<(&FilledMlflow, &str)>,
 ) -> anyhow::Result<Vec<Measurement>> {
     eprintln!("recording {RUNS} runs, one with {CURVE_POINTS} points");
-    let place = Place { folder: folder.join("data"), database: SQLITE.to_owned() };
+    let place = QueueLocation { folder: folder.join("data"), database: SQLITE.to_owned() };
     let run = recorder.run("runs", &place, &[&RUNS.to_string(), &CURVE_POINTS.to_string()])?;
     let server = Serving::start(torqued, &place.folder, 0)?;
     let client = Client::new(&server.url);

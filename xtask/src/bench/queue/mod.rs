@@ -22,7 +22,7 @@ use super::wanted::{Peers, Report, Wanted};
 use crate::places::target;
 use crate::{peers, product};
 use cluster::Cluster;
-use program::{Place, Program, SQLITE};
+use program::{Program, QueueLocation, SQLITE};
 use workers::Workers;
 
 const WORKERS: [u32; 3] = [1, 8, 64];
@@ -78,7 +78,7 @@ struct Database {
 }
 
 /// Another queue, on one database.
-struct Rival {
+struct ComparedQueue {
     program: Program,
     name: String,
     /// Whether our rate has a goal relative to its rate.
@@ -114,9 +114,9 @@ pub(super) fn run(wanted: Wanted) -> anyhow::Result<Report> {
     Ok(Report { notes, measurements })
 }
 
-fn rivals(database: &Database) -> anyhow::Result<Vec<Rival>> {
+fn rivals(database: &Database) -> anyhow::Result<Vec<ComparedQueue>> {
     let apalis = peers::apalis()?;
-    let of_apalis = |batch: u32| Rival {
+    let of_apalis = |batch: u32| ComparedQueue {
         program: Program::new(apalis.clone(), [batch.to_string()]),
         name: format!("apalis 1.0.0, batches of {batch}"),
         is_bound: batch == 1,
@@ -125,7 +125,7 @@ fn rivals(database: &Database) -> anyhow::Result<Vec<Rival>> {
     let mut rivals = vec![of_apalis(1), of_apalis(APALIS_BATCH)];
     if database.cluster.is_some() {
         let script = peers::graphile()?.to_string_lossy().into_owned();
-        rivals.push(Rival {
+        rivals.push(ComparedQueue {
             program: Program::new("node".into(), [script]),
             name: "Graphile Worker 0.17.3".to_owned(),
             is_bound: false,
@@ -138,7 +138,7 @@ fn rivals(database: &Database) -> anyhow::Result<Vec<Rival>> {
 fn measure(
     database: &mut Database,
     ours: &Program,
-    rivals: &[Rival],
+    rivals: &[ComparedQueue],
     folder: &Path,
 ) -> anyhow::Result<Vec<Measurement>> {
     let mut rows = Vec::new();
@@ -207,7 +207,7 @@ fn measure(
 /// The queue of a program, in its own database.
 struct Queue<'a> {
     program: &'a Program,
-    place: Place,
+    place: QueueLocation,
     work: Work,
     /// Least number of queued tasks at the beginning of a measurement.
     fill: u32,
@@ -229,7 +229,7 @@ impl<'a> Queue<'a> {
             None => SQLITE.to_owned(),
             Some(cluster) => cluster.database(&format!("queue{number}"))?,
         };
-        let place = Place { folder, database };
+        let place = QueueLocation { folder, database };
         program.run("setup", &place, &[])?;
         Ok(Self { program, place, work, fill, queued: 0 })
     }

@@ -17,7 +17,7 @@ pub struct Program {
 }
 
 /// The place of a queue.
-pub struct Place {
+pub struct QueueLocation {
     pub folder: PathBuf,
     /// [`SQLITE`], or a URL of PostgreSQL.
     pub database: String,
@@ -35,14 +35,14 @@ impl Program {
         command
     }
 
-    pub fn command(&self, role: &str, place: &Place, rest: &[&str]) -> Command {
+    pub fn command(&self, role: &str, place: &QueueLocation, rest: &[&str]) -> Command {
         let mut command = self.alone(role);
         command.arg(&place.folder).arg(&place.database).args(rest);
         command
     }
 
     /// Runs the program to its end and gives its output. It must succeed.
-    pub fn run(&self, role: &str, place: &Place, rest: &[&str]) -> anyhow::Result<String> {
+    pub fn run(&self, role: &str, place: &QueueLocation, rest: &[&str]) -> anyhow::Result<String> {
         let program = self.path.display();
         let output = self
             .command(role, place, rest)

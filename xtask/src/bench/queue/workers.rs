@@ -6,7 +6,7 @@ use std::process::{Child, ChildStdin, ChildStdout, Stdio};
 use anyhow::{Context, ensure};
 use serde::Deserialize;
 
-use super::program::{Place, Program};
+use super::program::{Program, QueueLocation};
 
 const PROCESSES: u32 = 4;
 
@@ -22,13 +22,13 @@ struct Process {
 
 /// The report of a process at its end.
 #[derive(Deserialize)]
-struct Report {
+struct ProcessReport {
     waits_us: Vec<f64>,
 }
 
 impl Workers {
     /// Starts the processes and returns when all are connected.
-    pub fn start(program: &Program, place: &Place, workers: u32) -> anyhow::Result<Self> {
+    pub fn start(program: &Program, place: &QueueLocation, workers: u32) -> anyhow::Result<Self> {
         let mut started = Self(Vec::new());
         for share in shares(workers) {
             let command = &mut program.command("work", place, &[&share.to_string()]);
@@ -76,7 +76,7 @@ impl Workers {
         let mut waits_ms = Vec::new();
         for process in &mut self.0 {
             process.input = None;
-            let report: Report = serde_json::from_str(&process.read()?)?;
+            let report: ProcessReport = serde_json::from_str(&process.read()?)?;
             waits_ms.push(report.waits_us.into_iter().map(|us| us / 1e3).collect());
             process.child.wait()?;
         }

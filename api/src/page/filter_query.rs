@@ -3,12 +3,12 @@
 use crate::extract::QueryPairs;
 
 /// The query of the form at `path`, without its empty fields.
-pub struct Asked {
+pub struct FilterQuery {
     path: &'static str,
     pairs: Vec<(String, String)>,
 }
 
-impl Asked {
+impl FilterQuery {
     pub fn new(path: &'static str, pairs: QueryPairs) -> Self {
         Self { path, pairs: pairs.filled() }
     }
