@@ -153,8 +153,11 @@ mod tests {
     fn every_command_that_asks_a_server_can_answer_in_json() {
         // A stream is JSON in both directions, and `open` shows a page.
         let other = |name: &str| ["open", "stream"].contains(&name);
-        for command in Cli::command().get_subcommands().filter(|it| !other(it.get_name())) {
-            let has = |flag| command.get_arguments().any(|it| it.get_long() == Some(flag));
+        for command in
+            Cli::command().get_subcommands().filter(|subcommand| !other(subcommand.get_name()))
+        {
+            let has =
+                |flag| command.get_arguments().any(|argument| argument.get_long() == Some(flag));
             assert!(!has("server") || has("json"), "{}", command.get_name());
         }
     }

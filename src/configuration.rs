@@ -88,7 +88,9 @@ fn key_of(argument: &Arg) -> Option<String> {
 
 fn known<'a>(command: &'a Command, key: &str) -> anyhow::Result<&'a Arg> {
     let mut arguments = command.get_arguments();
-    if let Some(argument) = arguments.find(|it| key_of(it).is_some_and(|known| known == key)) {
+    if let Some(argument) =
+        arguments.find(|argument| key_of(argument).is_some_and(|known| known == key))
+    {
         return Ok(argument);
     }
     let keys: Vec<String> = command.get_arguments().filter_map(key_of).collect();

@@ -69,8 +69,9 @@ pub fn kill_children() {
     while let Some(&parent) = found.get(looked_at) {
         looked_at += 1;
         // While a process lives, only the group that it leads has its number.
-        let is_child = |it: &&Process| it.parent == parent || it.group == std::process::id();
-        let children = processes.iter().filter(is_child).map(|it| it.pid);
+        let is_child =
+            |process: &&Process| process.parent == parent || process.group == std::process::id();
+        let children = processes.iter().filter(is_child).map(|process| process.pid);
         let new: Vec<u32> = children.filter(|pid| !found.contains(pid)).collect();
         found.extend(new);
     }
@@ -127,7 +128,11 @@ mod tests {
         let output = child.stdout.take().unwrap();
         io::BufRead::read_line(&mut io::BufReader::new(output), &mut line).unwrap();
         let grandchild: u32 = line.trim().parse().unwrap();
-        assert!(processes().iter().any(|it| it.pid == grandchild && it.parent == child.id()));
+        assert!(
+            processes()
+                .iter()
+                .any(|process| process.pid == grandchild && process.parent == child.id())
+        );
         kill_children();
         assert_eq!(child.wait().unwrap().signal(), Some(9));
         // Nobody may have waited for it.

@@ -45,7 +45,7 @@ pub enum ApiError {
     #[error(
         "the body is {}; send a form (multipart/form-data) with the parts spec and file, or the \
          file itself with Content-Type: text/csv or application/vnd.apache.parquet",
-        found.as_ref().map_or("of no declared type".to_owned(), |it| format!("declared as {it}"))
+        found.as_ref().map_or("of no declared type".to_owned(), |kind| format!("declared as {kind}"))
     )]
     UploadType { found: Option<String> },
 
@@ -323,7 +323,7 @@ impl ApiError {
         };
         let dependents = match self {
             Self::Store(StoreError::Needed { by, .. }) => {
-                by.iter().filter_map(|it| dependent(it).ok()).collect()
+                by.iter().filter_map(|job| dependent(job).ok()).collect()
             }
             _ => Vec::new(),
         };

@@ -60,7 +60,8 @@ pub fn operations_per_evaluation() -> f64 {
     advance(Compiled, scheme, 1.0, &model, &zero, &mut state, &mut scratch);
 
     let results = [state.q, state.q_remainder, state.qd];
-    let mut open: Vec<usize> = results.iter().flatten().filter_map(|it| it.made_by).collect();
+    let mut open: Vec<usize> =
+        results.iter().flatten().filter_map(|result| result.made_by).collect();
     let operations = OPERATIONS.take();
     let mut needed = vec![false; operations.len()];
     while let Some(operation) = open.pop() {

@@ -323,7 +323,8 @@ fn check_structure<L: Kernels, S: Structure<N>, const N: usize>(structure: S, to
             L::accelerations(structure, &model, &dynamics, &qd, &torque, step, &mut qdd);
             L::accelerations_at(structure, &model, &at_q, &qd, &torque, step, &mut at_once);
             let bits = |qdd: &[L; N]| -> Vec<u64> {
-                let lanes = (0..L::LANES).flat_map(|lane| qdd.iter().map(move |it| it.lane(lane)));
+                let lanes = (0..L::LANES)
+                    .flat_map(|lane| qdd.iter().map(move |acceleration| acceleration.lane(lane)));
                 lanes.map(f64::to_bits).collect()
             };
             assert_eq!(bits(&at_once), bits(&qdd));

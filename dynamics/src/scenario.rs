@@ -94,10 +94,15 @@ impl<'a> Scenarios<'a> {
         let excitation = &self.spec.excitation;
         let drawn = draws.unit() < excitation.chirp_fraction;
         let cell = self.cells.iter().rfind(|cell| cell.first <= index);
-        let chirp = excitation.chirp.as_ref().map(|it| (Law::Chirp(it), &it.frequency_hz));
-        let multisine =
-            || excitation.multisine.as_ref().map(|it| (Law::Multisine(it), &it.frequency_hz));
-        let steps = || excitation.steps.as_ref().map(|it| (Law::Steps(it), &it.frequency_hz));
+        let chirp = excitation.chirp.as_ref().map(|chirp| (Law::Chirp(chirp), &chirp.frequency_hz));
+        let multisine = || {
+            excitation
+                .multisine
+                .as_ref()
+                .map(|multisine| (Law::Multisine(multisine), &multisine.frequency_hz))
+        };
+        let steps =
+            || excitation.steps.as_ref().map(|steps| (Law::Steps(steps), &steps.frequency_hz));
         let law = match cell.map(|cell| cell.family) {
             Some(Family::Chirp) => chirp,
             Some(Family::Multisine) => multisine(),

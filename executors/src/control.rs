@@ -130,10 +130,10 @@ impl Control {
         let usual = &self.settings.usual;
         let refusals = &mut self.memory.refusals;
         refusals.keep(|offer| {
-            offer == usual || demand.iter().any(|it| usual.and(&it.resources) == *offer)
+            offer == usual || demand.iter().any(|demanded| usual.and(&demanded.resources) == *offer)
         });
         let now = Instant::now();
-        demand.retain(|it| !refusals.hold(&usual.and(&it.resources), now));
+        demand.retain(|demanded| !refusals.hold(&usual.and(&demanded.resources), now));
         Ok(demand)
     }
 

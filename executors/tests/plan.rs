@@ -132,7 +132,10 @@ proptest! {
         prop_assert!(count(true) <= bounds.min);
         for action in &actions {
             let Action::Ask { resources, stays: false } = action else { continue };
-            prop_assert!(demand.iter().any(|it| it.waiting > 0 && resources.cover(&it.resources)));
+            let covers_a_need = demand.iter().any(|demanded| {
+                demanded.waiting > 0 && resources.cover(&demanded.resources)
+            });
+            prop_assert!(covers_a_need);
         }
     }
 

@@ -52,7 +52,7 @@ mod tests {
             "robots": 3, "duration_s": 2.0, "baselines": ["zero-torque", "oracle"],
         });
         let tasks = kind(&parse(&spec)).unwrap().tasks(&inputs).unwrap();
-        let found: Vec<_> = tasks.iter().map(|it| (it.payload.clone(), it.total)).collect();
+        let found: Vec<_> = tasks.iter().map(|task| (task.payload.clone(), task.total)).collect();
         let robot = |robot: u32| (json!({"robot": robot}), 2 * 120);
         assert_eq!(found, [robot(0), robot(1), robot(2), (json!("report"), 0)]);
     }

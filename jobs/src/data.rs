@@ -73,7 +73,7 @@ impl References<'_> {
                 return Err(SpecError::one(field, "", "a training with resolved data").into());
             }
         };
-        if let Some(sibling) = self.siblings.values().find(|it| it.digest == digest) {
+        if let Some(sibling) = self.siblings.values().find(|sibling| sibling.digest == digest) {
             return Ok(data_spec(&sibling.spec, field)?);
         }
         match self.store.job_by_digest(digest, &JobState::ALL).await? {
@@ -91,8 +91,10 @@ impl References<'_> {
             return Ok(());
         }
         let newest = self.store.newest_uploads(newest().limit).await?;
-        let known: Vec<String> =
-            newest.iter().map(|it| format!("{} ({})", it.object.sha256, it.name)).collect();
+        let known: Vec<String> = newest
+            .iter()
+            .map(|upload| format!("{} ({})", upload.object.sha256, upload.name))
+            .collect();
         let allowed = match known.as_slice() {
             [] => {
                 "the SHA-256 of a file that was sent to POST /v1/datasets; none was yet".to_owned()

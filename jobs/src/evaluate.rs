@@ -69,7 +69,8 @@ fn check_files(
             let value = format!("the dataset of predictions[{other}]");
             return Err(SpecError::one(field, value, "each dataset once"));
         }
-        let complete = file.this_dataset().filter(|it| it.state == DatasetState::Complete);
+        let complete =
+            file.this_dataset().filter(|dataset| dataset.state == DatasetState::Complete);
         if let (Some(complete), Some(scenarios)) = (complete, scenarios)
             && complete.trajectories < scenarios
         {
@@ -118,7 +119,7 @@ mod tests {
         let inputs = inputs_of(&parse(&json!({"preset": "grid-chirp"})));
         let spec = json!({"kind": "evaluate", "data": {"digest": "0".repeat(64)}, "latency": {}});
         let tasks = kind(&parse(&spec)).unwrap().tasks(&inputs).unwrap();
-        let stages: Vec<_> = tasks.iter().map(|it| (it.stage, it.payload.clone())).collect();
+        let stages: Vec<_> = tasks.iter().map(|task| (task.stage, task.payload.clone())).collect();
         assert_eq!(stages[10..], [(1, json!("latency")), (2, json!("report"))]);
     }
 }

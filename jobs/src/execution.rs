@@ -53,7 +53,7 @@ mod tests {
         let now = Timestamp::from_milliseconds(1_795_478_400_000);
         let error = check(&spec, &limits, now).err();
         let violations = error.map(|error| error.violations).unwrap_or_default();
-        violations.into_iter().map(|it| (it.field, it.allowed)).collect()
+        violations.into_iter().map(|violation| (violation.field, violation.allowed)).collect()
     }
 
     #[test]

@@ -75,7 +75,7 @@ mod tests {
     #[test]
     fn a_simulation_has_a_task_per_shard_and_the_last_one_is_shorter() {
         let tasks = tasks(10_000).unwrap();
-        let labels: Vec<_> = tasks.iter().map(|it| (it.label.as_str(), it.total)).collect();
+        let labels: Vec<_> = tasks.iter().map(|task| (task.label.as_str(), task.total)).collect();
         let expected = [("shard 00000", 10_000), ("shard 00001", 10_000), ("shard 00002", 5_000)];
         assert_eq!(labels, expected);
         assert_eq!(tasks[2].payload, json!({"shard": 2}));

@@ -136,7 +136,8 @@ mod tests {
         fill_normal_portably(&mut portable, &mut generator);
         for values in [alone, filled, portable] {
             let (mean, variance) = moments(&values);
-            let fourth = values.iter().map(|it| it.powi(4)).sum::<f64>() / values.len() as f64;
+            let fourth =
+                values.iter().map(|value| value.powi(4)).sum::<f64>() / values.len() as f64;
             // Five standard errors.
             assert!(mean.abs() < 0.008, "{mean}");
             assert!((variance - 1.0).abs() < 0.012, "{variance}");

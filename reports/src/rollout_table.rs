@@ -7,7 +7,8 @@ use crate::table::{Align, Table};
 /// they go. Empty for a report from before this was measured.
 pub fn by_rollout(report: &Report) -> String {
     let measured = |group: &&GroupSummary| {
-        !group.rollouts.is_empty() || group.scores.iter().any(|it| it.first_sample_deg.is_some())
+        !group.rollouts.is_empty()
+            || group.scores.iter().any(|scores| scores.first_sample_deg.is_some())
     };
     let tables = report.groups.iter().filter(measured).map(|group| of_group(report, group));
     tables.collect::<Vec<_>>().join("\n")
@@ -25,16 +26,16 @@ fn of_group(report: &Report, group: &GroupSummary) -> String {
     ];
     let mut table = Table::new(columns);
     for predictor in &report.predictors {
-        let scores = group.scores.iter().find(|it| it.predictor == predictor.name);
-        let rollouts = group.rollouts.iter().find(|it| it.predictor == predictor.name);
+        let scores = group.scores.iter().find(|scores| scores.predictor == predictor.name);
+        let rollouts = group.rollouts.iter().find(|rollouts| rollouts.predictor == predictor.name);
         let number = |interval: Option<Interval>| interval.map(|interval| degrees(interval.mean));
         let cells = [
-            number(scores.and_then(|it| it.first_sample_deg)),
-            number(scores.and_then(|it| it.jump_deg)),
-            number(scores.and_then(|it| it.seam_jump_deg)),
-            number(scores.and_then(|it| it.largest_jump_deg)),
-            rollouts.and_then(|it| it.left_limits).map(per_cent),
-            rollouts.map(|it| per_cent(it.diverged)),
+            number(scores.and_then(|scores| scores.first_sample_deg)),
+            number(scores.and_then(|scores| scores.jump_deg)),
+            number(scores.and_then(|scores| scores.seam_jump_deg)),
+            number(scores.and_then(|scores| scores.largest_jump_deg)),
+            rollouts.and_then(|rollouts| rollouts.left_limits).map(per_cent),
+            rollouts.map(|rollouts| per_cent(rollouts.diverged)),
         ];
         let cells = cells.map(|cell| cell.unwrap_or_else(|| "-".to_owned()));
         table.push(std::iter::once(label(predictor)).chain(cells).collect());

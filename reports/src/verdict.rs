@@ -18,7 +18,7 @@ pub fn verdicts(report: &Report) -> Vec<String> {
 fn strongest(report: &Report) -> Option<&str> {
     let is_baseline = |rmse: &&PredictorSummary| {
         let mut infos = report.predictors.iter();
-        infos.any(|it| it.kind == PredictorKind::Baseline && it.name == rmse.predictor)
+        infos.any(|info| info.kind == PredictorKind::Baseline && info.name == rmse.predictor)
     };
     let errors = report.groups.first()?.rmse_deg.iter().filter(is_baseline);
     let best = errors.min_by(|a, b| a.interval.mean.total_cmp(&b.interval.mean))?;

@@ -90,7 +90,8 @@ impl Report {
             return;
         }
         let field = self.path_to(field);
-        let [least, most] = [least, most].map(|it| serde_json::to_value(it).unwrap_or_default());
+        let [least, most] =
+            [least, most].map(|value| serde_json::to_value(value).unwrap_or_default());
         self.bounds.get_or_insert_default().push(Bound { field, of, least, most });
     }
 

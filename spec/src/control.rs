@@ -465,7 +465,7 @@ mod tests {
         let point = PointToPoint { displacement_rad: vec![0.7; 7], duration_s: 2.0 };
         for path in [ControlPath::default(), ControlPath::PointToPoint(point.clone())] {
             assert_eq!(path.displacement(0.0), [0.0; 7]);
-            assert!(path.displacement(1e-3).iter().all(|it| (0.0..1e-5).contains(it)));
+            assert!(path.displacement(1e-3).iter().all(|value| (0.0..1e-5).contains(value)));
         }
         let there = ControlPath::PointToPoint(point);
         assert!((there.displacement(1.0)[3] - 0.35).abs() < 1e-12);

@@ -17,7 +17,8 @@ pub(crate) fn from_fields<T: DeserializeOwned + ToSchema>(
     let explained = explain(&T::name(), &fields);
     if explained.is_misshapen || !found.is_empty() {
         let known: Vec<String> = found.iter().map(|violation| violation.field.clone()).collect();
-        let is_new = |violation: &Violation| !known.iter().any(|it| covers(it, &violation.field));
+        let is_new =
+            |violation: &Violation| !known.iter().any(|field| covers(field, &violation.field));
         found.extend(explained.violations.into_iter().filter(is_new));
         return Err(SpecError { violations: found });
     }

@@ -29,7 +29,8 @@ impl JsonFault {
     pub fn new(text: &[u8], error: &serde_json::Error) -> Self {
         let at = if error.is_eof() { text.len() } else { beginning(text, error) };
         let (before, rest) = text.split_at(at);
-        let line_begin = before.iter().rposition(|byte| *byte == b'\n').map_or(0, |it| it + 1);
+        let line_begin =
+            before.iter().rposition(|byte| *byte == b'\n').map_or(0, |index| index + 1);
         let rest = String::from_utf8_lossy(rest);
         Self {
             line: before.iter().filter(|byte| **byte == b'\n').count() + 1,

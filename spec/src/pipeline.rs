@@ -108,7 +108,7 @@ fn read_member(name: &str, member: Value, names: &[String]) -> Result<PipelineMe
         (Ok(_), Err(error)) => Err(error),
         (Err(_), spec) => {
             let mut error = SpecError::one("needs", shorten(&needs), "a list of names of jobs");
-            error.violations.extend(spec.err().into_iter().flat_map(|it| it.violations));
+            error.violations.extend(spec.err().into_iter().flat_map(|error| error.violations));
             Err(error)
         }
     }

@@ -479,9 +479,13 @@ fn typing_errors_and_wrong_types_are_reported_with_numbers_out_of_range() {
         "robot.gravity is \"onn\", allowed: off, on, compensated; did you mean `on`?",
         "excitation.multisine.base is [1.0], allowed: [min, max], each a number from 0.01 to 100",
     ] {
-        assert!(found.iter().any(|it| it == expected), "{found:#?} lacks {expected:?}");
+        assert!(found.iter().any(|message| message == expected), "{found:#?} lacks {expected:?}");
     }
-    assert!(found.iter().any(|it| it.starts_with("initial_state is 3, allowed: an object with")));
+    assert!(
+        found
+            .iter()
+            .any(|message| message.starts_with("initial_state is 3, allowed: an object with"))
+    );
     assert_eq!(found.len(), 6, "{found:#?}");
 }
 
@@ -506,9 +510,9 @@ fn all_members_of_a_pipeline_are_looked_at() {
         "jobs.c.needs is \"a\", allowed: a list of names of jobs",
         "jobs.c.stesp: unknown field; did you mean `steps`?",
     ] {
-        assert!(found.iter().any(|it| it == expected), "{found:#?} lacks {expected:?}");
+        assert!(found.iter().any(|message| message == expected), "{found:#?} lacks {expected:?}");
     }
-    let model = found.iter().find(|it| it.starts_with("jobs.c.model.preset")).unwrap();
+    let model = found.iter().find(|message| message.starts_with("jobs.c.model.preset")).unwrap();
     assert!(model.ends_with("did you mean `robomorph-tiny`?"), "{model}");
 }
 

@@ -192,7 +192,8 @@ fn a_recording_has_the_joints_of_its_robot_and_its_limits_unless_ranges_are_give
     let stored = job.to_json();
     assert_eq!(stored["ranges"], json!({"u_nm": [-5.0, 5.0], "q_rad": null, "qd_rad_s": null}));
     assert_eq!(parse(stored.to_string().as_bytes()).unwrap(), job);
-    let columns: Vec<String> = spec.trajectory_columns().into_iter().map(|it| it.name).collect();
+    let columns: Vec<String> =
+        spec.trajectory_columns().into_iter().map(|column| column.name).collect();
     assert_eq!(columns[2..8], ["u1", "u2", "u3", "u4", "u5", "u6"]);
     assert_eq!(columns.len(), 2 + 12);
 

@@ -70,10 +70,12 @@ impl ClientError {
         let (message, fields) = match serde_json::from_str::<Problem>(body) {
             Ok(problem) => {
                 let message = message(&problem);
-                (message, problem.violations.into_iter().map(|it| it.field).collect())
+                (message, problem.violations.into_iter().map(|violation| violation.field).collect())
             }
             // The part of the API that is MLflow's has errors of MLflow's shape.
-            Err(_) => match serde_json::from_str::<Value>(body).map(|it| it["message"].clone()) {
+            Err(_) => match serde_json::from_str::<Value>(body)
+                .map(|problem| problem["message"].clone())
+            {
                 Ok(Value::String(message)) => (message, Vec::new()),
                 _ => (format!("the server answered {status}"), Vec::new()),
             },

@@ -109,8 +109,8 @@ fn table(found: &[Garbage]) -> String {
 
 fn summary(found: &[Garbage], dry_run: bool) -> String {
     let verb = if dry_run { "would delete" } else { "deleted" };
-    let files = measure::count(found.iter().map(|it| it.files).sum());
-    let size = measure::size(found.iter().map(|it| it.bytes).sum());
-    let things = found.iter().filter(|it| it.kind != GarbageKind::Orphans).count();
+    let files = measure::count(found.iter().map(|garbage| garbage.files).sum());
+    let size = measure::size(found.iter().map(|garbage| garbage.bytes).sum());
+    let things = found.iter().filter(|garbage| garbage.kind != GarbageKind::Orphans).count();
     format!("{verb} {things} things, {files} files, {size}")
 }

@@ -67,7 +67,8 @@ fn browser(variable: impl Fn(&str) -> Option<OsString>) -> Option<OsString> {
     if cfg!(target_os = "macos") {
         return Some("open".into());
     }
-    let has_desktop = ["DISPLAY", "WAYLAND_DISPLAY"].into_iter().any(|it| variable(it).is_some());
+    let has_desktop =
+        ["DISPLAY", "WAYLAND_DISPLAY"].into_iter().any(|name| variable(name).is_some());
     has_desktop.then(|| "xdg-open".into())
 }
 

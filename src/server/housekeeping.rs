@@ -131,7 +131,7 @@ async fn purge(store: &Store, leap: Duration) {
     match store.purge(Ripe::AtItsDate { leap }).await {
         Ok(deleted) if deleted.is_empty() => {}
         Ok(deleted) => {
-            let bytes: u64 = deleted.iter().map(|it| it.bytes).sum();
+            let bytes: u64 = deleted.iter().map(|garbage| garbage.bytes).sum();
             tracing::info!(count = deleted.len(), bytes, "permanently deleted things in the trash");
         }
         Err(error) => {

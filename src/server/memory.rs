@@ -7,7 +7,10 @@ use std::path::Path;
 pub fn bytes() -> Option<u64> {
     let machine = std::fs::read_to_string("/proc/meminfo").ok().and_then(|text| total(&text))?;
     let groups = std::fs::read_to_string("/proc/self/cgroup").unwrap_or_default();
-    Some(group_limit(&groups, Path::new("/sys/fs/cgroup")).map_or(machine, |it| it.min(machine)))
+    Some(
+        group_limit(&groups, Path::new("/sys/fs/cgroup"))
+            .map_or(machine, |limit| limit.min(machine)),
+    )
 }
 
 fn total(meminfo: &str) -> Option<u64> {

@@ -68,8 +68,10 @@ impl Store {
     pub async fn why_all_wait(&self) -> Result<Option<Wait>, StoreError> {
         let workers = self.workers().await?;
         let demand = self.demand().await?;
-        let waits: Option<Vec<Wait>> =
-            demand.into_iter().map(|it| Wait::for_workers(it.resources, &workers)).collect();
+        let waits: Option<Vec<Wait>> = demand
+            .into_iter()
+            .map(|demanded| Wait::for_workers(demanded.resources, &workers))
+            .collect();
         Ok(waits.and_then(|waits| waits.into_iter().next()))
     }
 }

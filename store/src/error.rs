@@ -209,7 +209,8 @@ const NAMED: usize = 10;
 
 /// Names the dependents that prevent a deletion in every case, or all dependents if there are none.
 fn in_words(dependents: &[Dependent]) -> String {
-    let open: Vec<&Dependent> = dependents.iter().filter(|it| !it.state.is_final()).collect();
+    let open: Vec<&Dependent> =
+        dependents.iter().filter(|dependent| !dependent.state.is_final()).collect();
     let (named, advice) = if open.is_empty() {
         (
             dependents.iter().collect(),
@@ -218,14 +219,14 @@ fn in_words(dependents: &[Dependent]) -> String {
     } else {
         (open, "cancel them, or wait until they have ended")
     };
-    let words = |it: &&Dependent| {
-        let relation = match it.relation {
+    let words = |dependent: &&Dependent| {
+        let relation = match dependent.relation {
             Relation::Reads => "reads it",
             Relation::Needs => "needs it",
             Relation::Continues => "continues from it",
             Relation::Holds => "has it as a member",
         };
-        format!("{} job {} ({}) {relation}", it.kind, it.job, it.state)
+        format!("{} job {} ({}) {relation}", dependent.kind, dependent.job, dependent.state)
     };
     let mut list: Vec<String> = named.iter().take(NAMED).map(words).collect();
     if named.len() > NAMED {

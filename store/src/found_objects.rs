@@ -24,7 +24,8 @@ impl Store {
     /// When they cannot be listed.
     #[boxed]
     pub async fn list_objects(&self) -> Result<Vec<String>, StoreError> {
-        let listed = self.objects().remote().list(None).map_ok(|it| it.location.to_string());
+        let listed =
+            self.objects().remote().list(None).map_ok(|object| object.location.to_string());
         let listed = listed.try_collect::<Vec<String>>().await;
         let mut paths = listed.map_err(StoreError::object("listing", "objects"))?;
         paths.retain(|path| !is_mark(path));

@@ -138,7 +138,7 @@ impl Store {
         for kind in IN_ORDER {
             found.extend(sql!(self.database(), PURGING, ripe_items(kind, limit))?);
         }
-        let job = |it: &Garbage| match it.kind {
+        let job = |garbage: &Garbage| match garbage.kind {
             GarbageKind::Item(Item { kind: ItemKind::Job, id }) => Some(JobId(id)),
             _ => None,
         };

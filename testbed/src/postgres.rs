@@ -74,7 +74,7 @@ impl Cluster {
     /// # Panics
     /// If PostgreSQL is not installed or does not start.
     pub fn shared() -> Arc<Self> {
-        let user = std::fs::metadata("/proc/self").map_or(0, |it| it.uid());
+        let user = std::fs::metadata("/proc/self").map_or(0, |metadata| metadata.uid());
         let folder = std::env::temp_dir().join(format!("torqued-shared-postgres-{user}"));
         std::fs::create_dir_all(&folder).expect("a folder");
         let users = lock_file(&folder, "users");
@@ -88,7 +88,10 @@ impl Cluster {
                 std::fs::remove_dir_all(data).expect("an old cluster to go");
             }
             init(&folder).expect("a database cluster");
-            assert!(supervised(&folder).status().is_ok_and(|it| it.success()), "a server starts");
+            assert!(
+                supervised(&folder).status().is_ok_and(|status| status.success()),
+                "a server starts"
+            );
             wait_until_ready(&folder);
         }
         drop(turn);
@@ -139,7 +142,7 @@ impl Cluster {
         let immediately = ["--mode=immediate", "stop", "--pgdata"];
         let stopped =
             as_postgres("pg_ctl").args(immediately).arg(self.folder.join("data")).output();
-        assert!(stopped.is_ok_and(|it| it.status.success()), "the server stops");
+        assert!(stopped.is_ok_and(|output| output.status.success()), "the server stops");
         server.0.wait().expect("its end");
     }
 

@@ -33,7 +33,10 @@ async fn report(product: &Product, pipeline: &Value) -> Value {
 
 fn controller<'a>(report: &'a Value, name: &str) -> &'a Value {
     let controllers = report["controllers"].as_array().unwrap();
-    controllers.iter().find(|it| it["name"] == name).unwrap_or_else(|| panic!("{report:#}"))
+    controllers
+        .iter()
+        .find(|controller| controller["name"] == name)
+        .unwrap_or_else(|| panic!("{report:#}"))
 }
 
 /// The part of a report that does not depend on this machine's speed.
@@ -71,7 +74,8 @@ async fn a_control_job_compares_a_checkpoint_with_simulators_and_shows_it() {
     let job = product.get(&format!("/v1/jobs/{}", member(&pipeline, "control"))).await;
     let run = product.get(&format!("/v1/runs/{}", job["run"])).await;
     let artifacts = run["artifacts"].as_array().unwrap();
-    let artifacts: Vec<&str> = artifacts.iter().map(|it| it["name"].as_str().unwrap()).collect();
+    let artifacts: Vec<&str> =
+        artifacts.iter().map(|artifact| artifact["name"].as_str().unwrap()).collect();
     let expected = [
         "report.json",
         "robot-00.csv",

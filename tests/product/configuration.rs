@@ -73,7 +73,7 @@ async fn json_logs_name_the_request_and_the_task_of_every_line() {
 
     let text = fs::read_to_string(&log).unwrap();
     let lines: Vec<Value> = text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
-    let with = |key: &str, value: &Value| lines.iter().filter(|it| it[key] == *value).count();
+    let with = |key: &str, value: &Value| lines.iter().filter(|line| line[key] == *value).count();
     assert!(with("request", &json!("ours-7")) > 0, "{text}");
     let simulated = lines.iter().find(|line| line["message"] == "simulated and published");
     let simulated = simulated.unwrap_or_else(|| panic!("{text}"));

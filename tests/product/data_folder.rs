@@ -70,8 +70,9 @@ async fn a_database_of_a_newer_version_is_refused_and_not_touched() {
 /// The database file in a data folder.
 fn database(data: &Path) -> PathBuf {
     let files = std::fs::read_dir(data).unwrap().map(|entry| entry.unwrap().path());
-    let is_database =
-        |path: &PathBuf| path.extension().is_some_and(|it| it == "db" || it == "sqlite");
+    let is_database = |path: &PathBuf| {
+        path.extension().is_some_and(|extension| extension == "db" || extension == "sqlite")
+    };
     files.into_iter().find(is_database).unwrap()
 }
 

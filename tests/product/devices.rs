@@ -124,6 +124,9 @@ mod on_a_gpu {
         let evaluation = member(&pipeline, "evaluate");
         let evaluation = product.get(&format!("/v1/evaluations/{evaluation}")).await;
         let predictors = evaluation["report"]["predictors"].as_array().unwrap();
-        assert!(predictors.iter().any(|it| it["name"] == "robomorph"), "{evaluation:#}");
+        assert!(
+            predictors.iter().any(|predictor| predictor["name"] == "robomorph"),
+            "{evaluation:#}"
+        );
     }
 }

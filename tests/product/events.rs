@@ -73,7 +73,7 @@ async fn watch_and_events_go_on_when_a_server_was_killed() {
     let (lines, code) = events.rest();
     assert_eq!(code, Some(0));
     let kept: Vec<&Value> =
-        [&first].into_iter().chain(&lines).filter(|it| it["id"].is_i64()).collect();
+        [&first].into_iter().chain(&lines).filter(|event| event["id"].is_i64()).collect();
     let ids: Vec<i64> = kept.iter().map(|event| event["id"].as_i64().unwrap()).collect();
     assert!(ids.is_sorted_by(|a, b| a < b), "each once: {ids:?}");
     assert!(lines.iter().all(|event| event["event"] != "gap"), "{lines:?}");

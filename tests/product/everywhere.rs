@@ -121,7 +121,8 @@ async fn a_pipeline_in_a_bucket_by_four_workers_that_share_no_folder_of_which_on
     let job = other.get(&format!("/v1/jobs/{}", member(&pipeline, "train"))).await;
     let checkpoint = job["checkpoints"].as_array().unwrap().last().unwrap().as_i64().unwrap();
     let listed = other.get(&format!("/v1/checkpoints/{checkpoint}")).await;
-    let file = listed["files"].as_array().unwrap().iter().find(|it| it["name"] == "config.json");
+    let file =
+        listed["files"].as_array().unwrap().iter().find(|file| file["name"] == "config.json");
     let name = file.unwrap()["name"].as_str().unwrap();
     let config = other.get(&format!("/v1/checkpoints/{checkpoint}/files/{name}")).await;
     assert!(config["model"].is_object(), "{config:#}");

@@ -162,7 +162,7 @@ fn findings(report: &Value, predictor: &str) -> Vec<Value> {
         report["cells"].as_array().unwrap().iter().chain(report["groups"].as_array().unwrap())
     {
         for list in ["rmse_deg", "scores", "rollouts"] {
-            let of_predictor = |it: &&Value| it["predictor"] == predictor;
+            let of_predictor = |row: &&Value| row["predictor"] == predictor;
             let mut one =
                 place[list].as_array().unwrap().iter().find(of_predictor).unwrap().clone();
             one.as_object_mut().unwrap().remove("predictor");
@@ -200,7 +200,10 @@ async fn a_file_is_scored_as_if_its_model_had_been_asked() {
         (&import["spec"]["file"], &import["digest"])
     );
     let paired = report["paired"].as_array().unwrap();
-    assert!(paired.iter().any(|it| it["predictor"] == "oracle" && it["against"] == "hold-last"));
+    assert!(
+        paired.iter().any(|difference| difference["predictor"] == "oracle"
+            && difference["against"] == "hold-last")
+    );
 
     let evaluation = &laboratory.product.get("/v1/evaluations").await["evaluations"][0]["id"];
     let page = laboratory.product.get(&format!("/evaluations/{evaluation}")).await;
@@ -237,11 +240,11 @@ async fn several_samples_are_scored_as_a_distribution() {
     let predictions = json!([named("ensemble", dataset)]);
     let report = laboratory.evaluated(&predictions, &json!({"samples": 3})).await;
     let scores = report["groups"][0]["scores"].as_array().unwrap();
-    let scores = scores.iter().find(|it| it["predictor"] == "ensemble").unwrap();
+    let scores = scores.iter().find(|scores| scores["predictor"] == "ensemble").unwrap();
     // Samples at -a, 0 and a around the truth: E|x - y| = 2a/3, and half of E|x - x'| of pairs is the same.
     assert!(scores["crps_deg"]["mean"].as_f64().unwrap().abs() < 1e-4, "{scores:#}");
     let rmse = report["groups"][0]["rmse_deg"].as_array().unwrap();
-    assert_eq!(rmse.iter().find(|it| it["predictor"] == "ensemble").unwrap()["mean"], 0.0);
+    assert_eq!(rmse.iter().find(|rmse| rmse["predictor"] == "ensemble").unwrap()["mean"], 0.0);
 
     let failure = laboratory.failure(dataset, &json!({"samples": 4})).await;
     assert!(failure.contains("predictions[0].data is 3 samples of trajectory 0"), "{failure}");
@@ -368,7 +371,7 @@ async fn a_file_that_does_not_answer_every_scenario_is_refused_where_it_is_read(
     }
 
     // A window that begins a sample early.
-    let early = laboratory.each(|it| it.q[CONTEXT - 1..SAMPLES - 1].to_vec());
+    let early = laboratory.each(|trajectory| trajectory.q[CONTEXT - 1..SAMPLES - 1].to_vec());
     let early = laboratory.write_from("early.csv", &early, CONTEXT - 1);
     let failure = laboratory.failure(laboratory.imported_file(&early).await, &json!({})).await;
     assert!(failure.contains("N·m at step 40 of trajectory 0"), "{failure}");

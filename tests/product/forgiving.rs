@@ -201,7 +201,7 @@ async fn a_training_whose_newest_checkpoint_is_damaged_goes_on_from_the_one_befo
     product.end_by("INT");
     let folder = data.path().join(format!("objects/checkpoints/{id}"));
     let mut kept: Vec<_> =
-        std::fs::read_dir(&folder).unwrap().map(|it| it.unwrap().path()).collect();
+        std::fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().path()).collect();
     kept.sort();
     let newest = kept.last().unwrap().join("model.safetensors");
     let mut bytes = std::fs::read(&newest).unwrap();

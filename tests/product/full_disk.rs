@@ -140,7 +140,7 @@ fn folder_simulation(place: &Path) -> std::path::PathBuf {
 /// Number of files in a folder. Incomplete files, whose names begin with a dot, must not occur.
 fn whole_files(folder: &Path) -> usize {
     let names: Vec<_> =
-        std::fs::read_dir(folder).unwrap().map(|it| it.unwrap().file_name()).collect();
+        std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name()).collect();
     assert!(names.iter().all(|name| !name.to_string_lossy().starts_with('.')), "{names:?}");
     names.len()
 }

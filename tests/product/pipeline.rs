@@ -61,7 +61,10 @@ async fn a_submitted_pipeline_ends_in_a_report_with_every_predictor_in_every_cel
         .map(|predictor| predictor["name"].as_str().unwrap())
         .collect();
     for name in ["hold-last", "damped-integrator", "least-squares", "robomorph"] {
-        assert!(names.iter().any(|it| it.starts_with(name)), "{name} is not among {names:?}");
+        assert!(
+            names.iter().any(|candidate| candidate.starts_with(name)),
+            "{name} is not among {names:?}"
+        );
     }
     let cells = report["cells"].as_array().unwrap();
     assert_eq!(cells.len(), 3);
@@ -100,7 +103,7 @@ async fn a_cancelled_job_ends_cancelled_and_what_needs_it_never_runs() {
     product
         .job_when(id, |job| {
             let members = job["members"].as_array().unwrap();
-            members.iter().any(|it| it["name"] == "train" && it["state"] == "running")
+            members.iter().any(|member| member["name"] == "train" && member["state"] == "running")
         })
         .await;
     let (status, _) = product.post(&format!("/v1/jobs/{id}/cancel"), "").await;

@@ -49,7 +49,7 @@ async fn a_job_goes_to_the_worker_that_offers_what_it_asks_for() {
         .unwrap();
     product.succeeded(asks).await;
     let attempts = product.get(&format!("/v1/jobs/{asks}/attempts")).await;
-    let workers = attempts["attempts"].as_array().unwrap().iter().map(|it| &it["worker"]);
+    let workers = attempts["attempts"].as_array().unwrap().iter().map(|attempt| &attempt["worker"]);
     assert!(workers.clone().all(|worker| worker == "rig-7"), "{attempts:#}");
     let listed = told("workers", &product);
     assert!(listed.contains("1 gpu, 3.0 GB, rig") && listed.contains("2.0 GB, here"), "{listed}");
@@ -77,7 +77,7 @@ async fn a_job_begins_at_the_moment_that_was_asked_for() {
     let job = product.get(&format!("/v1/jobs/{later}")).await;
     let waits_for = job["waits_for"].as_str();
     // On a busy machine the moment may have passed already.
-    assert!(waits_for.is_none_or(|it| it == format!("from {moment} on")), "{job:#}");
+    assert!(waits_for.is_none_or(|reason| reason == format!("from {moment} on")), "{job:#}");
     product.succeeded(now).await;
     let job = product.succeeded(later).await;
     assert_eq!(job["not_before"], moment);

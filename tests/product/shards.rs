@@ -53,7 +53,7 @@ async fn dataset_of(product: &Product, job: i64) -> (i64, BTreeMap<String, Strin
     let id = product.get(&format!("/v1/jobs/{job}")).await["dataset"].as_i64().unwrap();
     let dataset = product.get(&format!("/v1/datasets/{id}")).await;
     let files = dataset["files"].as_array().unwrap().clone();
-    let tables = files.iter().filter(|it| it["name"].as_str().unwrap().ends_with(".parquet"));
+    let tables = files.iter().filter(|file| file["name"].as_str().unwrap().ends_with(".parquet"));
     (id, digests(&Value::Array(tables.cloned().collect())))
 }
 

@@ -54,9 +54,13 @@ async fn ended_placement(product: &Product, worker: &Value) -> Value {
     let placement = |answer: &Value| {
         let lists = [answer["placements"].as_array(), answer["workers"].as_array()];
         let placements = lists.into_iter().flatten().flatten();
-        let placements =
-            placements.map(|it| if it["placement"].is_null() { it } else { &it["placement"] });
-        placements.into_iter().find(|it| it["worker"] == *worker && it["state"] == "ended").cloned()
+        let placements = placements.map(|placement| {
+            if placement["placement"].is_null() { placement } else { &placement["placement"] }
+        });
+        placements
+            .into_iter()
+            .find(|placement| placement["worker"] == *worker && placement["state"] == "ended")
+            .cloned()
     };
     placement(&product.when("/v1/workers", |answer| placement(answer).is_some()).await).unwrap()
 }
@@ -91,7 +95,7 @@ async fn workers_that_slurm_starts_do_what_waits_and_end_when_nothing_does() {
 
     let answer = product
         .when("/v1/workers", |answer| {
-            let ended = |it: &Value| it["state"] == "ended";
+            let ended = |placement: &Value| placement["state"] == "ended";
             answer["workers"].as_array().is_some_and(Vec::is_empty)
                 && answer["placements"].as_array().is_some_and(|all| all.iter().all(ended))
         })
@@ -169,8 +173,9 @@ async fn a_worker_that_dies_or_loses_its_node_is_not_waited_for() {
     cluster.run("scontrol", &["update", "nodename=n1", "state=down", "reason=test"]);
     let lost = |attempts: &Value| {
         let mut attempts = attempts["attempts"].as_array().unwrap().iter();
-        attempts
-            .any(|it| it["reason"].as_str().is_some_and(|reason| reason.contains("lost its node")))
+        attempts.any(|attempt| {
+            attempt["reason"].as_str().is_some_and(|reason| reason.contains("lost its node"))
+        })
     };
     product.when(&format!("/v1/jobs/{id}/attempts"), lost).await;
     cluster.run("scontrol", &["update", "nodename=n1", "state=resume"]);

@@ -100,7 +100,8 @@ async fn an_evaluation_on_a_stream_equals_the_one_on_its_dataset() {
     }
     // A multisine's torques grow with its frequency.
     let outside = report["warnings"].as_array().unwrap().iter();
-    let outside: Vec<&Value> = outside.filter(|it| it["kind"] == "torque-range").collect();
+    let outside: Vec<&Value> =
+        outside.filter(|warning| warning["kind"] == "torque-range").collect();
     assert!(!outside.is_empty(), "{report}");
     for warning in outside {
         assert_eq!(warning["predictor"], "robomorph");

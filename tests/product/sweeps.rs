@@ -67,7 +67,7 @@ async fn artifacts(product: &Product, evaluation: i64) -> Vec<(String, String)> 
     let evaluation = product.get(&format!("/v1/evaluations/{evaluation}")).await;
     let text = |value: &Value| value.as_str().unwrap().to_owned();
     let all = evaluation["artifacts"].as_array().unwrap().iter();
-    all.map(|it| (text(&it["name"]), text(&it["sha256"])))
+    all.map(|file| (text(&file["name"]), text(&file["sha256"])))
         .filter(|(name, _)| !name.starts_with("latency") && name != "report.json")
         .collect()
 }
@@ -77,7 +77,7 @@ async fn files(product: &Product, evaluation: i64) -> Vec<String> {
 }
 
 fn names(list: &Value) -> Vec<&str> {
-    list.as_array().unwrap().iter().map(|it| it["name"].as_str().unwrap()).collect()
+    list.as_array().unwrap().iter().map(|item| item["name"].as_str().unwrap()).collect()
 }
 
 #[tokio::test]
@@ -132,7 +132,7 @@ async fn a_sweep_that_is_killed_again_and_again_ends_with_the_same_bytes() {
             loop {
                 let tasks = product.get(&format!("/v1/jobs/{evaluation}/tasks")).await;
                 let states =
-                    tasks["tasks"].as_array().unwrap().iter().map(|it| it["state"].clone());
+                    tasks["tasks"].as_array().unwrap().iter().map(|task| task["state"].clone());
                 if states.filter(|state| state == "succeeded" || state == "running").count()
                     >= cells
                 {

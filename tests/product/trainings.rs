@@ -125,7 +125,8 @@ async fn the_best_the_last_and_the_newest_checkpoints_are_kept_and_any_can_be_ev
     let pipeline = product.succeeded(id).await;
     let training = product.get(&format!("/v1/jobs/{}", member(&pipeline, "train"))).await;
     let kept = checkpoints(&product, &training).await;
-    let steps: Vec<u64> = kept.iter().map(|it| it["step"].as_u64().unwrap()).collect();
+    let steps: Vec<u64> =
+        kept.iter().map(|checkpoint| checkpoint["step"].as_u64().unwrap()).collect();
     let best = kept.iter().find(|checkpoint| checkpoint["best"] == true).unwrap();
     assert!(steps.len() <= 3 && steps.contains(&35) && steps.contains(&40), "{steps:?}");
     let last = kept.last().unwrap();
@@ -220,7 +221,7 @@ async fn cancelling_in_a_long_validation_ends_soon_with_a_checkpoint() {
     assert!(asked.elapsed() < SOON, "took {:?}", asked.elapsed());
     assert_eq!(job["state"], "cancelled");
     let kept = checkpoints(&product, &job).await;
-    assert_eq!(kept.iter().map(|it| &it["step"]).collect::<Vec<_>>(), [15]);
+    assert_eq!(kept.iter().map(|checkpoint| &checkpoint["step"]).collect::<Vec<_>>(), [15]);
 }
 
 /// A random number from 0 to 1. The caller prints it, because a failure may depend on it.

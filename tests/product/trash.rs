@@ -132,10 +132,12 @@ async fn a_server_keeps_as_many_checkpoints_as_it_is_told_and_gc_foretells_the_o
     let training = product.submit(&training).await;
     product.succeeded(training).await;
     let checkpoints = product.get("/v1/checkpoints").await["checkpoints"].clone();
-    let old = |it: &&Value| it["final"] == false && it["best"] == false && it["step"] != 16;
+    let old = |checkpoint: &&Value| {
+        checkpoint["final"] == false && checkpoint["best"] == false && checkpoint["step"] != 16
+    };
     let ids = |found: &Value, field: &str| {
         let items = found[field].as_array().unwrap().iter();
-        let mut ids: Vec<i64> = items.map(|it| it["id"].as_i64().unwrap()).collect();
+        let mut ids: Vec<i64> = items.map(|item| item["id"].as_i64().unwrap()).collect();
         ids.sort_unstable();
         ids
     };

@@ -141,8 +141,8 @@ impl Warning {
     pub fn merge(found: impl IntoIterator<Item = Self>) -> Vec<Self> {
         let mut merged: Vec<Self> = Vec::new();
         for warning in found {
-            let same = |it: &&mut Self| {
-                (it.kind, it.joint, &it.predictor)
+            let same = |other: &&mut Self| {
+                (other.kind, other.joint, &other.predictor)
                     == (warning.kind, warning.joint, &warning.predictor)
             };
             match merged.iter_mut().find(same) {
@@ -165,9 +165,10 @@ impl Warning {
     pub fn sentences(warnings: &[Self], all: u64, each: &str) -> Vec<String> {
         let mut sentences: Vec<(Vec<&str>, String)> = Vec::new();
         for (k, warning) in warnings.iter().enumerate() {
-            let is_alike =
-                |it: &&Self| (&it.predictor, it.kind) == (&warning.predictor, warning.kind);
-            if warnings[..k].iter().any(|it| is_alike(&it)) {
+            let is_alike = |other: &&Self| {
+                (&other.predictor, other.kind) == (&warning.predictor, warning.kind)
+            };
+            if warnings[..k].iter().any(|other| is_alike(&other)) {
                 continue;
             }
             let alike: Vec<&Self> = warnings[k..].iter().filter(is_alike).collect();
@@ -188,7 +189,8 @@ impl Warning {
     fn of_worst(alike: &[&Self], all: u64, each: &str) -> String {
         let worst = alike.iter().max_by(|a, b| a.excess().total_cmp(&b.excess()));
         let Some(worst) = worst else { return String::new() };
-        let others = alike.iter().filter(|it| it.joint != worst.joint).filter_map(|it| it.joint);
+        let others =
+            alike.iter().filter(|other| other.joint != worst.joint).filter_map(|other| other.joint);
         let mut others: Vec<u32> = others.collect();
         others.sort_unstable();
         let (message, scenarios) = (&worst.message, worst.scenarios);
@@ -251,7 +253,10 @@ mod tests {
         let still = Warning::no_motion(1e-3, 2);
         let merged =
             Warning::merge([torque(2, -30.1, 4), still, torque(2, 31.0, 5), torque(4, 21.9, 5)]);
-        let found: Vec<_> = merged.iter().map(|it| (it.joint, it.reached, it.scenarios)).collect();
+        let found: Vec<_> = merged
+            .iter()
+            .map(|warning| (warning.joint, warning.reached, warning.scenarios))
+            .collect();
         let expected = [(Some(2), Some(31.0), 9), (None, None, 2), (Some(4), Some(21.9), 5)];
         assert_eq!(found, expected);
         let sentences = Warning::sentences(&merged, 10, "scenarios");

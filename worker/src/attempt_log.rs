@@ -230,7 +230,8 @@ mod tests {
             log.write_all(line.as_bytes()).unwrap();
         }
         let mut lines = log.lock().take().unwrap();
-        let held: u64 = lines.head.iter().chain(&lines.tail).map(|it| it.text.len() as u64).sum();
+        let held: u64 =
+            lines.head.iter().chain(&lines.tail).map(|line| line.text.len() as u64).sum();
         assert!(held <= Store::LOG_HEAD_BYTES + Store::LOG_TAIL_BYTES + 1000, "{held}");
         assert_eq!(lines.logged, 5_000_000);
         let mut gaps = 0;

@@ -245,7 +245,7 @@ impl DatasetFolder {
             return Err(unreadable(detail));
         }
         let file = |content: FileContent| {
-            let named = shard.file(content).filter(|it| it.name == content.file_name(ordinal));
+            let named = shard.file(content).filter(|file| file.name == content.file_name(ordinal));
             named.map(object).ok_or_else(|| {
                 unreadable(format!("its shard {ordinal} has no {}", content.file_name(ordinal)))
             })

@@ -274,7 +274,7 @@ mod tests {
         builder.add(&waves(1.0, 5.0, 1));
         let summary = builder.finish();
         assert_eq!((summary.trajectories, summary.samples), (4, 800));
-        let names: Vec<_> = summary.channels.iter().map(|it| it.name.as_str()).collect();
+        let names: Vec<_> = summary.channels.iter().map(|channel| channel.name.as_str()).collect();
         assert_eq!((names.len(), names[0], names[13]), (14, "u1", "q7"));
         let q4 = &summary.channels[10];
         assert!((q4.min - 1.0).abs() < 1e-6 && (q4.max - 5.0).abs() < 1e-6, "{q4:?}");

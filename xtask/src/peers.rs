@@ -165,7 +165,7 @@ pub fn graphile() -> anyhow::Result<PathBuf> {
 }
 
 fn is_newer(made: &Path, from: &Path) -> bool {
-    let modified = |path: &Path| fs::metadata(path).and_then(|it| it.modified());
+    let modified = |path: &Path| fs::metadata(path).and_then(|metadata| metadata.modified());
     matches!((modified(made), modified(from)), (Ok(made), Ok(from)) if made > from)
 }
 
@@ -180,7 +180,10 @@ mod tests {
         }
         let only: Vec<String> = only.iter().map(|name| (*name).to_owned()).collect();
         let found = specs(folder.path(), &only)?;
-        Ok(found.iter().map(|it| it.file_name().unwrap().to_string_lossy().into_owned()).collect())
+        Ok(found
+            .iter()
+            .map(|path| path.file_name().unwrap().to_string_lossy().into_owned())
+            .collect())
     }
 
     #[test]

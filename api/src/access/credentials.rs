@@ -53,7 +53,7 @@ fn token(credentials: &str) -> Option<String> {
 pub fn session(headers: &HeaderMap) -> Option<&str> {
     let cookies = headers.get_all(COOKIE).iter().filter_map(|value| value.to_str().ok());
     let mut pairs =
-        cookies.flat_map(|cookies| cookies.split(';')).filter_map(|it| it.split_once('='));
+        cookies.flat_map(|cookies| cookies.split(';')).filter_map(|cookie| cookie.split_once('='));
     let (_, session) = pairs.find(|(name, _)| name.trim() == SESSION_COOKIE)?;
     Some(session.trim())
 }

@@ -70,7 +70,8 @@ impl KnownTokens {
 
     fn has(&self, digest: Digest) -> bool {
         let list = self.list();
-        list.as_ref().is_some_and(|list| list.tokens.iter().any(|it| it.token.digest == digest))
+        list.as_ref()
+            .is_some_and(|list| list.tokens.iter().any(|known| known.token.digest == digest))
     }
 
     fn look_up(&self, digest: Digest) -> TokenLookup {

@@ -155,8 +155,9 @@ impl App {
         let filter = LogFilter { jobs: vec![JobId(job)], tasks: None, attempt: Some(attempt.id) };
         let page = LogPage::Before { id: None, limit: CHUNKS };
         let chunks = self.store.log_page(&filter, page).await?;
-        let chunks =
-            chunks.into_iter().map(|it| NewLogChunk { position: it.position, text: it.text });
+        let chunks = chunks
+            .into_iter()
+            .map(|chunk| NewLogChunk { position: chunk.position, text: chunk.text });
         let text = with_gaps(chunks);
         let first = text.lines().count().saturating_sub(LINES);
         let text = text.split_inclusive('\n').skip(first).collect();
@@ -179,7 +180,7 @@ fn with_gaps(chunks: impl IntoIterator<Item = NewLogChunk>) -> String {
 }
 
 fn answer(chunks: Vec<store::LogChunk>, page: LogPage, may_grow: bool) -> Logs {
-    let (first, last) = (chunks.first().map(|it| it.id), chunks.last().map(|it| it.id));
+    let (first, last) = (chunks.first().map(|chunk| chunk.id), chunks.last().map(|chunk| chunk.id));
     let is_full = |limit| u32::try_from(chunks.len()).is_ok_and(|found| found >= limit);
     let (next, previous, is_last) = match page {
         LogPage::After { id, limit } => (last.unwrap_or(id), first, !is_full(limit)),

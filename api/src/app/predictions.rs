@@ -185,9 +185,9 @@ mod tests {
         let told = answer(5, 2).of(1, 2, 2, &sampling(&[0.0, 0.5, 0.875, 1.0], true));
         assert_eq!(told.y, [[16.0; JOINTS]; 2]);
         let quantiles: Vec<(f64, f32)> =
-            told.quantiles.iter().map(|it| (it.quantile, it.y[1][3])).collect();
+            told.quantiles.iter().map(|quantile| (quantile.quantile, quantile.y[1][3])).collect();
         assert_eq!(quantiles, [(0.0, 10.0), (0.5, 14.0), (0.875, 22.5), (1.0, 26.0)]);
-        let samples: Vec<f32> = told.samples.unwrap().iter().map(|it| it[0][0]).collect();
+        let samples: Vec<f32> = told.samples.unwrap().iter().map(|sample| sample[0][0]).collect();
         assert_eq!(samples, [10.0, 11.0, 14.0, 19.0, 26.0]);
     }
 

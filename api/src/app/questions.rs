@@ -31,7 +31,7 @@ pub fn read<T: DeserializeOwned + ToSchema>(bytes: &[u8]) -> Result<T, ApiError>
     if violations.is_empty() {
         return Err(ApiError::Question(SpecError::one("the message", "", reason)));
     }
-    for violation in violations.iter_mut().filter(|it| it.field.is_empty()) {
+    for violation in violations.iter_mut().filter(|violation| violation.field.is_empty()) {
         violation.field = "the message".to_owned();
     }
     Err(ApiError::Question(SpecError { violations }))
@@ -149,8 +149,8 @@ pub fn question(request: &PredictionRequest, about: &AboutModel) -> Result<Quest
     violations.sampling(sampling, size, about);
     violations.position_noise(*position_noise_rad);
     violations.finish()?;
-    let torques = scenarios.iter().flat_map(|it| it.u.iter().chain(&it.future_u));
-    let positions = scenarios.iter().flat_map(|it| &it.y);
+    let torques = scenarios.iter().flat_map(|scenario| scenario.u.iter().chain(&scenario.future_u));
+    let positions = scenarios.iter().flat_map(|scenario| &scenario.y);
     let shape = Shape { robots: size, samples: context + horizon, joints };
     let u = torques.flatten().copied().collect();
     let y = positions.flatten().copied().collect();

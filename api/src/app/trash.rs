@@ -50,14 +50,14 @@ impl App {
             let Item { kind, id } = last.item;
             format!("{}-{kind}-{id}", last.deletion.deleted_at.milliseconds())
         });
-        let trashed = |it: store::Trashed| TrashedItem {
-            kind: it.item.kind,
-            id: it.item.id,
-            name: it.name,
-            bytes: it.bytes,
-            deleted_at: it.deletion.deleted_at.to_string(),
-            purge_at: it.deletion.purge_at.to_string(),
-            reason: it.deletion.reason,
+        let trashed = |row: store::Trashed| TrashedItem {
+            kind: row.item.kind,
+            id: row.item.id,
+            name: row.name,
+            bytes: row.bytes,
+            deleted_at: row.deletion.deleted_at.to_string(),
+            purge_at: row.deletion.purge_at.to_string(),
+            reason: row.deletion.reason,
         };
         Ok(Trash { items: found.into_iter().map(trashed).collect(), next })
     }

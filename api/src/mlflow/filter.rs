@@ -135,7 +135,7 @@ fn text(scanner: &mut Scanner<'_>, field: &Field) -> Result<Test, MlflowError> {
 }
 
 fn comparison(scanner: &mut Scanner<'_>) -> Option<Comparison> {
-    SYMBOLS.into_iter().find(|(symbol, _)| scanner.symbol(symbol)).map(|(_, it)| it)
+    SYMBOLS.into_iter().find(|(symbol, _)| scanner.symbol(symbol)).map(|(_, symbol)| symbol)
 }
 
 fn texts(scanner: &mut Scanner<'_>) -> Result<Vec<String>, MlflowError> {

@@ -96,7 +96,8 @@ impl Field {
                 let name = Attribute::alias(&key);
                 let known = attributes.iter().find(|attribute| attribute.as_str() == name);
                 known.copied().map(Self::Attribute).ok_or_else(|| {
-                    let names: Vec<&str> = attributes.iter().map(|it| it.as_str()).collect();
+                    let names: Vec<&str> =
+                        attributes.iter().map(|attribute| attribute.as_str()).collect();
                     let allowed =
                         format!("metrics.KEY, params.KEY, tags.KEY, {}", names.join(", "));
                     MlflowError::invalid("a field", text, &allowed)

@@ -61,7 +61,7 @@ mod tests {
         let mut values = values.to_vec();
         let datum = |value: &Option<f64>| value.map(Datum::Number);
         values.sort_by(|a, b| order.compare(datum(a), datum(b)));
-        values.iter().map(|value| value.map_or("-".to_owned(), |it| it.to_string())).collect()
+        values.iter().map(|value| value.map_or("-".to_owned(), |value| value.to_string())).collect()
     }
 
     #[test]

@@ -125,14 +125,16 @@ pub async fn show(
 
 /// The newest running attempt, or the newest failed one if none runs. `None` if it has no log.
 fn with_log(attempts: &[Attempt]) -> Option<&Attempt> {
-    let failed = |it: &&Attempt| it.outcome.is_some_and(|it| it != AttemptOutcome::Succeeded);
-    let running = attempts.iter().find(|it| it.outcome.is_none());
-    running.or_else(|| attempts.iter().find(failed)).filter(|it| it.log.is_some())
+    let failed = |attempt: &&Attempt| {
+        attempt.outcome.is_some_and(|outcome| outcome != AttemptOutcome::Succeeded)
+    };
+    let running = attempts.iter().find(|attempt| attempt.outcome.is_none());
+    running.or_else(|| attempts.iter().find(failed)).filter(|attempt| attempt.log.is_some())
 }
 
 impl AttemptRow {
     fn of_no_success(attempt: Attempt) -> Option<Self> {
-        let outcome = attempt.outcome.filter(|it| *it != AttemptOutcome::Succeeded)?;
+        let outcome = attempt.outcome.filter(|outcome| *outcome != AttemptOutcome::Succeeded)?;
         Some(Self {
             label: attempt.label,
             worker: attempt.worker,

@@ -125,9 +125,9 @@ pub async fn evaluation_headlines(
 async fn of_report(app: &App, kind: JobKind, file: &Artifact) -> Result<Option<String>, ApiError> {
     let headline = match kind {
         JobKind::Control => {
-            app.read_report(file).await.map(|it| it.as_ref().map(control::headline))
+            app.read_report(file).await.map(|report| report.as_ref().map(control::headline))
         }
-        _ => app.read_report(file).await.map(|it| it.as_ref().map(report::headline)),
+        _ => app.read_report(file).await.map(|report| report.as_ref().map(report::headline)),
     };
     match headline {
         Err(error @ ApiError::Damaged { .. }) => {

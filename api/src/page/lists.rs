@@ -109,9 +109,11 @@ enum ListCell {
 pub async fn datasets(State(app): State<App>, pairs: QueryPairs) -> Result<Response, PageError> {
     let asked = FilterQuery::new("/datasets", pairs);
     let found = app.datasets(&asked.request(&DATASETS)?).await?;
-    let abandoned = found.datasets.iter().filter(|it| it.state == DatasetState::Abandoned);
-    let jobs = app.jobs_by_id(&abandoned.map(|it| it.job).collect::<Vec<_>>()).await?;
-    let rows = found.datasets.iter().map(|it| of_dataset(it, jobs.get(&it.job))).collect();
+    let abandoned =
+        found.datasets.iter().filter(|dataset| dataset.state == DatasetState::Abandoned);
+    let jobs = app.jobs_by_id(&abandoned.map(|dataset| dataset.job).collect::<Vec<_>>()).await?;
+    let rows =
+        found.datasets.iter().map(|dataset| of_dataset(dataset, jobs.get(&dataset.job))).collect();
     answer(&OF_DATASETS, &asked, rows, found.next)
 }
 
@@ -124,7 +126,7 @@ pub async fn runs(State(app): State<App>, pairs: QueryPairs) -> Result<Response,
 pub async fn checkpoints(State(app): State<App>, pairs: QueryPairs) -> Result<Response, PageError> {
     let asked = FilterQuery::new("/checkpoints", pairs);
     let found = app.checkpoints(&asked.request(&CHECKPOINTS)?).await?;
-    let jobs: Vec<i64> = found.checkpoints.iter().map(|it| it.job).collect();
+    let jobs: Vec<i64> = found.checkpoints.iter().map(|checkpoint| checkpoint.job).collect();
     let jobs = app.jobs_by_id(&jobs).await?;
     let row = |checkpoint: &Checkpoint| {
         let training = jobs.get(&checkpoint.job).map_or("", |job| job.name.as_str());
@@ -137,7 +139,7 @@ pub async fn checkpoints(State(app): State<App>, pairs: QueryPairs) -> Result<Re
 pub async fn evaluations(State(app): State<App>, pairs: QueryPairs) -> Result<Response, PageError> {
     let asked = FilterQuery::new("/evaluations", pairs);
     let found = app.evaluations(&asked.request(&EVALUATIONS)?).await?;
-    let runs: Vec<i64> = found.evaluations.iter().map(|it| it.run).collect();
+    let runs: Vec<i64> = found.evaluations.iter().map(|evaluation| evaluation.run).collect();
     let headlines = evaluation_headlines(&app, &runs).await?;
     let row = |evaluation: &Evaluation| {
         of_evaluation(evaluation, headlines.get(&evaluation.run).cloned().unwrap_or_default())
@@ -205,7 +207,7 @@ fn of_dataset(dataset: &Dataset, job: Option<&Job>) -> ListRow {
 }
 
 fn of_run(run: &Run) -> ListRow {
-    let rmse_deg = run.metrics.get(ValidationMetric::RmseDeg.key()).and_then(|it| it.value);
+    let rmse_deg = run.metrics.get(ValidationMetric::RmseDeg.key()).and_then(|metric| metric.value);
     let cells = vec![
         ListCell::Text(run.kind.to_string()),
         state(run.state),

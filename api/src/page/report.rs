@@ -116,7 +116,7 @@ impl ReportView {
             rollouts: rollouts(report),
             latencies: report.predictors.iter().filter_map(LatencyRow::of).collect(),
             worst: worst(report),
-            predictors: report.predictors.iter().map(|it| it.name.clone()).collect(),
+            predictors: report.predictors.iter().map(|info| info.name.clone()).collect(),
             groups: report
                 .groups
                 .iter()
@@ -180,7 +180,7 @@ fn cell_name(family: Option<Family>, frequency_hz: Option<f64>) -> String {
 }
 
 fn latency_note(report: &Report) -> String {
-    let Some(latency) = report.predictors.iter().find_map(|it| it.latency.as_ref()) else {
+    let Some(latency) = report.predictors.iter().find_map(|info| info.latency.as_ref()) else {
         return String::new();
     };
     let load = latency.load.map_or(String::new(), |load| format!(", load {load} before"));
@@ -194,13 +194,14 @@ fn latency_note(report: &Report) -> String {
 fn distributions(report: &Report) -> Vec<DistributionRow> {
     let rows = report.groups.iter().flat_map(|group| {
         group.scores.iter().filter_map(|scores| {
-            let shown = |it: &Option<Interval>| {
-                it.map_or("–".to_owned(), |Interval { mean, .. }| text::degrees(mean))
+            let shown = |interval: &Option<Interval>| {
+                interval.map_or("–".to_owned(), |Interval { mean, .. }| text::degrees(mean))
             };
             scores.crps_deg?;
-            let intervals = scores.intervals.iter().map(|it| {
-                let (nominal, coverage) = (100.0 * it.nominal, 100.0 * it.coverage.mean);
-                let width = text::degrees(it.width_deg.mean);
+            let intervals = scores.intervals.iter().map(|interval| {
+                let (nominal, coverage) =
+                    (100.0 * interval.nominal, 100.0 * interval.coverage.mean);
+                let width = text::degrees(interval.width_deg.mean);
                 format!("{nominal:.0} %: {coverage:.0} % inside, {width}° wide")
             });
             Some(DistributionRow {
@@ -219,27 +220,27 @@ fn distributions(report: &Report) -> Vec<DistributionRow> {
 /// Empty for a report from before this was measured.
 fn rollouts(report: &Report) -> Vec<RolloutRow> {
     let row = |group: &GroupSummary, info: &PredictorInfo| {
-        let scores = group.scores.iter().find(|it| it.predictor == info.name);
-        let scores = scores.filter(|it| it.first_sample_deg.is_some());
-        let rollouts = group.rollouts.iter().find(|it| it.predictor == info.name);
+        let scores = group.scores.iter().find(|scores| scores.predictor == info.name);
+        let scores = scores.filter(|scores| scores.first_sample_deg.is_some());
+        let rollouts = group.rollouts.iter().find(|rollouts| rollouts.predictor == info.name);
         if scores.is_none() && rollouts.is_none() {
             return None;
         }
-        let degrees = |it: Option<Interval>| {
-            it.map_or("–".to_owned(), |Interval { mean, .. }| text::degrees(mean))
+        let degrees = |interval: Option<Interval>| {
+            interval.map_or("–".to_owned(), |Interval { mean, .. }| text::degrees(mean))
         };
-        let share = |it: Option<f64>| {
-            it.map_or("–".to_owned(), |share| format!("{:.1} %", 100.0 * share))
+        let share = |fraction: Option<f64>| {
+            fraction.map_or("–".to_owned(), |share| format!("{:.1} %", 100.0 * share))
         };
         Some(RolloutRow {
             predictor: info.name.clone(),
             group: group.name.clone(),
-            first_sample: degrees(scores.and_then(|it| it.first_sample_deg)),
-            jump: degrees(scores.and_then(|it| it.jump_deg)),
-            seam_jump: degrees(scores.and_then(|it| it.seam_jump_deg)),
-            largest_jump: degrees(scores.and_then(|it| it.largest_jump_deg)),
-            left_limits: share(rollouts.and_then(|it| it.left_limits)),
-            diverged: share(rollouts.map(|it| it.diverged)),
+            first_sample: degrees(scores.and_then(|scores| scores.first_sample_deg)),
+            jump: degrees(scores.and_then(|scores| scores.jump_deg)),
+            seam_jump: degrees(scores.and_then(|scores| scores.seam_jump_deg)),
+            largest_jump: degrees(scores.and_then(|scores| scores.largest_jump_deg)),
+            left_limits: share(rollouts.and_then(|rollouts| rollouts.left_limits)),
+            diverged: share(rollouts.map(|rollouts| rollouts.diverged)),
         })
     };
     let of_group =
@@ -289,7 +290,7 @@ impl LatencyRow {
 /// that do not see the future.
 fn row(predictors: &[PredictorInfo], found: &[PredictorSummary]) -> Vec<MeanWithInterval> {
     let of = |predictor: &PredictorInfo| found.iter().find(|rmse| rmse.predictor == predictor.name);
-    let honest = || predictors.iter().filter(|it| !it.sees_the_future());
+    let honest = || predictors.iter().filter(|info| !info.sees_the_future());
     let lowest =
         honest().filter_map(of).map(|rmse| rmse.interval.mean).fold(f64::INFINITY, f64::min);
     predictors
@@ -313,9 +314,9 @@ fn transpose(
 ) -> Vec<SummaryRow> {
     let mut rows: Vec<SummaryRow> = predictors
         .iter()
-        .map(|it| SummaryRow {
-            predictor: it.name.clone(),
-            remark: remark(it),
+        .map(|info| SummaryRow {
+            predictor: info.name.clone(),
+            remark: remark(info),
             values: Vec::with_capacity(by_group.len()),
         })
         .collect();
@@ -375,8 +376,8 @@ pub fn headline(report: &Report) -> String {
     let Some(group) = report.groups.first() else { return String::new() };
     let best = |kind: PredictorKind| {
         let of_kind = |rmse: &&PredictorSummary| {
-            let of_kind = |it: &&PredictorInfo| it.kind == kind && !it.sees_the_future();
-            report.predictors.iter().filter(of_kind).any(|it| it.name == rmse.predictor)
+            let of_kind = |info: &&PredictorInfo| info.kind == kind && !info.sees_the_future();
+            report.predictors.iter().filter(of_kind).any(|info| info.name == rmse.predictor)
         };
         group
             .rmse_deg

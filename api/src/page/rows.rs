@@ -27,7 +27,7 @@ pub struct Row {
 
 impl Row {
     fn new(job: &Job, headline: Option<&String>) -> Self {
-        let took = job.duration_seconds.map(|it| format!("took {}", text::duration(it)));
+        let took = job.duration_seconds.map(|seconds| format!("took {}", text::duration(seconds)));
         Self {
             href: format!("/jobs/{}", job.id),
             name: job.name.clone(),

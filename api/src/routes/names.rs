@@ -7,7 +7,7 @@ pub fn of_operation(method: &str, path: &str) -> String {
     let mut was_variable = false;
     let segments = path.split('/').filter(|segment| !segment.is_empty() && *segment != "v1");
     for segment in segments {
-        let variable = segment.strip_prefix('{').and_then(|it| it.strip_suffix('}'));
+        let variable = segment.strip_prefix('{').and_then(|name| name.strip_suffix('}'));
         match variable {
             // The segment before a variable is singular.
             Some(_) if !was_variable => {

@@ -116,7 +116,7 @@ fn find_references(value: &Value, found: &mut Vec<String>) {
     match value {
         Value::Object(fields) => {
             let target = fields.get("$ref").and_then(Value::as_str);
-            found.extend(target.and_then(|it| it.rsplit('/').next()).map(str::to_owned));
+            found.extend(target.and_then(|target| target.rsplit('/').next()).map(str::to_owned));
             fields.values().for_each(|value| find_references(value, found));
         }
         Value::Array(items) => items.iter().for_each(|value| find_references(value, found)),

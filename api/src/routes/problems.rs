@@ -45,7 +45,9 @@ const OF_BODIES: [u16; 4] = [400, 408, 413, 415];
 /// Adds the possible errors of an operation.
 pub fn add(operation: &mut Value, method: &str, path: &str) {
     let mut statuses = OF_ALL.to_vec();
-    let is_open = operation["security"].as_array().is_some_and(|it| it.contains(&json!({})))
+    let is_open = operation["security"]
+        .as_array()
+        .is_some_and(|requirements| requirements.contains(&json!({})))
         && !operation["security"].to_string().contains("token");
     if !is_open {
         statuses.push(401);

@@ -148,7 +148,9 @@ fn accepted(headers: &HeaderMap) -> Format {
         .iter()
         .filter_map(|accept| accept.to_str().ok())
         .flat_map(|accept| accept.split(','))
-        .any(|media_type| media_type.split(';').next().is_some_and(|it| it.trim() == ARROW));
+        .any(|media_type| {
+            media_type.split(';').next().is_some_and(|essence| essence.trim() == ARROW)
+        });
     if named { Format::Arrow } else { Format::Json }
 }
 

@@ -68,9 +68,10 @@ impl Asked {
         for pair in self.query.split('&').filter(|pair| !pair.is_empty()) {
             let (key, value) = pair.split_once('=').unwrap_or((pair, ""));
             let parameters = operation["parameters"].as_array().into_iter().flatten();
-            let mut of_query = parameters.enumerate().filter(|(_, it)| it["in"] == "query");
+            let mut of_query =
+                parameters.enumerate().filter(|(_, parameter)| parameter["in"] == "query");
             let (i, parameter) = of_query
-                .find(|(_, it)| it["name"] == key)
+                .find(|(_, parameter)| parameter["name"] == key)
                 .unwrap_or_else(|| panic!("{name}: {key} is not documented"));
             if let Ok(value @ (Value::Number(_) | Value::Bool(_))) = serde_json::from_str(value) {
                 let is_text = parameter["schema"].to_string().contains("string");
@@ -162,14 +163,15 @@ fn validator(place: &str, schema: &Value) -> Arc<Validator> {
 fn a_wrong_answer_would_be_found() {
     let document = &DOCUMENT["components"]["schemas"];
     let job = validator("test", &json!({"$ref": "#/components/schemas/SubmittedJob"}));
-    assert!(document["SubmittedJob"]["oneOf"].as_array().is_some_and(|it| it.len() > 7));
+    assert!(document["SubmittedJob"]["oneOf"].as_array().is_some_and(|schemas| schemas.len() > 7));
     for accepted in [
         json!({"preset": "quickstart", "jobs": {"train": {"steps": 10}}}),
         json!({"preset": "D1-chirp", "trajectories": 10}),
         json!({"kind": "train", "data": {"dataset": 1}, "steps": 1, "model": {"preset": "cdt-tiny"}}),
         json!({"kind": "evaluate"}),
     ] {
-        let errors: Vec<String> = job.iter_errors(&accepted).map(|it| it.to_string()).collect();
+        let errors: Vec<String> =
+            job.iter_errors(&accepted).map(|error| error.to_string()).collect();
         assert!(errors.is_empty(), "{accepted}: {errors:?}");
     }
     for refused in [

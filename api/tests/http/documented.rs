@@ -176,9 +176,10 @@ async fn the_document_refers_to_nothing_that_it_lacks() {
     let document = Server::start().await.json("/v1/openapi.json").await;
     assert!(document["openapi"].as_str().unwrap().starts_with("3.1"));
     let paths = document["paths"].as_object().unwrap().values();
-    let operations: Vec<&Value> = paths.flat_map(|it| it.as_object().unwrap().values()).collect();
+    let operations: Vec<&Value> =
+        paths.flat_map(|item| item.as_object().unwrap().values()).collect();
     let names: BTreeSet<&str> =
-        operations.iter().map(|it| it["operationId"].as_str().unwrap()).collect();
+        operations.iter().map(|operation| operation["operationId"].as_str().unwrap()).collect();
     assert_eq!(names.len(), operations.len(), "each operation has a name of its own");
     let mut found = BTreeSet::new();
     references(&document, &mut found);

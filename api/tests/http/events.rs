@@ -124,7 +124,10 @@ async fn ask(server: &Server, path: &str, headers: &[(&str, &str)]) -> Response 
 
 /// The event and the state of each message.
 fn told(messages: &[Message]) -> Vec<(&str, &str)> {
-    messages.iter().map(|it| (&it.event[..], it.data["state"].as_str().unwrap_or(""))).collect()
+    messages
+        .iter()
+        .map(|message| (&message.event[..], message.data["state"].as_str().unwrap_or("")))
+        .collect()
 }
 
 #[tokio::test]
@@ -138,13 +141,14 @@ async fn a_job_is_told_from_its_progress_to_its_end() {
     server.submitted(&small_simulation(2)).await;
     server.work().await;
     let messages = client.rest().await;
-    let of_others = messages.iter().filter(|it| it.data["job"] != 1).count();
+    let of_others = messages.iter().filter(|message| message.data["job"] != 1).count();
     assert_eq!(of_others, 0, "{messages:?}");
-    let kept: Vec<Message> = messages.iter().filter(|it| it.id.is_some()).cloned().collect();
+    let kept: Vec<Message> =
+        messages.iter().filter(|message| message.id.is_some()).cloned().collect();
     let expected =
         [("task", "running"), ("job", "running"), ("task", "succeeded"), ("job", "succeeded")];
     assert_eq!(told(&kept), expected);
-    assert!(kept.is_sorted_by_key(|it| it.id));
+    assert!(kept.is_sorted_by_key(|message| message.id));
     let [.., progress, end] = &messages[..] else { panic!("{messages:?}") };
     assert_eq!(
         (progress.event.as_str(), &progress.data["progress"]["done"]),
@@ -170,14 +174,19 @@ async fn a_pipeline_tells_of_its_jobs_and_a_run_of_its_training() {
     server.work().await;
     let messages = client.rest().await;
     for job in 1..=5 {
-        let ended = |it: &&Message| it.event == "job" && it.data["state"] == "succeeded";
-        assert!(messages.iter().filter(ended).any(|it| it.data["job"] == job), "job {job}");
+        let ended =
+            |message: &&Message| message.event == "job" && message.data["state"] == "succeeded";
+        assert!(
+            messages.iter().filter(ended).any(|message| message.data["job"] == job),
+            "job {job}"
+        );
     }
     let run = server.json("/v1/runs/1").await;
     let mut client = Client::open(&server, "/v1/runs/1/events?after=0", &[]).await;
     let messages = client.rest().await;
-    assert!(messages.iter().all(|it| it.data["job"] == run["job"]), "{messages:?}");
-    let data = |event: &str| messages.iter().find(|it| it.event == event).unwrap().data.clone();
+    assert!(messages.iter().all(|message| message.data["job"] == run["job"]), "{messages:?}");
+    let data =
+        |event: &str| messages.iter().find(|message| message.event == event).unwrap().data.clone();
     assert_eq!((&data("metrics")["run"], &data("metrics")["step"]), (&json!(1), &json!(99)));
     assert_eq!(data("checkpoint")["checkpoint"], 1);
 }
@@ -239,7 +248,7 @@ async fn whoever_comes_too_late_or_from_elsewhere_is_told_of_a_gap() {
     // The progress of the whole job is sent again.
     let mut client = Client::after(&server, "/v1/jobs/1/events", missed).await;
     let events = client.rest().await;
-    let names: Vec<&str> = events.iter().map(|it| it.event.as_str()).collect();
+    let names: Vec<&str> = events.iter().map(|event| event.event.as_str()).collect();
     assert_eq!(names, ["gap", "progress", "end"]);
 
     let elsewhere = newest + 1_000_000;

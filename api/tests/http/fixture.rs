@@ -60,7 +60,7 @@ impl Answer {
         let problem = self.json();
         assert_eq!(problem["status"], status);
         for member in ["type", "title", "detail"] {
-            assert!(problem[member].as_str().is_some_and(|it| !it.is_empty()), "{problem}");
+            assert!(problem[member].as_str().is_some_and(|text| !text.is_empty()), "{problem}");
         }
         problem
     }

@@ -182,9 +182,9 @@ fn no_path_query_or_header_is_a_fault_of_the_server() {
 #[test]
 fn no_look_into_a_dataset_is_a_fault_of_the_server() {
     let number = prop_oneof![
-        (0u64..25).prop_map(|it| it.to_string()),
-        any::<u64>().prop_map(|it| it.to_string()),
-        any::<i64>().prop_map(|it| it.to_string()),
+        (0u64..25).prop_map(|value| value.to_string()),
+        any::<u64>().prop_map(|value| value.to_string()),
+        any::<i64>().prop_map(|value| value.to_string()),
         "[-+0-9a-fx.%]{0,5}",
     ];
     let tail = prop_oneof![

@@ -83,8 +83,12 @@ async fn labels_that_cannot_be_are_refused_with_every_reason() {
     server.submitted(&small_simulation(1)).await;
     let wrong = json!({"name": "a\nb", "note": "", "tags": ["ä"], "add_tags": ["a"]});
     let problem = patch(&server, "/v1/jobs/1", &wrong).await.problem(422);
-    let fields: Vec<&Value> =
-        problem["violations"].as_array().unwrap().iter().map(|it| &it["field"]).collect();
+    let fields: Vec<&Value> = problem["violations"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|violation| &violation["field"])
+        .collect();
     assert_eq!(fields, ["name", "note", "tags[0]", "add_tags"]);
     let typo = patch(&server, "/v1/jobs/1", &json!({"tag": ["a"]})).await.problem(422);
     assert!(typo["detail"].as_str().unwrap().contains("tag"), "{typo}");
@@ -132,7 +136,12 @@ async fn every_list_is_read_through_by_its_cursor_in_every_order() {
     for list in ["jobs", "runs", "datasets", "checkpoints", "evaluations"] {
         let document = server.json("/v1/openapi.json").await;
         let parameters = &document["paths"][format!("/v1/{list}")]["get"]["parameters"];
-        let sort = parameters.as_array().unwrap().iter().find(|it| it["name"] == "sort").unwrap();
+        let sort = parameters
+            .as_array()
+            .unwrap()
+            .iter()
+            .find(|parameter| parameter["name"] == "sort")
+            .unwrap();
         let all = ids(&server.json(&format!("/v1/{list}")).await, list);
         assert!(!all.is_empty(), "{list}");
         for order in sort["schema"]["enum"].as_array().unwrap() {

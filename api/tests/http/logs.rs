@@ -13,7 +13,7 @@ fn two_shards() -> Value {
 }
 
 fn texts(page: &Value) -> Vec<&str> {
-    page["chunks"].as_array().unwrap().iter().map(|it| it["text"].as_str().unwrap()).collect()
+    page["chunks"].as_array().unwrap().iter().map(|chunk| chunk["text"].as_str().unwrap()).collect()
 }
 
 #[tokio::test]

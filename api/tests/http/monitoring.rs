@@ -83,9 +83,9 @@ async fn metrics_need_the_token_and_readiness_does_not() {
 #[tokio::test]
 async fn a_server_that_is_about_to_end_answers_and_says_so() {
     let mut app = None;
-    let server = Server::start_app(&Options::default(), |it| {
-        app = Some(it.clone());
-        it
+    let server = Server::start_app(&Options::default(), |started| {
+        app = Some(started.clone());
+        started
     })
     .await;
     assert_eq!(server.get("/readyz").await.status, 200);

@@ -402,9 +402,10 @@ async fn the_api_is_shown_by_files_of_this_server_alone() {
     let page = page(&server, "/docs").await;
     assert!(!page.contains("http://") && !page.contains("https://"), "{page}");
     assert!(!page.contains("<style") && !page.contains(" style="), "{page}");
-    let references = page.split(['"', '\'']).filter(|it| it.starts_with('/'));
-    let files: Vec<&str> =
-        references.filter(|it| it.ends_with(".js") || it.ends_with(".css")).collect();
+    let references = page.split(['"', '\'']).filter(|text| text.starts_with('/'));
+    let files: Vec<&str> = references
+        .filter(|reference| reference.ends_with(".js") || reference.ends_with(".css"))
+        .collect();
     assert!(files.contains(&"/docs/swagger-ui-bundle.js"), "{files:?}");
     for file in files {
         let answer = server.get(file).await;

@@ -137,7 +137,7 @@ async fn a_dataset_lists_its_files_with_their_rows() {
     let list = server.json("/v1/datasets").await;
     assert_eq!(list["datasets"].as_array().unwrap().len(), 2);
     let train_set =
-        list["datasets"].as_array().unwrap().iter().find(|it| it["name"] == "train-set");
+        list["datasets"].as_array().unwrap().iter().find(|item| item["name"] == "train-set");
     let dataset = server.json(&format!("/v1/datasets/{}", train_set.unwrap()["id"])).await;
     assert_eq!(dataset["state"], "complete");
     assert_eq!((&dataset["trajectories"], &dataset["samples"]), (&json!(200), &json!(400)));

@@ -62,9 +62,15 @@ fn array(position: usize, column: &Column, rows: &[(u64, u64)]) -> ArrayRef {
     let values = rows.iter().map(number);
     match column.data_type {
         ColumnType::Boolean => Arc::new(BooleanArray::from(vec![true; rows.len()])),
-        ColumnType::Int32 => Arc::new(Int32Array::from_iter_values(values.map(|it| it as i32))),
-        ColumnType::Int64 => Arc::new(Int64Array::from_iter_values(values.map(|it| it as i64))),
-        ColumnType::Float32 => Arc::new(Float32Array::from_iter_values(values.map(|it| it as f32))),
+        ColumnType::Int32 => {
+            Arc::new(Int32Array::from_iter_values(values.map(|value| value as i32)))
+        }
+        ColumnType::Int64 => {
+            Arc::new(Int64Array::from_iter_values(values.map(|value| value as i64)))
+        }
+        ColumnType::Float32 => {
+            Arc::new(Float32Array::from_iter_values(values.map(|value| value as f32)))
+        }
         ColumnType::Float64 if column.nullable => Arc::new(Float64Array::new_null(rows.len())),
         ColumnType::Float64 => Arc::new(Float64Array::from_iter_values(values)),
         ColumnType::Text => Arc::new(StringArray::from(vec!["multisine"; rows.len()])),

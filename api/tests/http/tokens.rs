@@ -40,7 +40,7 @@ impl Guarded {
 }
 
 async fn create(server: &Server, asked: &Value, credentials: Option<&str>) -> Answer {
-    let headers: Vec<_> = credentials.map(|it| ("authorization", it)).into_iter().collect();
+    let headers: Vec<_> = credentials.map(|value| ("authorization", value)).into_iter().collect();
     server.submit_to("/v1/tokens", asked, &headers).await
 }
 
@@ -57,7 +57,7 @@ fn needed(operation: &Value, whole: &Value) -> Option<String> {
 }
 
 fn reaches(scope: &str, needed: &str) -> bool {
-    let rank = |scope| SCOPES.iter().position(|it| *it == scope).unwrap();
+    let rank = |scope| SCOPES.iter().position(|candidate| *candidate == scope).unwrap();
     rank(scope) <= rank(needed)
 }
 
@@ -166,8 +166,12 @@ async fn a_token_that_cannot_be_made_is_refused_with_every_reason() {
     );
     let asked = json!({"name": "a b", "scope": "admin", "expires_in_s": 1});
     let problem = create(&server, &asked, None).await.problem(422);
-    let fields: Vec<_> =
-        problem["violations"].as_array().unwrap().iter().map(|it| it["field"].clone()).collect();
+    let fields: Vec<_> = problem["violations"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|violation| violation["field"].clone())
+        .collect();
     assert_eq!(fields, ["name", "expires_in_s"]);
     for wrong in [json!({"name": "ana", "scope": "root"}), json!({"name": "ana"}), json!([])] {
         create(&server, &wrong, None).await.problem(422);

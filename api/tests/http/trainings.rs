@@ -189,8 +189,12 @@ async fn a_checkpoint_that_is_not_the_final_one_is_evaluated_itself_and_the_best
     for id in ids.as_array().unwrap() {
         found.push(server.json(&format!("/v1/checkpoints/{id}")).await);
     }
-    let marks: Vec<Value> =
-        found.iter().map(|it| json!([it["step"], it["best"], it["last"], it["final"]])).collect();
+    let marks: Vec<Value> = found
+        .iter()
+        .map(|checkpoint| {
+            json!([checkpoint["step"], checkpoint["best"], checkpoint["last"], checkpoint["final"]])
+        })
+        .collect();
     let expected = [
         json!([20, true, false, false]),
         json!([40, false, false, false]),

@@ -63,7 +63,8 @@ async fn what_is_deleted_is_answered_with_410_until_it_is_restored() {
 async fn what_depends_on_it_is_respected_and_shown() {
     let server = Server::with_small_pipeline().await;
     let shown = server.json("/v1/datasets/2/dependents").await;
-    let readers: Vec<_> = shown["jobs"].as_array().unwrap().iter().map(|it| &it["id"]).collect();
+    let readers: Vec<_> =
+        shown["jobs"].as_array().unwrap().iter().map(|item| &item["id"]).collect();
     assert_eq!(readers, [3]);
     assert_eq!(shown["jobs"][0]["relation"], "reads");
     assert_eq!(shown["bytes"], server.json("/v1/datasets/2").await["bytes"]);
@@ -112,7 +113,7 @@ async fn a_spec_that_refers_to_what_was_deleted_is_refused_and_one_that_made_it_
 async fn a_download_that_has_begun_outlives_the_deletion_and_the_purge() {
     let server = Server::with_small_pipeline().await;
     let dataset = server.json("/v1/datasets/1").await;
-    let file = dataset["files"].as_array().unwrap().iter().max_by_key(|it| it["size"].as_u64());
+    let file = dataset["files"].as_array().unwrap().iter().max_by_key(|file| file["size"].as_u64());
     let file = file.unwrap();
     let request = Request::get(file["url"].as_str().unwrap()).header("host", "localhost");
     let answer = server.answer(request.body(Body::empty()).unwrap()).await;

@@ -110,10 +110,13 @@ fn two_grids_come_one_after_the_other() {
         "multisine": {"frequency_hz": {"grid": [0.1]}},
     });
     let spec = spec(&grids, &json!({"trajectories": 9, "samples": 20}));
-    let found: Vec<_> =
-        run(&spec, 0..9).scenarios.iter().map(|it| (it.family, it.frequency_hz)).collect();
-    let expected =
-        [(Family::Chirp, 0.2), (Family::Chirp, 0.5), (Family::Multisine, 0.1)].map(|it| [it; 3]);
+    let found: Vec<_> = run(&spec, 0..9)
+        .scenarios
+        .iter()
+        .map(|scenario| (scenario.family, scenario.frequency_hz))
+        .collect();
+    let expected = [(Family::Chirp, 0.2), (Family::Chirp, 0.5), (Family::Multisine, 0.1)]
+        .map(|cell| [cell; 3]);
     assert_eq!(found, expected.concat());
 }
 
@@ -149,7 +152,7 @@ fn a_family_more_changes_nothing_of_the_others() {
     assert_eq!(many.series.u()[..few.series.u().len()], *few.series.u());
     // The family changes only torques.
     let robots = |trajectories: &Trajectories| -> Vec<Robot> {
-        trajectories.scenarios.iter().map(|it| it.robot.clone()).collect()
+        trajectories.scenarios.iter().map(|scenario| scenario.robot.clone()).collect()
     };
     let steps = json!({"steps": {"frequency_hz": {"fixed": 0.3}}});
     let chirps = json!({"chirp": {"frequency_hz": {"fixed": 0.3}}});

@@ -138,7 +138,7 @@ impl Lab {
 
     async fn placement(&self, worker: &str) -> Placed {
         let placements = self.store.placements().await.unwrap();
-        placements.into_iter().find(|it| it.placed.worker == worker).unwrap().placed
+        placements.into_iter().find(|placement| placement.placed.worker == worker).unwrap().placed
     }
 
     async fn obstacle(&self) -> Option<String> {

@@ -71,7 +71,7 @@ impl Sorted {
 
     fn add_shard(&mut self, job: &str, file: &str, path: &str) -> Option<()> {
         let (written, content) = written(file.strip_suffix(".parquet")?, "shard-")?;
-        let content = FileContent::ALL.into_iter().find(|it| it.as_str() == content)?;
+        let content = FileContent::ALL.into_iter().find(|known| known.as_str() == content)?;
         let of_job = self.shards.entry(JobId(job.parse().ok()?)).or_default();
         of_job.entry(written).or_default().insert(content, path.to_owned());
         Some(())

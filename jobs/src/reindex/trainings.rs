@@ -53,7 +53,8 @@ pub(super) async fn read(
                     });
                     // The order is from last to first, because each best checkpoint replaced the
                     // one before.
-                    let has_best = training.checkpoints.values().any(|it| it.is_best);
+                    let has_best =
+                        training.checkpoints.values().any(|checkpoint| checkpoint.is_best);
                     checkpoint.is_best &= !has_best;
                     training.result = training.result.take().or(result);
                     training.checkpoints.insert(step, checkpoint);
@@ -89,7 +90,7 @@ async fn read_checkpoint(store: &Store, step: u64, files: &mut Files) -> Result<
         let text = store.read_object(&object).await.map_err(|error| error.to_string())?;
         let description: CheckpointDescription = serde_json::from_slice(&text)
             .map_err(|error| format!("{path} is not a description: {error}"))?;
-        let rank = |it: &CheckpointDescription| (it.is_final, it.is_best);
+        let rank = |checkpoint: &CheckpointDescription| (checkpoint.is_final, checkpoint.is_best);
         if best.as_ref().is_none_or(|(other, ..)| rank(other) < rank(&description)) {
             let file = CheckpointDescription::FILE_NAME.to_owned();
             best = Some((description, run, name, CheckpointFile { name: file, object }));

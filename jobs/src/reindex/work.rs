@@ -108,10 +108,10 @@ impl FoundWork {
     pub fn paths(&self) -> Vec<String> {
         let objects: Vec<&StoredObject> = match self {
             Self::Shards(shards) => {
-                shards.values().flat_map(|it| [&it.trajectories, &it.robots]).collect()
+                shards.values().flat_map(|shard| [&shard.trajectories, &shard.robots]).collect()
             }
             Self::Training(training) => {
-                let files = training.checkpoints.values().flat_map(|it| &it.files);
+                let files = training.checkpoints.values().flat_map(|checkpoint| &checkpoint.files);
                 files.map(|file| &file.object).collect()
             }
         };

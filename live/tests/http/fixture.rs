@@ -87,8 +87,11 @@ impl Server {
     /// A checkpoint with weights so large that no prediction is a number.
     pub async fn exploded_checkpoint(&self, architecture: &str) -> i64 {
         let mut weights = twin(architecture, MODEL_FILE);
-        let sizes: usize =
-            SafeTensors::deserialize(&weights).unwrap().iter().map(|(_, it)| it.data().len()).sum();
+        let sizes: usize = SafeTensors::deserialize(&weights)
+            .unwrap()
+            .iter()
+            .map(|(_, tensor)| tensor.data().len())
+            .sum();
         let header = weights.len() - sizes;
         for number in weights[header..].as_chunks_mut::<4>().0 {
             *number = (f32::from_le_bytes(*number) * 1e30).to_le_bytes();

@@ -14,7 +14,8 @@ fn input(context: usize, horizon: usize) -> Series {
     let of = |scale: f32| (rows(context + horizon, 3.0 * scale), rows(context, scale));
     let (first, second) = (of(0.2), of(0.4));
     let shape = Shape { robots: 2, samples: context + horizon, joints: JOINTS };
-    let [u, y] = [[first.0, second.0], [first.1, second.1]].map(|it| it.concat().into_flattened());
+    let [u, y] =
+        [[first.0, second.0], [first.1, second.1]].map(|rows| rows.concat().into_flattened());
     Series::question(shape, context, 60.0, u, y).unwrap()
 }
 
@@ -79,7 +80,8 @@ async fn samples_their_mean_and_quantiles_are_those_of_the_seed_and_the_sampler(
             let mean = values.iter().sum::<f32>() / 5.0;
             assert!((numbers(&told["y"])[place] - mean).abs() < 1e-5);
             let quantiles = told["quantiles"].as_array().unwrap();
-            let found: Vec<f32> = quantiles.iter().map(|it| numbers(&it["y"])[place]).collect();
+            let found: Vec<f32> =
+                quantiles.iter().map(|quantile| numbers(&quantile["y"])[place]).collect();
             assert_eq!(found, [values[0], values[2], values[4]]);
         }
     }

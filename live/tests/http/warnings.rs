@@ -9,8 +9,12 @@ use crate::streams::{ask, connect, step};
 fn told(answer: &Value) -> Vec<(String, u64, String)> {
     let text = |value: &Value| value.as_str().unwrap().to_owned();
     let warnings = answer["warnings"].as_array().cloned().unwrap_or_default();
-    let of = |it: &Value| {
-        (text(&it["kind"]), it["joint"].as_u64().unwrap_or_default(), text(&it["message"]))
+    let of = |warning: &Value| {
+        (
+            text(&warning["kind"]),
+            warning["joint"].as_u64().unwrap_or_default(),
+            text(&warning["message"]),
+        )
     };
     warnings.iter().map(of).collect()
 }
@@ -51,7 +55,10 @@ async fn a_prediction_beyond_the_limits_and_a_context_at_rest_are_told_of() {
         "u": rows(CONTEXT, 0.0), "y": rows(CONTEXT, 0.0), "future_u": rows(HORIZON, 1.0),
     });
     let (_, answer) = server.predict(checkpoint, &json!({"scenarios": [rest]})).await;
-    assert_eq!(told(&answer).iter().map(|it| it.0.as_str()).collect::<Vec<_>>(), ["no-motion"]);
+    assert_eq!(
+        told(&answer).iter().map(|warning| warning.0.as_str()).collect::<Vec<_>>(),
+        ["no-motion"]
+    );
 }
 
 #[tokio::test]

@@ -64,7 +64,9 @@ impl Study {
     }
 
     pub fn evaluation(&self, set: usize, question: StudyQuestion) -> Option<&Evaluation> {
-        self.evaluations.iter().find(|it| it.plan.set == set && it.plan.question == question)
+        self.evaluations
+            .iter()
+            .find(|evaluation| evaluation.plan.set == set && evaluation.plan.question == question)
     }
 
     /// The name of a predictor in the study: a model, or a baseline.
@@ -100,10 +102,9 @@ impl Study {
         shift: &'a ShiftSummary,
         name: &str,
     ) -> Option<&'a ShiftScores> {
-        shift
-            .models
-            .iter()
-            .find(|scores| scores.predictors.iter().any(|it| self.called(evaluation, it) == name))
+        shift.models.iter().find(|scores| {
+            scores.predictors.iter().any(|predictor| self.called(evaluation, predictor) == name)
+        })
     }
 }
 

@@ -20,10 +20,11 @@ impl KindSpec for EvaluateSpec {
 
     fn references(&mut self) -> Vec<Reference<'_>> {
         let checkpoints = Reference::checkpoints(&mut self.checkpoints);
-        let predictions = self.predictions.iter_mut().enumerate().map(|(i, it)| Reference {
-            field: format!("predictions[{i}].data"),
-            to: Referred::Data(&mut it.data),
-        });
+        let predictions =
+            self.predictions.iter_mut().enumerate().map(|(i, prediction)| Reference {
+                field: format!("predictions[{i}].data"),
+                to: Referred::Data(&mut prediction.data),
+            });
         iter::once(Reference::data(&mut self.data)).chain(predictions).chain(checkpoints).collect()
     }
 

@@ -61,7 +61,8 @@ impl EvaluateSpec {
         if self.predictions.is_empty() {
             return;
         }
-        let names: Vec<&str> = self.predictions.iter().map(|it| it.name.as_str()).collect();
+        let names: Vec<&str> =
+            self.predictions.iter().map(|prediction| prediction.name.as_str()).collect();
         if let Some(twice) = first_repeated(&names) {
             report.violation("predictions", format!("{twice:?} twice"), "each name once");
         }

@@ -111,7 +111,7 @@ fn note(
 ) {
     let Some(schema) = schemas.pointer(place) else { return };
     let has_type = |name: &str| match &schema["type"] {
-        Value::Array(types) => types.iter().any(|it| it == name),
+        Value::Array(types) => types.iter().any(|known| known == name),
         one => one == name,
     };
     let keywords = match bound.of {

@@ -82,7 +82,8 @@ impl<'a> Walk<'a> {
 
     fn object(&mut self, schema: &'a Value, fields: &Map<String, Value>, path: &str) {
         let Some(known) = schema.get("properties").and_then(Value::as_object) else {
-            if let Some(each) = schema.get("additionalProperties").filter(|it| it.is_object()) {
+            if let Some(each) = schema.get("additionalProperties").filter(|value| value.is_object())
+            {
                 for (field, value) in fields {
                     self.value(each, value, &join(path, field));
                 }
@@ -149,7 +150,7 @@ impl<'a> Walk<'a> {
         let is_const = schema.get("const").is_none_or(|name| name == text);
         let is_digest = schema.get("pattern").is_none()
             || text.len() == 64 && text.bytes().all(|digit| digit.is_ascii_hexdigit());
-        let is_moment = schema.get("format").is_none_or(|it| it != "date-time")
+        let is_moment = schema.get("format").is_none_or(|format| format != "date-time")
             || text.parse::<Moment>().is_ok();
         if is_name && is_const && is_digest && is_moment {
             return;
@@ -164,7 +165,7 @@ impl<'a> Walk<'a> {
 
     /// Checks one of several forms. They differ by a tag, by their only field, or by their types.
     fn choice(&mut self, schema: &'a Value, choices: &'a [Value], value: &Value, path: &str) {
-        let choices: Vec<&'a Value> = choices.iter().map(|it| self.resolve(it)).collect();
+        let choices: Vec<&'a Value> = choices.iter().map(|choice| self.resolve(choice)).collect();
         if let (Value::Object(fields), Some(tag)) = (value, tag_of(&choices)) {
             return self.tagged(&choices, tag, fields, value, path);
         }
@@ -237,7 +238,7 @@ pub(super) fn only_field(schema: &Value) -> Option<&str> {
     let fields = schema.get("properties")?.as_object()?;
     let (field, _) = fields.iter().next().filter(|_| fields.len() == 1)?;
     let required = schema.get("required")?.as_array()?;
-    required.iter().any(|it| it == field.as_str()).then_some(field)
+    required.iter().any(|name| name == field.as_str()).then_some(field)
 }
 
 fn has_type(schema: &Value, value: &Value) -> bool {

@@ -60,7 +60,7 @@ fn make_strict(schema: &mut Value) {
     match schema {
         Value::Object(fields) => {
             let has_fields = fields.get("properties").is_some_and(Value::is_object);
-            let is_object = fields.get("type").is_some_and(|it| it == "object");
+            let is_object = fields.get("type").is_some_and(|value| value == "object");
             if has_fields && is_object && !fields.contains_key("additionalProperties") {
                 fields.insert("additionalProperties".to_owned(), false.into());
             }
@@ -75,7 +75,9 @@ fn make_strict(schema: &mut Value) {
 fn name_robots(components: &mut Components) {
     let names: Vec<Value> =
         RobotModel::built_in().filter_map(|model| serde_json::to_value(model).ok()).collect();
-    if let Some(name) = components.get_mut("RobotModel").and_then(|it| it.pointer_mut("/oneOf/0")) {
+    if let Some(name) =
+        components.get_mut("RobotModel").and_then(|component| component.pointer_mut("/oneOf/0"))
+    {
         *name = json!({"type": "string", "enum": names});
     }
 }
@@ -84,7 +86,7 @@ fn name_robots(components: &mut Components) {
 fn name_residuals(components: &mut Components) {
     let names = json!(["none", "integrator", "lagged-integrator"]);
     let schema = components.get_mut("Residual");
-    if let Some(schema) = schema.and_then(|it| it.pointer_mut("/oneOf/0/enum")) {
+    if let Some(schema) = schema.and_then(|schema| schema.pointer_mut("/oneOf/0/enum")) {
         *schema = names;
     }
 }
@@ -136,7 +138,7 @@ fn join_members(components: &mut Components) {
     let jobs = components["JobSpec"]["discriminator"]["mapping"].clone();
     let mut mapping = Map::new();
     for (kind, job) in jobs.as_object().into_iter().flatten() {
-        let Some(job) = job.as_str().and_then(|it| it.rsplit('/').next()) else { continue };
+        let Some(job) = job.as_str().and_then(|target| target.rsplit('/').next()) else { continue };
         if job == "PipelineJob" {
             continue;
         }
@@ -146,7 +148,7 @@ fn join_members(components: &mut Components) {
         mapping.insert(kind.clone(), reference(&name)["$ref"].clone());
         components.insert(name, object);
     }
-    let variants: Vec<Value> = mapping.values().map(|it| json!({"$ref": it})).collect();
+    let variants: Vec<Value> = mapping.values().map(|target| json!({"$ref": target})).collect();
     let union = json!({
         "description": member["description"], "oneOf": variants,
         "discriminator": {"propertyName": "kind", "mapping": mapping},

@@ -53,7 +53,7 @@ fn loosen_stream(all: &mut Components) {
                              `trajectories`."
             .into();
     all.insert("StreamSpec".to_owned(), stream);
-    let choices = all.get_mut("DataSource").and_then(|it| it["oneOf"].as_array_mut());
+    let choices = all.get_mut("DataSource").and_then(|component| component["oneOf"].as_array_mut());
     for choice in choices.into_iter().flatten() {
         if let Some(stream) = choice["properties"].get_mut("stream") {
             *stream =
@@ -93,7 +93,9 @@ impl Forms<'_> {
     fn with_presets(&mut self, mapping: &Value, tag: &str, place: PresetPlace) -> Vec<String> {
         let mut forms = Vec::new();
         for (label, target) in mapping.as_object().into_iter().flatten() {
-            let Some(base) = target.as_str().and_then(|it| it.rsplit('/').next()) else { continue };
+            let Some(base) = target.as_str().and_then(|target| target.rsplit('/').next()) else {
+                continue;
+            };
             let names: Vec<&str> = presets()
                 .iter()
                 .filter(|preset| preset.place == place && preset.spec[tag] == label.as_str())
@@ -127,7 +129,8 @@ impl Forms<'_> {
                 }
             }
         }
-        if let Some(each) = object.get_mut("additionalProperties").filter(|it| it.is_object()) {
+        if let Some(each) = object.get_mut("additionalProperties").filter(|value| value.is_object())
+        {
             self.change(each);
         }
         object
@@ -175,7 +178,9 @@ impl Forms<'_> {
             .collect();
         let mut choices = Vec::new();
         for target in mapping.values() {
-            let Some(base) = target.as_str().and_then(|it| it.rsplit('/').next()) else { continue };
+            let Some(base) = target.as_str().and_then(|target| target.rsplit('/').next()) else {
+                continue;
+            };
             let mut object = self.changed(base);
             object["properties"]["preset"] = json!({"type": "string", "enum": names});
             let name = format!("{base}Changes");

@@ -70,7 +70,10 @@ fn numbers(kind: &str, schema: &Value) -> String {
 pub(super) fn range_of(schema: &Value) -> String {
     let number = |keyword: &str| {
         let value = schema.get(keyword)?;
-        value.as_u64().map(|it| it.to_string()).or_else(|| Some(value.as_f64()?.to_string()))
+        value
+            .as_u64()
+            .map(|number| number.to_string())
+            .or_else(|| Some(value.as_f64()?.to_string()))
     };
     match (number("minimum"), number("maximum"), number("exclusiveMaximum")) {
         (Some(least), Some(most), _) => format!("{least} to {most}"),
@@ -91,7 +94,7 @@ fn text(schema: &Value) -> String {
     if schema.get("pattern").is_some() {
         return "64 hexadecimal digits of a SHA-256".to_owned();
     }
-    if schema.get("format").is_some_and(|it| it == "date-time") {
+    if schema.get("format").is_some_and(|format| format == "date-time") {
         return "a moment with its zone, such as 2026-12-01T08:00:00Z or 2026-12-01T09:00:00+01:00"
             .to_owned();
     }

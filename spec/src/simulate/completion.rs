@@ -48,7 +48,7 @@ pub(crate) fn complete_robot(
             None => {
                 if let Some(missing) = ["phi1_nm", "phi2_s_rad", "phi3_rad_s"]
                     .iter()
-                    .find(|it| !friction.contains_key(**it))
+                    .find(|name| !friction.contains_key(**name))
                 {
                     let field = format!("robot.friction.{missing}");
                     let allowed = "one number per joint: the robot's description has no friction";

@@ -170,7 +170,7 @@ fn length(
     let of_length = of_set(trainings, set, |model| {
         model.lengths == Lengths::Any || usual && model.lengths == Lengths::Trained
     });
-    let trained = trainings.iter().filter(|it| it.length == Some((context, horizon)));
+    let trained = trainings.iter().filter(|training| training.length == Some((context, horizon)));
     let spec = json!({
         "kind": "evaluate",
         "data": stream(&four_cells(), 4, scale.robots(), context + horizon, 300),
@@ -193,7 +193,8 @@ fn warm_start(scale: StudyScale, trainings: &[StudyTraining]) -> StudyEvaluation
         scale.pick([&[1, 5, 100], &[1, 2, 5, 10, 20, 100], &[1, 2, 5, 10, 20, 100]]);
     let ways = ["cold", "shifted", "oracle"]
         .map(|start| json!({"kind": "ddpm", "steps": steps, "start": start}));
-    let first = of_set(trainings, set, |model| model.denoiser).filter(|it| it.seed == 1);
+    let first =
+        of_set(trainings, set, |model| model.denoiser).filter(|training| training.seed == 1);
     let robots = scale.sampled_robots();
     let spec = json!({
         "kind": "evaluate",

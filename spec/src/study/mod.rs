@@ -101,8 +101,12 @@ impl StudyPlan {
 
     /// The pipeline's JSON.
     pub fn pipeline(&self, name: &str) -> Value {
-        let trainings = self.trainings.iter().map(|it| (it.job.clone(), it.spec.clone()));
-        let evaluations = self.evaluations.iter().map(|it| (it.job.clone(), it.spec.clone()));
+        let trainings =
+            self.trainings.iter().map(|training| (training.job.clone(), training.spec.clone()));
+        let evaluations = self
+            .evaluations
+            .iter()
+            .map(|evaluation| (evaluation.job.clone(), evaluation.spec.clone()));
         let jobs: Map<String, Value> = trainings.chain(evaluations).collect();
         json!({"kind": "pipeline", "name": name, "jobs": jobs})
     }
@@ -161,12 +165,18 @@ mod tests {
             let of_model: Vec<&StudyTraining> = plan
                 .trainings
                 .iter()
-                .filter(|it| it.model == model.name && it.set == 1 && it.length.is_none())
+                .filter(|training| {
+                    training.model == model.name && training.set == 1 && training.length.is_none()
+                })
                 .collect();
             assert!(of_model.len() >= 3, "{}", model.name);
         }
-        let headline =
-            |name: &str| plan.trainings.iter().filter(|it| it.model == name && it.set == 4).count();
+        let headline = |name: &str| {
+            plan.trainings
+                .iter()
+                .filter(|training| training.model == name && training.set == 4)
+                .count()
+        };
         assert_eq!((headline("lagrangian"), headline("robomorph")), (5, 5));
     }
 
@@ -179,7 +189,8 @@ mod tests {
                 assert!(!asked.is_empty(), "{}", evaluation.job);
                 for checkpoint in asked {
                     let job = checkpoint["job"].as_str().unwrap();
-                    let training = plan.trainings.iter().find(|it| it.job == job).unwrap();
+                    let training =
+                        plan.trainings.iter().find(|training| training.job == job).unwrap();
                     assert_eq!(training.set, evaluation.set, "{}", evaluation.job);
                 }
             }

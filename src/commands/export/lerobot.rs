@@ -34,7 +34,7 @@ pub async fn export(client: &Client, id: i64, out: &Path, done: &Done) -> anyhow
     let description = description(client, &dataset, &downloads).await?;
     let mut features = Features::of(&description.columns.trajectories)?;
     let shards: Vec<&DatasetFile> =
-        dataset.files.iter().filter(|it| it.content == FileKind::Trajectories).collect();
+        dataset.files.iter().filter(|file| file.content == FileKind::Trajectories).collect();
     done.begin(shards.iter().map(|shard| shard.size).sum());
     for shard in shards {
         let ordinal = shard.shard.context("a table of trajectories belongs to no shard")?;

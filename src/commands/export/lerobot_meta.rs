@@ -172,7 +172,7 @@ fn write_episodes(path: &Path, task: &str, description: &DatasetDescription) -> 
             let last = end.min(first + EPISODES_AT_ONCE);
             let episodes: Vec<i64> = (first..last).map(u64::cast_signed).collect();
             let constant = |value: i64| vec![value; episodes.len()];
-            let times = |by: i64| episodes.iter().map(|it| (it + by) * samples).collect();
+            let times = |by: i64| episodes.iter().map(|episode| (episode + by) * samples).collect();
             let numbers: [Vec<i64>; 8] = [
                 episodes.clone(),
                 constant(samples),
@@ -184,7 +184,7 @@ fn write_episodes(path: &Path, task: &str, description: &DatasetDescription) -> 
                 constant(0),
             ];
             let mut columns: Vec<ArrayRef> =
-                numbers.map(|it| Arc::new(Int64Array::from(it)) as ArrayRef).into();
+                numbers.map(|numbers| Arc::new(Int64Array::from(numbers)) as ArrayRef).into();
             let mut tasks = ListBuilder::new(StringBuilder::new());
             for _ in &episodes {
                 tasks.values().append_value(task);

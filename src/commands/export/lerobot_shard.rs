@@ -59,7 +59,9 @@ impl Feature {
     fn of(key: &'static str, symbol: char, columns: &[Column]) -> anyhow::Result<Self> {
         let is_joint = |column: &&Column| {
             let digits = column.name.strip_prefix(symbol);
-            digits.is_some_and(|it| !it.is_empty() && it.bytes().all(|byte| byte.is_ascii_digit()))
+            digits.is_some_and(|digits| {
+                !digits.is_empty() && digits.bytes().all(|byte| byte.is_ascii_digit())
+            })
         };
         let columns: Vec<&Column> = columns.iter().filter(is_joint).collect();
         let unit = columns.first().and_then(|column| column.unit.as_deref());
@@ -98,8 +100,9 @@ impl Feature {
             values.iter().for_each(|value| statistics.add(f64::from(*value)));
             columns.push(values);
         }
-        let vectors: Float32Array =
-            (0..rows.num_rows()).flat_map(|row| columns.iter().map(move |it| it[row])).collect();
+        let vectors: Float32Array = (0..rows.num_rows())
+            .flat_map(|row| columns.iter().map(move |column| column[row]))
+            .collect();
         let element = Arc::new(Field::new_list_field(DataType::Float32, true));
         Ok(Arc::new(FixedSizeListArray::try_new(element, self.width()?, Arc::new(vectors), None)?))
     }
@@ -107,10 +110,10 @@ impl Feature {
     /// The statistics in the form of `meta/stats.json`.
     pub fn statistics(&self) -> Value {
         let each = |of: fn(&Statistics) -> f64| self.statistics.iter().map(of).collect::<Vec<_>>();
-        let count = self.statistics.first().map_or(0, |it| it.count);
+        let count = self.statistics.first().map_or(0, |channel| channel.count);
         json!({
-            "min": each(|it| it.min),
-            "max": each(|it| it.max),
+            "min": each(|channel| channel.min),
+            "max": each(|channel| channel.max),
             "mean": each(Statistics::mean),
             "std": each(Statistics::deviation),
             "count": [count],

@@ -27,7 +27,7 @@ fn metrics(latest: &BTreeMap<String, LatestMetric>) -> String {
     let mut table =
         Table::new([("metric", Align::Left), ("step", Align::Right), ("latest", Align::Right)]);
     for (key, metric) in latest {
-        let value = metric.value.map_or_else(|| "not finite".to_owned(), |it| it.to_string());
+        let value = metric.value.map_or_else(|| "not finite".to_owned(), |value| value.to_string());
         table.push(vec![key.clone(), measure::count(metric.step), value]);
     }
     format!("\n{}", table.render())

@@ -167,7 +167,7 @@ impl Rehearsal<'_> {
     fn simulation_of<'a>(&'a self, data: &'a DataSource) -> anyhow::Result<&'a SimulateSpec> {
         match data {
             DataSource::Stream(spec) => Ok(spec),
-            DataSource::Job(name) => match self.pipeline.jobs.get(name).map(|it| &it.spec) {
+            DataSource::Job(name) => match self.pipeline.jobs.get(name).map(|job| &job.spec) {
                 Some(JobSpec::Simulate(spec)) => Ok(spec),
                 _ => bail!("{name} is no simulation of this pipeline"),
             },

@@ -79,7 +79,7 @@ pub(crate) fn delete_below(root: &Path, age: Duration) -> io::Result<u64> {
             if metadata.is_dir() {
                 folders.push(entry.path());
             } else if entry.file_name().to_string_lossy().contains('#')
-                && metadata.modified()?.elapsed().is_ok_and(|it| it > age)
+                && metadata.modified()?.elapsed().is_ok_and(|elapsed| elapsed > age)
             {
                 deleted += u64::from(unless_gone(std::fs::remove_file(entry.path()))?.is_some());
             }

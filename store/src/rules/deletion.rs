@@ -19,7 +19,7 @@ pub(crate) fn obstacle(
     respect: Respect,
     dependents: &[Dependent],
 ) -> Option<Obstacle> {
-    let counts = |it: &Dependent| respect == Respect::All || !it.state.is_final();
+    let counts = |dependent: &Dependent| respect == Respect::All || !dependent.state.is_final();
     if !job.is_final() {
         Some(Obstacle::NotEnded)
     } else if dependents.iter().any(counts) {

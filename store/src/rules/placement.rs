@@ -15,7 +15,8 @@ pub(crate) enum Placement {
 }
 
 pub(crate) fn placement(asked: &Resources, workers: &[Worker]) -> Placement {
-    let fitting = || workers.iter().filter(|it| it.is_alive && it.process.offers.cover(asked));
+    let fitting =
+        || workers.iter().filter(|worker| worker.is_alive && worker.process.offers.cover(asked));
     if fitting().any(|worker| worker.drained_at.is_none()) {
         return Placement::Possible;
     }

@@ -214,15 +214,22 @@ impl Queue {
 
     fn candidate(&self, member: usize) -> Candidate {
         let job = &self.jobs[member];
-        let is_live = |it: &Job| !it.cancel_requested && !it.state.is_final();
-        let waits =
-            |it: &(usize, &Job)| it.1.state == JobState::Waiting && it.1.needs.contains(&member);
+        let is_live = |job: &Job| !job.cancel_requested && !job.state.is_final();
+        let waits = |entry: &(usize, &Job)| {
+            entry.1.state == JobState::Waiting && entry.1.needs.contains(&member)
+        };
         Candidate {
             job: id(member),
             state: job.state,
             asked_alone: job.asked_alone,
-            is_shared: self.jobs.iter().any(|it| it.members.contains(&member) && is_live(it)),
-            needed_by: self.jobs.iter().enumerate().filter(waits).map(|it| id(it.0)).collect(),
+            is_shared: self.jobs.iter().any(|job| job.members.contains(&member) && is_live(job)),
+            needed_by: self
+                .jobs
+                .iter()
+                .enumerate()
+                .filter(waits)
+                .map(|entry| id(entry.0))
+                .collect(),
         }
     }
 
@@ -394,20 +401,23 @@ impl Queue {
                 let needs = job.needs.iter().map(|need| self.jobs[*need].state);
                 assert!(needs.clone().all(|state| state == JobState::Succeeded), "needs are met");
                 let siblings = &self.tasks[job.tasks.clone()];
-                let mut before = siblings.iter().filter(|it| it.stage < task.stage);
-                assert!(before.all(|it| it.standing.state == TaskState::Succeeded), "in stages");
+                let mut before = siblings.iter().filter(|sibling| sibling.stage < task.stage);
+                assert!(
+                    before.all(|sibling| sibling.standing.state == TaskState::Succeeded),
+                    "in stages"
+                );
             }
         }
         for job in self.jobs.iter().filter(|job| job.members.is_empty()) {
             let tasks = &self.tasks[job.tasks.clone()];
-            let count = |state| tasks.iter().filter(|it| it.standing.state == state).count();
+            let count = |state| tasks.iter().filter(|task| task.standing.state == state).count();
             match job.state {
                 JobState::Succeeded => assert_eq!(count(TaskState::Succeeded), tasks.len()),
                 JobState::Failed => assert_ne!(count(TaskState::Failed), 0),
                 JobState::Cancelled => assert_ne!(count(TaskState::Cancelled), 0),
                 JobState::Waiting => assert_eq!(count(TaskState::Waiting), tasks.len()),
                 JobState::Queued | JobState::Running => {
-                    let open = tasks.iter().any(|it| !has_ended(it.standing.state));
+                    let open = tasks.iter().any(|task| !has_ended(task.standing.state));
                     assert!(open && count(TaskState::Failed) == 0, "it can still succeed");
                     let unattended = count(TaskState::Running) == 0;
                     assert!(!(job.cancel_requested && unattended), "it ends when nobody is at it");
@@ -498,7 +508,8 @@ fn the_laws_of_the_queue_hold_whatever_happens() {
                 let mut claimable = queue.claimable(gpus);
                 // A delay may have passed already.
                 claimable.retain(|task| queue.tasks[*task].delay.is_zero() || dice.below(2) == 0);
-                if let Some(task) = claimable.iter().copied().min_by_key(|it| queue.place(*it)) {
+                if let Some(task) = claimable.iter().copied().min_by_key(|task| queue.place(*task))
+                {
                     queue.check_turn(task, &claimable);
                     queue.claim(task);
                 }

@@ -61,7 +61,10 @@ async fn a_page_behind_another_is_read_from_an_index_of_its_order() {
             let steps = steps(&database, thing, &listing).await;
             let expected = format!("SEARCH {} USING ", thing.as_str());
             assert!(steps[0].starts_with(&expected) && steps[0].contains(index), "{steps:?}");
-            assert!(!steps.iter().any(|it| it.contains("B-TREE")), "nothing is sorted: {steps:?}");
+            assert!(
+                !steps.iter().any(|step| step.contains("B-TREE")),
+                "nothing is sorted: {steps:?}"
+            );
         }
     }
 }

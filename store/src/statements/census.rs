@@ -36,7 +36,7 @@ impl Database {
                 .collect(),
             attempts: attempts
                 .into_iter()
-                .map(|(kind, outcome, n)| (kind, outcome.map(|it| it.0), n.unsigned_abs()))
+                .map(|(kind, outcome, n)| (kind, outcome.map(|row| row.0), n.unsigned_abs()))
                 .collect(),
         })
     }

@@ -136,7 +136,8 @@ impl Database {
         }
         // A checkpoint without files was pruned after its row was read. A purged one says so in its
         // row.
-        checkpoints.retain(|it| !it.files.is_empty() || it.deletion.is_some());
+        checkpoints
+            .retain(|checkpoint| !checkpoint.files.is_empty() || checkpoint.deletion.is_some());
         Ok(checkpoints)
     }
 }

@@ -47,7 +47,7 @@ pub(crate) struct RowsDigest {
 
 impl Table {
     pub fn has(&self, column: &str) -> bool {
-        self.columns.iter().any(|it| it.name == column)
+        self.columns.iter().any(|own| own.name == column)
     }
 
     /// The names of the columns, separated by commas.

@@ -322,7 +322,7 @@ async fn answer(
             garbled[whole.len() / 2] ^= 1;
             vec![Ok(garbled.into())]
         }
-        Fault::DripAnswer => whole.chunks(1000).map(|it| Ok(whole.slice_ref(it))).collect(),
+        Fault::DripAnswer => whole.chunks(1000).map(|chunk| Ok(whole.slice_ref(chunk))).collect(),
         Fault::OtherClock => {
             if let Some(modified) = head.headers.get_mut(LAST_MODIFIED) {
                 let text = earlier(modified.to_str().unwrap(), "");
@@ -366,7 +366,7 @@ fn earlier(text: &str, mark: &str) -> String {
 
 fn asked(request: &Request<Incoming>) -> Asked {
     let query = request.uri().query().unwrap_or_default();
-    let has = |name: &str| query.split('&').any(|it| it.split('=').next() == Some(name));
+    let has = |name: &str| query.split('&').any(|pair| pair.split('=').next() == Some(name));
     match request.method().as_str() {
         "GET" if has("list-type") => Asked::List,
         "GET" => Asked::Get,

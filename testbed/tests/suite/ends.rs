@@ -31,7 +31,7 @@ pub async fn tasks_that_wait_are_cancelled_with_a_job_that_failed(f: Fixture) {
     let job = f.submit_one(evaluate(&simulate(1), &simulate(2), vec![])).await;
     let task = f.must_claim().await;
     f.store.fail(task.fence, "no", Retry::Never).await.unwrap();
-    let states: Vec<_> = f.store.tasks(job).await.unwrap().iter().map(|it| it.state).collect();
+    let states: Vec<_> = f.store.tasks(job).await.unwrap().iter().map(|task| task.state).collect();
     assert_eq!(states, [TaskState::Failed, TaskState::Cancelled, TaskState::Cancelled]);
     assert!(f.claim().await.is_none());
 }
@@ -54,11 +54,11 @@ pub async fn attempts_are_read_in_pages(f: Fixture) {
         f.store.release(task.fence).await.unwrap();
     }
     let first = f.store.attempts(job, Page { limit: 3, before: None }).await.unwrap();
-    assert_eq!(first.iter().map(|it| it.epoch.0).collect::<Vec<_>>(), [5, 4, 3]);
-    let before = first.last().map(|it| it.id);
+    assert_eq!(first.iter().map(|attempt| attempt.epoch.0).collect::<Vec<_>>(), [5, 4, 3]);
+    let before = first.last().map(|attempt| attempt.id);
     let second = f.store.attempts(job, Page { limit: 3, before }).await.unwrap();
-    assert_eq!(second.iter().map(|it| it.epoch.0).collect::<Vec<_>>(), [2, 1]);
-    assert!(second.iter().all(|it| it.outcome == Some(AttemptOutcome::Released)));
+    assert_eq!(second.iter().map(|attempt| attempt.epoch.0).collect::<Vec<_>>(), [2, 1]);
+    assert!(second.iter().all(|attempt| attempt.outcome == Some(AttemptOutcome::Released)));
 }
 
 pub async fn progress_of_a_job_is_that_of_its_tasks(f: Fixture) {

@@ -117,10 +117,11 @@ pub async fn whatever_is_deleted_restored_or_purged_is_told(f: Fixture) {
     let mut told = async |change: &str| {
         let events = all(&f.store).await.split_off(before);
         before += events.len();
-        assert!(events.iter().all(|it| it.kind == EventKind::Deletion && it.job == job));
-        assert!(events.iter().all(|it| it.data["change"] == change), "{change}: {events:?}");
-        let item =
-            |it: &Event| format!("{} {}", it.data["item"].as_str().unwrap(), it.data["item_id"]);
+        assert!(events.iter().all(|event| event.kind == EventKind::Deletion && event.job == job));
+        assert!(events.iter().all(|event| event.data["change"] == change), "{change}: {events:?}");
+        let item = |event: &Event| {
+            format!("{} {}", event.data["item"].as_str().unwrap(), event.data["item_id"])
+        };
         events.iter().map(item).collect::<BTreeSet<String>>()
     };
     let whole: BTreeSet<String> =
@@ -180,7 +181,7 @@ pub async fn events_are_read_from_any_of_them_on(f: Fixture) {
         let found = f.store.events(&filter, 0, i64::MAX, 100_000).await.unwrap();
         let fits = |event: &&Event| {
             jobs.is_none_or(|jobs| jobs.contains(&event.job))
-                && kind.is_none_or(|it| it == event.kind)
+                && kind.is_none_or(|wanted| wanted == event.kind)
         };
         let expected: Vec<Event> = events.iter().filter(fits).cloned().collect();
         assert!(!expected.is_empty());

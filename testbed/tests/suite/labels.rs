@@ -25,20 +25,20 @@ type Shown = (Option<String>, Option<String>, Vec<String>, Vec<String>);
 async fn shown(f: &Fixture, thing: Thing, id: i64) -> Shown {
     match thing {
         Thing::Job => {
-            let it = f.store.job(JobId(id)).await.unwrap();
-            (Some(it.name), it.note, it.tags, Vec::new())
+            let job = f.store.job(JobId(id)).await.unwrap();
+            (Some(job.name), job.note, job.tags, Vec::new())
         }
         Thing::Run => {
-            let it = f.store.run(store::RunId(id)).await.unwrap();
-            (Some(it.name), it.note, it.tags, it.job_tags)
+            let run = f.store.run(store::RunId(id)).await.unwrap();
+            (Some(run.name), run.note, run.tags, run.job_tags)
         }
         Thing::Dataset => {
-            let it = f.store.dataset(store::DatasetId(id)).await.unwrap();
-            (Some(it.name), it.note, it.tags, it.job_tags)
+            let dataset = f.store.dataset(store::DatasetId(id)).await.unwrap();
+            (Some(dataset.name), dataset.note, dataset.tags, dataset.job_tags)
         }
         Thing::Checkpoint => {
-            let it = f.store.checkpoint(CheckpointId(id)).await.unwrap();
-            (it.name, it.note, it.tags, it.job_tags)
+            let checkpoint = f.store.checkpoint(CheckpointId(id)).await.unwrap();
+            (checkpoint.name, checkpoint.note, checkpoint.tags, checkpoint.job_tags)
         }
     }
 }

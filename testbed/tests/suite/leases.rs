@@ -221,7 +221,8 @@ pub async fn every_attempt_is_recorded_with_its_end(f: Fixture) {
     let last = f.must_claim().await;
     let page = Page::default();
     let attempts = f.store.attempts(job, page).await.unwrap();
-    let outcomes: Vec<_> = attempts.iter().map(|it| (it.epoch.0, it.outcome)).collect();
+    let outcomes: Vec<_> =
+        attempts.iter().map(|attempt| (attempt.epoch.0, attempt.outcome)).collect();
     let (released, failed) = (AttemptOutcome::Released, AttemptOutcome::Failed);
     assert_eq!(outcomes, [(3, None), (2, Some(failed)), (1, Some(released))]);
     assert_eq!(attempts[1].reason.as_deref(), Some("out of luck"));
@@ -230,7 +231,7 @@ pub async fn every_attempt_is_recorded_with_its_end(f: Fixture) {
 
     f.store.complete(last.fence, None).await.unwrap();
     let attempts = f.store.attempts(job, Page { limit: 1, ..page }).await.unwrap();
-    let ended: Vec<_> = attempts.iter().map(|it| (it.epoch.0, it.outcome)).collect();
+    let ended: Vec<_> = attempts.iter().map(|attempt| (attempt.epoch.0, attempt.outcome)).collect();
     assert_eq!(ended, [(3, Some(AttemptOutcome::Succeeded))]);
     let older = Page { before: Some(attempts[0].id), ..page };
     assert_eq!(f.store.attempts(job, older).await.unwrap().len(), 2);

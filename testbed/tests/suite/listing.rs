@@ -13,19 +13,19 @@ async fn page(f: &Fixture, thing: Thing, listing: &Listing) -> (Vec<i64>, Option
     match thing {
         Thing::Job => {
             let page = f.store.list_jobs(listing).await.unwrap();
-            (page.items.iter().map(|it| it.id.0).collect(), page.end)
+            (page.items.iter().map(|item| item.id.0).collect(), page.end)
         }
         Thing::Run => {
             let page = f.store.list_runs(listing).await.unwrap();
-            (page.items.iter().map(|it| it.id.0).collect(), page.end)
+            (page.items.iter().map(|item| item.id.0).collect(), page.end)
         }
         Thing::Dataset => {
             let page = f.store.list_datasets(listing).await.unwrap();
-            (page.items.iter().map(|it| it.id.0).collect(), page.end)
+            (page.items.iter().map(|item| item.id.0).collect(), page.end)
         }
         Thing::Checkpoint => {
             let page = f.store.list_checkpoints(listing).await.unwrap();
-            (page.items.iter().map(|it| it.id.0).collect(), page.end)
+            (page.items.iter().map(|item| item.id.0).collect(), page.end)
         }
     }
 }

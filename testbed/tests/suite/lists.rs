@@ -44,8 +44,10 @@ pub async fn results_are_counted_by_the_value_of_a_field(f: Fixture) {
     let results = [json!({"bytes": "equal"}), json!({"bytes": "equal"}), json!({"bytes": 7})];
     let [first, second] = with_results(&f, results).await;
     let tallies = f.store.result_tallies(&[first, second], "bytes").await.unwrap();
-    let mut found: Vec<_> =
-        tallies.into_iter().map(|it| (it.job, it.value.unwrap_or_default(), it.tasks)).collect();
+    let mut found: Vec<_> = tallies
+        .into_iter()
+        .map(|tally| (tally.job, tally.value.unwrap_or_default(), tally.tasks))
+        .collect();
     found.sort();
     let expected =
         [(first, "7".to_owned(), 1), (first, "equal".to_owned(), 2), (second, String::new(), 3)];
@@ -87,12 +89,13 @@ pub async fn what_belongs_to_several_jobs_is_read_at_once(f: Fixture) {
     let newest = f.store.newest_specs(&[rows[0].digest, rows[1].digest]).await.unwrap();
     assert_eq!(newest.len(), 2);
     let datasets = f.store.datasets_of_jobs(&jobs).await.unwrap();
-    assert_eq!(datasets.iter().map(|it| it.0).collect::<Vec<_>>(), [jobs[0], jobs[3]]);
+    assert_eq!(datasets.iter().map(|row| row.0).collect::<Vec<_>>(), [jobs[0], jobs[3]]);
     let ids = [datasets[1].1, datasets[0].1];
     let found = f.store.datasets_by_id(&ids).await.unwrap();
-    assert_eq!(found.iter().map(|it| it.job).collect::<Vec<_>>(), [jobs[0], jobs[3]]);
+    assert_eq!(found.iter().map(|dataset| dataset.job).collect::<Vec<_>>(), [jobs[0], jobs[3]]);
     let cells = f.store.tasks_of_stage(&[jobs[2], jobs[5]], 0).await.unwrap();
-    let cells: Vec<(JobId, &str)> = cells.iter().map(|it| (it.job, it.label.as_str())).collect();
+    let cells: Vec<(JobId, &str)> =
+        cells.iter().map(|task| (task.job, task.label.as_str())).collect();
     let expected = [
         (jobs[2], "piece 0.0"),
         (jobs[2], "piece 0.1"),

@@ -129,8 +129,11 @@ pub async fn old_attempts_of_a_job_lose_their_logs(f: Fixture) {
     }
     let page = Page { limit: 500, ..Page::default() };
     let attempts = f.store.attempts(job, page).await.unwrap();
-    let with_log: Vec<i64> =
-        attempts.iter().filter(|it| it.log_bytes.is_some()).map(|it| it.id).collect();
+    let with_log: Vec<i64> = attempts
+        .iter()
+        .filter(|attempt| attempt.log_bytes.is_some())
+        .map(|attempt| attempt.id)
+        .collect();
     let expected: Vec<i64> = (4..=kept + 4).rev().chain([1]).collect();
     assert_eq!(with_log, expected);
     assert_eq!(f.store.attempt_log(3).await.unwrap(), []);

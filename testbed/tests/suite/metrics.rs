@@ -74,7 +74,8 @@ pub async fn a_long_series_shows_what_replaced_and_forgotten_points_have_left(f:
         f.store.record_metrics(fence, part).await.unwrap();
     }
     let thinned = points(&f, run, 100).await;
-    let has = |points: &[(u64, f64)], value: f64| points.iter().any(|(_, it)| *it == value);
+    let has =
+        |points: &[(u64, f64)], value: f64| points.iter().any(|(_, recorded)| *recorded == value);
     assert!(has(&thinned, 1e6) && has(&thinned, -1e6));
     assert!(thinned.iter().any(|(step, value)| *step == 7000 && value.is_nan()));
     let recorded = |(step, value): &(u64, f64)| {

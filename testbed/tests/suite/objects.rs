@@ -146,8 +146,9 @@ pub async fn a_table_is_written_and_read_wherever_it_lies(f: Fixture) {
     assert_eq!(table.read_row_group(0, &names).unwrap().columns(), batch.columns());
     assert!(f.store.open_unchecked(&object).is_ok());
     let names = std::fs::read_dir(f.dir.path().join("objects")).unwrap();
-    let names =
-        names.map(|it| it.unwrap().file_name()).filter(|it| it != "a" && it != "store.json");
+    let names = names
+        .map(|entry| entry.unwrap().file_name())
+        .filter(|name| name != "a" && name != "store.json");
     assert_eq!(names.count(), 0, "a copy lies elsewhere");
 
     let other = StoredObject { sha256: Digest::of(b"other"), ..object };

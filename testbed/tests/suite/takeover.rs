@@ -56,7 +56,8 @@ pub async fn a_training_goes_on_where_one_that_failed_ended(f: Fixture) {
     let next = f.submit_one(train(&simulate(1), vec![])).await;
     let task = f.must_claim().await;
     let earlier = f.store.earlier_checkpoints(next).await.unwrap();
-    let steps: Vec<_> = earlier.iter().map(|it| (it.step, it.is_best)).collect();
+    let steps: Vec<_> =
+        earlier.iter().map(|checkpoint| (checkpoint.step, checkpoint.is_best)).collect();
     assert_eq!(steps, [(2, false), (4, true), (6, false)]);
     f.store.take_over_metrics(task.fence, earlier[1].run, 4).await.unwrap();
     let run = task.run.unwrap();

@@ -92,9 +92,9 @@ pub async fn artifacts_come_in_the_order_of_their_bytes(f: Fixture) {
     }
     let run = task.run.unwrap();
     let found = f.store.artifacts(&[run]).await.unwrap();
-    assert_eq!(found.iter().map(|it| it.name.as_str()).collect::<Vec<_>>(), IN_ORDER);
+    assert_eq!(found.iter().map(|artifact| artifact.name.as_str()).collect::<Vec<_>>(), IN_ORDER);
     let named = f.store.artifacts_named(&[run], "a_b").await.unwrap();
-    assert_eq!(named.iter().map(|it| it.run).collect::<Vec<_>>(), [run]);
+    assert_eq!(named.iter().map(|artifact| artifact.run).collect::<Vec<_>>(), [run]);
 }
 
 pub async fn files_of_a_checkpoint_come_in_the_order_of_their_bytes(f: Fixture) {

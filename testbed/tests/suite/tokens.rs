@@ -112,10 +112,10 @@ pub async fn the_audit_log_is_read_page_by_page_and_by_actor(f: Fixture) {
     let [ana, ben, last] = written;
     let page = Page { before: None, limit: 2 };
     let newest = f.store.audit(None, page).await.unwrap();
-    assert_eq!(newest.iter().map(|it| &it.entry).collect::<Vec<_>>(), [&last, &ben]);
+    assert_eq!(newest.iter().map(|record| &record.entry).collect::<Vec<_>>(), [&last, &ben]);
     let page = Page { before: Some(newest[1].id), limit: 2 };
     let older = f.store.audit(None, page).await.unwrap();
-    assert_eq!(older.iter().map(|it| &it.entry).collect::<Vec<_>>(), [&ana]);
+    assert_eq!(older.iter().map(|record| &record.entry).collect::<Vec<_>>(), [&ana]);
     let of_ana = f.store.audit(Some("ana"), Page::default()).await.unwrap();
-    assert_eq!(of_ana.iter().map(|it| &it.entry).collect::<Vec<_>>(), [&last, &ana]);
+    assert_eq!(of_ana.iter().map(|record| &record.entry).collect::<Vec<_>>(), [&last, &ana]);
 }

@@ -53,7 +53,8 @@ async fn texts(f: &Fixture, run: &TrackedRun) -> [Vec<(String, String)>; 2] {
 
 pub async fn two_experiments_are_there_from_the_start(f: Fixture) {
     let experiments = f.store.tracked_experiments().await.unwrap();
-    let named: Vec<_> = experiments.iter().map(|it| (it.id, it.name.as_str())).collect();
+    let named: Vec<_> =
+        experiments.iter().map(|experiment| (experiment.id, experiment.name.as_str())).collect();
     assert_eq!(named, [(ExperimentId::DEFAULT, "Default"), (ExperimentId::TORQUED, "torqued")]);
     let tags = [pair("team", "arms")];
     let id = f.store.create_experiment("robots", &tags).await.unwrap();
@@ -125,7 +126,11 @@ pub async fn the_latest_point_is_that_of_the_highest_step_however_they_come(f: F
     let run = created(&f, ExperimentId::DEFAULT).await;
     let log = async |points: Vec<TrackedMetric>| {
         f.store.log_batch(&run.identifier, &metrics(points)).await.unwrap();
-        latest(&f, &run).await.into_iter().map(|it| (it.step, it.value)).collect::<Vec<_>>()
+        latest(&f, &run)
+            .await
+            .into_iter()
+            .map(|metric| (metric.step, metric.value))
+            .collect::<Vec<_>>()
     };
     assert_eq!(log(vec![point("m", 3, 1, 1.0), point("m", 2, 9, 2.0)]).await, [(3, 1.0)]);
     assert_eq!(log(vec![point("m", 1, 10, 3.0)]).await, [(3, 1.0)]);

@@ -171,7 +171,7 @@ pub async fn a_job_that_has_not_ended_keeps_what_it_reads_and_writes(f: Fixture)
     for item in [simulated.into(), own] {
         let refused = f.store.delete(item, &FORCED).await.unwrap_err();
         let StoreError::Needed { by, .. } = &refused else { panic!("{refused}") };
-        assert_eq!(by.iter().map(|it| it.job).collect::<Vec<_>>(), [open]);
+        assert_eq!(by.iter().map(|dependent| dependent.job).collect::<Vec<_>>(), [open]);
         assert!(refused.to_string().contains(&format!("train job {open} (queued) reads it")));
         assert!(is_there(&f.store, item).await);
     }
@@ -183,7 +183,7 @@ pub async fn jobs_that_have_ended_keep_what_they_read_unless_that_is_passed_over
     let (id, [simulated, trained, evaluated]) = finished(&f, 1).await;
     let relations = async |item: Item| {
         let (_, found) = f.store.dependents(item).await.unwrap();
-        found.iter().map(|it| (it.job, it.relation)).collect::<Vec<_>>()
+        found.iter().map(|dependent| (dependent.job, dependent.relation)).collect::<Vec<_>>()
     };
     let data = dataset_of(&f, simulated).await;
     let readers = [(trained, Relation::Reads), (evaluated, Relation::Reads)];
@@ -236,7 +236,7 @@ pub async fn a_pipeline_goes_with_the_jobs_that_were_made_for_it_alone(f: Fixtur
     assert_eq!(simulated, asked);
     let deleted = f.store.delete(id.into(), &ASKED).await.unwrap();
     let jobs = |items: &[Item]| -> BTreeSet<i64> {
-        items.iter().filter(|it| it.kind == ItemKind::Job).map(|it| it.id).collect()
+        items.iter().filter(|item| item.kind == ItemKind::Job).map(|item| item.id).collect()
     };
     assert_eq!(jobs(&deleted.along), BTreeSet::from([trained.0, evaluated.0]));
     assert!(is_there(&f.store, asked.into()).await);
@@ -323,7 +323,7 @@ pub async fn the_trash_is_read_in_pages_and_tells_of_what_was_asked_for_alone(f:
     let reason = Some("failed jobs are kept for 3 days");
     f.store.delete(id.into(), &DeletionOrder { reason, ..FORCED }).await.unwrap();
     let all = f.store.trash(None, 10).await.unwrap();
-    let items: Vec<Item> = all.iter().map(|it| it.item).collect();
+    let items: Vec<Item> = all.iter().map(|trashed| trashed.item).collect();
     assert_eq!(items, [id.into(), weights, data]);
     assert_eq!(all[0].deletion.reason.as_deref(), reason);
     assert_eq!(all[2].bytes, f.store.size_of(&[data]).await.unwrap());
@@ -401,7 +401,7 @@ pub async fn what_would_be_purged_is_what_is_purged(f: Fixture) {
     assert_eq!(assert_whole(&f.store).await, before, "a look deleted something");
     let deleted = f.store.collect_garbage(ANY, Duration::ZERO).await.unwrap();
     assert_eq!(foretold, deleted);
-    let orphans = deleted.iter().find(|it| it.kind == GarbageKind::Orphans).unwrap();
+    let orphans = deleted.iter().find(|garbage| garbage.kind == GarbageKind::Orphans).unwrap();
     assert_eq!((orphans.files, orphans.bytes), (1, 8));
     // Four jobs, a dataset, two runs, two checkpoints.
     assert_eq!(deleted.len(), 4 + 1 + 2 + 2 + 1);
@@ -417,7 +417,7 @@ pub async fn a_file_that_was_sent_goes_with_the_last_job_that_read_it(f: Fixture
     let two = f.submit(Submission { reuse: store::Reuse::Never, ..alone(import(file.sha256)) });
     let two = two.await.job;
     f.work_off().await;
-    let is_upload = |it: &store::Garbage| it.kind == GarbageKind::Upload(file.sha256);
+    let is_upload = |garbage: &store::Garbage| garbage.kind == GarbageKind::Upload(file.sha256);
     f.store.delete(one.into(), &FORCED).await.unwrap();
     assert!(!f.store.purge(ANY).await.unwrap().iter().any(is_upload));
     assert!(f.store.upload(file.sha256).await.unwrap().is_some());
@@ -460,7 +460,7 @@ pub async fn jobs_that_failed_go_by_themselves_when_nothing_depends_on_them(f: F
     assert_eq!(f.store.outdated(retention(LONG)).await.unwrap(), []);
     tokio::time::sleep(Duration::from_millis(5)).await;
     let foretold = f.store.outdated(retention(Duration::ZERO)).await.unwrap();
-    assert_eq!(foretold.iter().map(|it| it.item).collect::<Vec<_>>(), [lonely.into()]);
+    assert_eq!(foretold.iter().map(|outdated| outdated.item).collect::<Vec<_>>(), [lonely.into()]);
     let retired = f.store.retire(retention(Duration::ZERO), LONG).await.unwrap();
     assert_eq!(retired, foretold);
     let trash = f.store.trash(None, 10).await.unwrap();
@@ -494,8 +494,11 @@ pub async fn old_checkpoints_go_unless_somebody_uses_them(f: Fixture) {
     work(&f).await;
     assert_eq!(f.state(reading).await, JobState::Succeeded);
     let steps = |found: &[store::Outdated]| {
-        let step = |it: &store::Outdated| {
-            checkpoints.iter().find(|found| it.item == found.id.into()).map(|found| found.step)
+        let step = |outdated: &store::Outdated| {
+            checkpoints
+                .iter()
+                .find(|found| outdated.item == found.id.into())
+                .map(|found| found.step)
         };
         found.iter().filter_map(step).collect::<Vec<u64>>()
     };
@@ -504,7 +507,7 @@ pub async fn old_checkpoints_go_unless_somebody_uses_them(f: Fixture) {
     assert_eq!(found[0].reason, "a training keeps its 2 newest checkpoints and the best");
     assert_eq!(f.store.retire(keep(2), LONG).await.unwrap(), found);
     let left = f.store.checkpoints_of_job(trained).await.unwrap();
-    assert_eq!(left.iter().map(|it| it.step).collect::<Vec<_>>(), [20, 30, 60, 70]);
+    assert_eq!(left.iter().map(|checkpoint| checkpoint.step).collect::<Vec<_>>(), [20, 30, 60, 70]);
     assert_eq!(f.store.outdated(keep(2)).await.unwrap(), []);
 }
 

@@ -214,7 +214,7 @@ async fn deleted_things(f: &Fixture) {
         |reason| DeletionOrder { respect: Respect::Open, keep: Duration::from_secs(3600), reason };
     let page = Page { before: None, limit: 500 };
     let jobs = f.store.jobs(JobFilter::default(), page).await.unwrap();
-    let that = |kind: &str, state| jobs.iter().find(|it| it.kind == kind && it.state == state);
+    let that = |kind: &str, state| jobs.iter().find(|job| job.kind == kind && job.state == state);
     let read = that("simulate", JobState::Succeeded).unwrap();
     let failed = that("train", JobState::Failed).unwrap();
     let early = f.store.checkpoints(page).await.unwrap().pop().unwrap();

@@ -57,12 +57,15 @@ fn robot(attempt: &Attempt, spec: &ControlSpec, index: u64) -> Result<(), TaskEr
         let (trial, trace) = ran.ok_or(TaskError::Stopped)?;
         let seconds = began.elapsed().as_secs_f64();
         tracing::info!(robot = index, controller = controller.name, seconds, "controlled");
-        let checkpoint = checkpoints.iter().find(|it| it.info.name == controller.name);
-        if let Some(trained) = checkpoint.and_then(|it| it.model.config().ranges.as_ref()) {
+        let checkpoint =
+            checkpoints.iter().find(|checkpoint| checkpoint.info.name == controller.name);
+        if let Some(trained) =
+            checkpoint.and_then(|checkpoint| checkpoint.model.config().ranges.as_ref())
+        {
             let recorded = trace.recorded_after(&plant, simulation.rate_hz);
             let found = recorded.and_then(|series| DataRanges::of(&series.view()));
             let outside = found.map(|found| trained.warnings_of(&found)).unwrap_or_default();
-            warnings.extend(outside.into_iter().map(|it| it.of(&controller.name)));
+            warnings.extend(outside.into_iter().map(|warning| warning.of(&controller.name)));
         }
         trials.push(trial);
         traces.push((controller.name, trace));

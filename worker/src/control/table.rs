@@ -38,9 +38,17 @@ pub(super) fn trials_csv(robots: &[RobotTrials]) -> Result<Vec<u8>, csv::Error> 
     for robot in robots {
         for trial in &robot.trials {
             let mut row = vec![robot.robot.to_string(), trial.controller.clone()];
-            let numbers = trial.tracking.as_ref().map(|it| {
-                let of_all = [it.rms_deg, it.peak_deg, it.torque_rms_nm, it.beyond_excitation];
-                of_all.into_iter().chain(it.joint_rms_deg.iter().copied()).chain([it.clearance_rad])
+            let numbers = trial.tracking.as_ref().map(|tracking| {
+                let of_all = [
+                    tracking.rms_deg,
+                    tracking.peak_deg,
+                    tracking.torque_rms_nm,
+                    tracking.beyond_excitation,
+                ];
+                of_all
+                    .into_iter()
+                    .chain(tracking.joint_rms_deg.iter().copied())
+                    .chain([tracking.clearance_rad])
             });
             match numbers {
                 Some(numbers) => row.extend(numbers.map(|number| number.to_string())),

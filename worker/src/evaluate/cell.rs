@@ -101,7 +101,7 @@ fn warnings(checkpoints: &[LoadedCheckpoint], observed: &Observed<'_>) -> Vec<Wa
     let of_checkpoint = |checkpoint: &LoadedCheckpoint| {
         let ranges = checkpoint.model.config().ranges.as_ref();
         let found = ranges.map(|ranges| ranges.warnings(observed)).unwrap_or_default();
-        found.into_iter().map(|it| it.of(&checkpoint.info.name)).collect::<Vec<_>>()
+        found.into_iter().map(|warning| warning.of(&checkpoint.info.name)).collect::<Vec<_>>()
     };
     let of_checkpoints = checkpoints.iter().flat_map(of_checkpoint);
     context_warnings(observed).into_iter().chain(of_checkpoints).collect()

@@ -101,7 +101,8 @@ fn draw(
             answers.push(DrawnAnswer { name: name.clone(), kind: info.kind, positions });
         }
     }
-    let Some(model) = answers.first().filter(|it| chosen.predictors.first() == Some(&it.name))
+    let Some(model) =
+        answers.first().filter(|answer| chosen.predictors.first() == Some(&answer.name))
     else {
         return Ok(None);
     };

@@ -53,7 +53,8 @@ fn scores(report: &Report) -> impl Iterator<Item = &wire::PredictorScores> {
 
 /// Whether some predictors differ only in the steps of their sampler.
 fn varies_steps(report: &Report) -> bool {
-    let curve = |info: &PredictorInfo| info.sampling.as_ref().map(|it| it.curve.clone());
+    let curve =
+        |info: &PredictorInfo| info.sampling.as_ref().map(|sampling| sampling.curve.clone());
     let curves: Vec<String> = report.predictors.iter().filter_map(curve).collect();
     curves.iter().enumerate().any(|(k, curve)| curves[..k].contains(curve))
 }

@@ -45,8 +45,11 @@ pub(super) fn latency(attempt: &Attempt, spec: &EvaluateSpec) -> Result<(), Task
     let repeats = spec.latency.unwrap_or_default().repeats as usize;
     let mut latencies = Vec::new();
     let predictors = Predictors::new(spec, data.spec(), &[], &checkpoints)?;
-    let runs: Vec<&LearnedRun<'_>> =
-        predictors.learned.iter().filter(|it| !it.checkpoint.model.needs_leak()).collect();
+    let runs: Vec<&LearnedRun<'_>> = predictors
+        .learned
+        .iter()
+        .filter(|predictor| !predictor.checkpoint.model.needs_leak())
+        .collect();
     for (done, run) in (1_u64..).zip(&runs) {
         attempt.progress.say(format!("times {}", run.info.name));
         let load = load();

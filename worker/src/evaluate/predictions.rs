@@ -28,7 +28,11 @@ pub(super) struct PredictionFile {
 impl PredictionFile {
     /// All files of an evaluation, in its order.
     pub fn open_all(attempt: &Attempt, spec: &EvaluateSpec) -> Result<Vec<Self>, TaskError> {
-        spec.predictions.iter().enumerate().map(|(i, it)| Self::open(attempt, i, it)).collect()
+        spec.predictions
+            .iter()
+            .enumerate()
+            .map(|(i, prediction)| Self::open(attempt, i, prediction))
+            .collect()
     }
 
     fn open(attempt: &Attempt, i: usize, predictions: &FilePredictions) -> Result<Self, TaskError> {

@@ -50,7 +50,10 @@ impl<'a> Predictors<'a> {
             .enumerate()
             .flat_map(|(index, checkpoint)| LearnedRun::all(spec, index, checkpoint))
             .collect();
-        let first = learned.iter().map(|it| (it.first_key(), FirstPrediction::new())).collect();
+        let first = learned
+            .iter()
+            .map(|predictor| (predictor.first_key(), FirstPrediction::new()))
+            .collect();
         let predictors = Self { arm: NominalArm::of(data), spec, files, learned, first };
         predictors.check_names()?;
         Ok(predictors)
@@ -97,7 +100,11 @@ impl<'a> Predictors<'a> {
         let baselines = self.spec.baselines.iter().map(|&name| baseline(name, &self.arm));
         let learned = self.learned.iter().map(|learned| self.predictor(learned, scenarios, first));
         let given = given.into_iter().map(|given| -> Box<dyn Predictor + 'b> { Box::new(given) });
-        baselines.map(|it| -> Box<dyn Predictor + 'b> { it }).chain(given).chain(learned).collect()
+        baselines
+            .map(|baseline| -> Box<dyn Predictor + 'b> { baseline })
+            .chain(given)
+            .chain(learned)
+            .collect()
     }
 
     fn predictor<'b>(

@@ -85,7 +85,8 @@ impl Answers {
         wanted: Range<u64>,
         samples: usize,
     ) -> Result<Self, Refused> {
-        let lacking: Vec<u64> = wanted.clone().filter(|it| !found.contains_key(it)).collect();
+        let lacking: Vec<u64> =
+            wanted.clone().filter(|trajectory| !found.contains_key(trajectory)).collect();
         if let Some(first) = lacking.first() {
             let value = format!("a file without a prediction of trajectory {first}");
             let allowed = format!(
@@ -97,15 +98,18 @@ impl Answers {
             return Err((value, allowed));
         }
         let each: Vec<&TrajectoryPredictions> =
-            found.range(wanted.clone()).map(|(_, it)| it).collect();
-        let first_sample = |it: &TrajectoryPredictions| it.samples.get(&0).copied();
-        let prediction = |it: &&TrajectoryPredictions| it.prediction.or_else(|| first_sample(it));
+            found.range(wanted.clone()).map(|(_, predictions)| predictions).collect();
+        let first_sample =
+            |predictions: &TrajectoryPredictions| predictions.samples.get(&0).copied();
+        let prediction = |predictions: &&TrajectoryPredictions| {
+            predictions.prediction.or_else(|| first_sample(predictions))
+        };
         let predictions = each.iter().filter_map(prediction).collect();
-        if samples < 2 || each.iter().all(|it| it.samples.len() < 2) {
+        if samples < 2 || each.iter().all(|predictions| predictions.samples.len() < 2) {
             return Ok(Self { predictions, samples: Vec::new() });
         }
         if let Some((trajectory, few)) =
-            wanted.zip(&each).find(|(_, it)| it.samples.len() < samples)
+            wanted.zip(&each).find(|(_, predictions)| predictions.samples.len() < samples)
         {
             let value = format!("{} samples of trajectory {trajectory}", few.samples.len());
             let allowed = format!(
@@ -113,7 +117,9 @@ impl Answers {
             );
             return Err((value, allowed));
         }
-        let sample = |k: u32| each.iter().filter_map(|it| it.samples.get(&k).copied()).collect();
+        let sample = |k: u32| {
+            each.iter().filter_map(|predictions| predictions.samples.get(&k).copied()).collect()
+        };
         let samples = (0..u32::try_from(samples).unwrap_or(MAX_SAMPLES)).map(sample).collect();
         Ok(Self { predictions, samples })
     }

@@ -161,12 +161,12 @@ impl Arrays {
 
     fn payload(&mut self, scenarios: &[Scenario]) {
         let of = |s: &Scenario| s.robot.payload;
-        self.number_or_null("payload_mass", scenarios, |s| of(s).map(|it| it.mass_kg));
+        self.number_or_null("payload_mass", scenarios, |s| of(s).map(|payload| payload.mass_kg));
         for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
             let name = format!("payload_{name}");
-            self.number_or_null(name, scenarios, |s| of(s).map(|it| it.center_m[axis]));
+            self.number_or_null(name, scenarios, |s| of(s).map(|payload| payload.center_m[axis]));
         }
-        self.number_or_null("payload_radius", scenarios, |s| of(s).map(|it| it.radius_m));
+        self.number_or_null("payload_radius", scenarios, |s| of(s).map(|payload| payload.radius_m));
     }
 
     fn chirps(&mut self, joints: usize, scenarios: &[Scenario]) {
@@ -215,9 +215,9 @@ impl Arrays {
                 };
                 let number = joint + 1;
                 let name = format!("steps_level{level}_nm_{number}");
-                self.number_or_null(name, scenarios, |s| of(s).map(|it| it.level_nm[level]));
+                self.number_or_null(name, scenarios, |s| of(s).map(|steps| steps.level_nm[level]));
                 let name = format!("steps_hold{level}_s_{number}");
-                self.number_or_null(name, scenarios, |s| of(s).map(|it| it.hold_s[level]));
+                self.number_or_null(name, scenarios, |s| of(s).map(|steps| steps.hold_s[level]));
             }
         }
     }

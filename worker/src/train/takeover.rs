@@ -37,7 +37,7 @@ pub(super) fn take_over(
             Err(error) => return Err(error),
         }
         let best = earlier.iter().rfind(|checkpoint| checkpoint.is_best);
-        match best.into_iter().chain([&last]).try_for_each(|it| copy(attempt, it)) {
+        match best.into_iter().chain([&last]).try_for_each(|checkpoint| copy(attempt, checkpoint)) {
             Ok(()) => {
                 tracing::info!(job = %task.job, from = %last.job, step = last.step, "goes on with an earlier training");
                 return Ok(());

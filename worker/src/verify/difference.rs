@@ -152,8 +152,9 @@ mod tests {
     }
 
     fn differs(stored: &RecordBatch) -> Option<(usize, String, String, String)> {
-        first_difference(stored, &made(), Tolerance::NONE)
-            .map(|it| (it.row, it.column, it.stored, it.made))
+        first_difference(stored, &made(), Tolerance::NONE).map(|difference| {
+            (difference.row, difference.column, difference.stored, difference.made)
+        })
     }
 
     #[test]

@@ -129,10 +129,10 @@ fn a_description_that_was_tampered_with_is_refused() {
     let original = description(dir.path());
     let path = dir.path().join(DatasetDescription::FILE_NAME);
     let tampered: [fn(&mut DatasetDescription); 4] = [
-        |it| it.spec["seed"] = 99.into(),
-        |it| it.spec["trajectories"] = u64::MAX.into(),
-        |it| it.shards[1].first = 7,
-        |it| it.shards[1].files[0].name = "../secret".to_owned(),
+        |dataset| dataset.spec["seed"] = 99.into(),
+        |dataset| dataset.spec["trajectories"] = u64::MAX.into(),
+        |dataset| dataset.shards[1].first = 7,
+        |dataset| dataset.shards[1].files[0].name = "../secret".to_owned(),
     ];
     for tamper in tampered {
         let mut description = original.clone();

@@ -135,7 +135,8 @@ struct Round {
 
 type OneOnJax = fn(&Theirs) -> &OnJax;
 
-const ON_JAX: &[(&str, OneOnJax)] = &[("frax", |it| &it.frax), ("mujoco-mjx", |it| &it.mjx)];
+const ON_JAX: &[(&str, OneOnJax)] =
+    &[("frax", |theirs| &theirs.frax), ("mujoco-mjx", |theirs| &theirs.mjx)];
 
 /// The programs for the comparison, ready to be measured.
 struct Simulators {
@@ -168,8 +169,8 @@ impl Simulators {
         Ok(Theirs {
             aba: answer(&mut Command::new(&self.aba))?,
             mujoco: answer(mujoco.args(["--substeps", &substeps]))?,
-            frax: self.on_jax(&self.frax, "frax", batch(|it| &it.frax))?,
-            mjx: self.on_jax(&self.mjx, "mjx", batch(|it| &it.mjx))?,
+            frax: self.on_jax(&self.frax, "frax", batch(|theirs| &theirs.frax))?,
+            mjx: self.on_jax(&self.mjx, "mjx", batch(|theirs| &theirs.mjx))?,
         })
     }
 
@@ -208,13 +209,14 @@ fn compare(rounds: &[Round], accuracy: Option<&Accuracy>) -> anyhow::Result<Vec<
         values.map(median)
     };
     let first = rounds[0].theirs.as_ref();
-    let pinocchio = first.map(|it| format!("Pinocchio {}", it.aba.version));
+    let pinocchio = first.map(|theirs| format!("Pinocchio {}", theirs.aba.version));
     let mujoco = accuracy.map(|accuracy| format!("MuJoCo {}", accuracy.version));
     let peer = |value: Option<f64>, name: &Option<String>, what: &str| {
         let (value, name) = (value?, name.as_ref()?);
         Some(Peer { value, version: format!("{name} {what}") })
     };
-    let rk4 = accuracy.map_or_else(String::new, |it| format!("RK4, {} per sample", it.substeps));
+    let rk4 = accuracy
+        .map_or_else(String::new, |accuracy| format!("RK4, {} per sample", accuracy.substeps));
     let mut measurements = Vec::new();
     for (precision, aba_goal, step_goal, trajectory_goal) in
         [("f32", 80.0, 150.0, Some(200.0)), ("f64", 40.0, 60.0, None)]
@@ -224,11 +226,11 @@ fn compare(rounds: &[Round], accuracy: Option<&Accuracy>) -> anyhow::Result<Vec<
             // The goals are for two cores.
             let goal = |bound: Option<f64>| bound.filter(|_| threads == 2).map(Goal::AtLeast);
             let of = format!("{precision}, {}", in_words(threads));
-            let evaluations = ours(|it| it.evaluations_per_s / 1e6)?;
-            let trajectories = ours(|it| it.trajectories_per_s)?;
-            let aba = theirs(&|it| it.aba.evaluations_per_s[threads - 1] / 1e6);
-            let steps = theirs(&|it| it.mujoco.steps_per_s[threads - 1] / 1e6);
-            let driven = theirs(&|it| it.mujoco.trajectories_per_s[threads - 1]);
+            let evaluations = ours(|ours| ours.evaluations_per_s / 1e6)?;
+            let trajectories = ours(|ours| ours.trajectories_per_s)?;
+            let aba = theirs(&|theirs| theirs.aba.evaluations_per_s[threads - 1] / 1e6);
+            let steps = theirs(&|theirs| theirs.mujoco.steps_per_s[threads - 1] / 1e6);
+            let driven = theirs(&|theirs| theirs.mujoco.trajectories_per_s[threads - 1]);
             let aba = peer(aba, &pinocchio, "aba");
             let steps = peer(steps, &mujoco, "mj_step");
             let driven = peer(driven, &mujoco, &rk4);
@@ -241,8 +243,10 @@ fn compare(rounds: &[Round], accuracy: Option<&Accuracy>) -> anyhow::Result<Vec<
             // They use all cores. Our measurement used two.
             let on_jax = if precision == "f32" && threads == 2 { ON_JAX } else { &[] };
             for (peer, of) in on_jax {
-                let Some(value) = theirs(&|it| of(it).evaluations_per_s / 1e6) else { continue };
-                let version = first.map_or("", |it| &of(it).version);
+                let Some(value) = theirs(&|theirs| of(theirs).evaluations_per_s / 1e6) else {
+                    continue;
+                };
+                let version = first.map_or("", |theirs| &of(theirs).version);
                 let peer = Peer { value, version: format!("{peer} {version}") };
                 measurements.push(Measurement::compared(
                     &name,
@@ -258,8 +262,8 @@ fn compare(rounds: &[Round], accuracy: Option<&Accuracy>) -> anyhow::Result<Vec<
     }
     for (precision, width, goal) in [("f32", 1.0, Some(SHARE_OF_PEAK)), ("f64", 2.0, None)] {
         for threads in [1, 2] {
-            let done = our_median(rounds, precision, threads, |it| {
-                it.evaluations_per_s * it.operations_per_evaluation
+            let done = our_median(rounds, precision, threads, |ours| {
+                ours.evaluations_per_s * ours.operations_per_evaluation
             })?;
             let peaks: Vec<f64> = rounds.iter().map(|round| round.peaks[threads - 1]).collect();
             let share = 100.0 * done * width / median(peaks);
@@ -312,8 +316,11 @@ fn notes(rounds: &[Round], accuracy: Option<&Accuracy>) -> Vec<String> {
         format!("simulated: {}", spec(million::TRAJECTORIES)),
     ];
     for (name, of) in ON_JAX {
-        let Some(it) = rounds[0].theirs.as_ref().map(of) else { continue };
-        notes.push(format!("{name} on JAX {}: batches of {}, on all cores", it.jax, it.batch));
+        let Some(theirs) = rounds[0].theirs.as_ref().map(of) else { continue };
+        notes.push(format!(
+            "{name} on JAX {}: batches of {}, on all cores",
+            theirs.jax, theirs.batch
+        ));
     }
     if let Some(accuracy) = accuracy {
         notes.push(format!(
@@ -377,8 +384,9 @@ mod tests {
     }
 
     fn find<'a>(measurements: &'a [Measurement], name: &str, peer: &str) -> &'a Measurement {
-        let matches = |it: &&Measurement| {
-            it.name == name && it.peer_version.as_deref().unwrap_or_default() == peer
+        let matches = |measurement: &&Measurement| {
+            measurement.name == name
+                && measurement.peer_version.as_deref().unwrap_or_default() == peer
         };
         measurements.iter().find(matches).unwrap_or_else(|| panic!("no {name} beside {peer}"))
     }
@@ -416,7 +424,7 @@ mod tests {
         let measurements =
             compare(&[Round { ours: ours(1.0), peaks: PEAKS, theirs: None }], None).unwrap();
         assert_eq!(measurements.len(), 12);
-        assert!(measurements.iter().all(|it| it.peer.is_none()));
+        assert!(measurements.iter().all(|measurement| measurement.peer.is_none()));
     }
 
     #[test]

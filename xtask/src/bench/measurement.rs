@@ -102,14 +102,16 @@ impl Measurement {
 
 /// The measurements as a table for people.
 pub fn table(measurements: &[Measurement]) -> String {
-    let number = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |it| format!("{it:.2}"));
+    let number =
+        |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.2}"));
     let widest = |text: fn(&Measurement) -> &str, header: &str| {
-        let widths = measurements.iter().map(|it| text(it).chars().count());
+        let widths = measurements.iter().map(|measurement| text(measurement).chars().count());
         widths.chain([header.len()]).max().unwrap_or(0)
     };
-    let name_width = widest(|it| &it.name, "name");
-    let unit_width = widest(|it| &it.unit, "unit");
-    let peer_width = widest(|it| it.peer_version.as_deref().unwrap_or("-"), "compared with");
+    let name_width = widest(|measurement| &measurement.name, "name");
+    let unit_width = widest(|measurement| &measurement.unit, "unit");
+    let peer_width =
+        widest(|measurement| measurement.peer_version.as_deref().unwrap_or("-"), "compared with");
     let mut text = String::new();
     let header = ["ours", "peer", "ratio", "goal"].map(|name| format!("{name:>11}")).concat();
     let _ = writeln!(
@@ -117,13 +119,13 @@ pub fn table(measurements: &[Measurement]) -> String {
         "{:name_width$}{header}  {:unit_width$}  {:peer_width$}  met",
         "name", "unit", "compared with"
     );
-    for it in measurements {
-        let numbers = [Some(it.ours), it.peer, it.ratio].map(number);
-        let goal = it.goal.map_or_else(|| "-".to_owned(), |goal| goal.to_string());
+    for measurement in measurements {
+        let numbers = [Some(measurement.ours), measurement.peer, measurement.ratio].map(number);
+        let goal = measurement.goal.map_or_else(|| "-".to_owned(), |goal| goal.to_string());
         let [ours, peer, ratio] = &numbers;
         let numbers = [ours, peer, ratio, &goal].map(|text| format!("{text:>11}")).concat();
-        let compared_with = it.peer_version.as_deref().unwrap_or("-");
-        let met = match it.met {
+        let compared_with = measurement.peer_version.as_deref().unwrap_or("-");
+        let met = match measurement.met {
             Some(true) => "yes",
             Some(false) => "NO",
             None => "-",
@@ -131,7 +133,7 @@ pub fn table(measurements: &[Measurement]) -> String {
         let _ = writeln!(
             text,
             "{:name_width$}{numbers}  {:unit_width$}  {compared_with:peer_width$}  {met}",
-            it.name, it.unit
+            measurement.name, measurement.unit
         );
     }
     text

@@ -98,24 +98,24 @@ fn compare(rounds: &[Round]) -> Vec<Measurement> {
     };
     let pyarrow = |theirs: &Theirs| format!("pyarrow {}", theirs.pyarrow);
     let polars = |theirs: &Theirs| format!("polars {}", theirs.polars);
-    let write = ours(|it| it.write_s);
-    let read = ours(|it| it.read_s);
+    let write = ours(|ours| ours.write_s);
+    let read = ours(|ours| ours.read_s);
     let pair = |name: &str, ours: f64, peer: Option<Peer>| {
         Measurement::compared(name, ours, peer, "MB/s", None)
     };
     let mut measurements = vec![
-        pair("write", write, theirs(pyarrow, |it| it.pyarrow_write_s)),
-        pair("read own file", read, theirs(pyarrow, |it| it.pyarrow_read_s)),
+        pair("write", write, theirs(pyarrow, |theirs| theirs.pyarrow_write_s)),
+        pair("read own file", read, theirs(pyarrow, |theirs| theirs.pyarrow_read_s)),
     ];
     if rounds[0].theirs.is_some() {
         let name = "read our file";
-        let by_pyarrow = theirs(pyarrow, |it| it.pyarrow_read_ours_s);
+        let by_pyarrow = theirs(pyarrow, |theirs| theirs.pyarrow_read_ours_s);
         measurements.push(pair(name, read, by_pyarrow));
-        measurements.push(pair(name, read, theirs(polars, |it| it.polars_read_ours_s)));
+        measurements.push(pair(name, read, theirs(polars, |theirs| theirs.polars_read_ours_s)));
     }
     let size = |bytes: u64| megabytes(bytes) / raw * 100.0;
     let peer = rounds[0].theirs.as_ref();
-    let peer = peer.map(|it| Peer { value: size(it.file_bytes), version: pyarrow(it) });
+    let peer = peer.map(|theirs| Peer { value: size(theirs.file_bytes), version: pyarrow(theirs) });
     let file = size(rounds[0].ours.file_bytes);
     measurements.push(Measurement::compared("size of the file", file, peer, "% raw", None));
     measurements.push(Measurement::alone("raw", raw, "MB", None));
@@ -154,7 +154,13 @@ mod tests {
         let measurements = compare(&rounds);
         let numbers: Vec<(f64, Option<f64>, &str)> = measurements
             .iter()
-            .map(|it| (it.ours, it.peer, it.peer_version.as_deref().unwrap_or("")))
+            .map(|measurement| {
+                (
+                    measurement.ours,
+                    measurement.peer,
+                    measurement.peer_version.as_deref().unwrap_or(""),
+                )
+            })
             .collect();
         let expected = [
             (512.0, Some(256.0), "pyarrow 26"),
@@ -171,6 +177,6 @@ mod tests {
     fn without_peers_there_are_our_rates_alone() {
         let measurements = compare(&[Round { ours: ours(1.0), theirs: None }]);
         assert_eq!(measurements.len(), 4);
-        assert!(measurements.iter().all(|it| it.peer.is_none()));
+        assert!(measurements.iter().all(|measurement| measurement.peer.is_none()));
     }
 }

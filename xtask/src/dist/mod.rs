@@ -64,7 +64,7 @@ fn documents_folder() -> PathBuf {
 /// Deletes packages of earlier versions, which would stay beside the new one.
 fn remove(folder: &Path, extension: &str) -> anyhow::Result<()> {
     for package in packages(folder)? {
-        if package.extension().is_some_and(|it| it == extension) {
+        if package.extension().is_some_and(|found| found == extension) {
             fs::remove_file(&package)
                 .with_context(|| format!("cannot delete {}", package.display()))?;
         }
@@ -77,7 +77,7 @@ fn packages(folder: &Path) -> anyhow::Result<Vec<PathBuf>> {
     let mut packages = Vec::new();
     for entry in fs::read_dir(folder)? {
         let path = entry?.path();
-        if path.extension().is_some_and(|it| it == "whl" || it == "deb") {
+        if path.extension().is_some_and(|extension| extension == "whl" || extension == "deb") {
             packages.push(path);
         }
     }
@@ -93,9 +93,9 @@ fn dated(command: &mut Command) -> &mut Command {
             .args(["log", "-1", "--format=%ct"])
             .current_dir(repository())
             .output();
-        let moment = commit.ok().filter(|it| it.status.success());
+        let moment = commit.ok().filter(|output| output.status.success());
         // Without a repository, files have the time of the build.
-        if let Some(moment) = moment.and_then(|it| String::from_utf8(it.stdout).ok()) {
+        if let Some(moment) = moment.and_then(|output| String::from_utf8(output.stdout).ok()) {
             command.env(VARIABLE, moment.trim());
         }
     }

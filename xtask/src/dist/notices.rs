@@ -37,7 +37,7 @@ pub fn text() -> anyhow::Result<String> {
     let mut packages: Vec<Package> = metadata
         .packages
         .into_iter()
-        .filter(|it| it.source.is_some() && built.contains(&it.label()))
+        .filter(|package| package.source.is_some() && built.contains(&package.label()))
         .collect();
     packages.sort_by_key(Package::label);
     ensure!(packages.len() > 100, "cargo tree names {} crates", packages.len());
@@ -102,7 +102,8 @@ impl Package {
             }
         }
         files.sort();
-        let read = |path| fs::read(path).map(|it| String::from_utf8_lossy(&it).trim().to_owned());
+        let read =
+            |path| fs::read(path).map(|bytes| String::from_utf8_lossy(&bytes).trim().to_owned());
         Ok(files.iter().map(read).collect::<Result<_, _>>()?)
     }
 }

@@ -123,7 +123,7 @@ impl App {
         let ids: Vec<JobId> = jobs.iter().copied().map(JobId).collect();
         let rows = self.store.jobs_by_id(&ids).await?;
         let progress = self.progress_of(rows).await?;
-        Ok(progress.into_iter().map(|it| (it.job, it)).collect())
+        Ok(progress.into_iter().map(|progress| (progress.job, progress)).collect())
     }
 }
 

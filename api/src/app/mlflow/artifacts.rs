@@ -40,7 +40,7 @@ impl ArtifactPlace {
 /// A relative path that does not leave its folder.
 pub fn artifact_name(name: &str) -> Result<String, MlflowError> {
     let is_part = |part: &str| !part.is_empty() && part != "." && part != "..";
-    let is_plain = !name.contains(|it: char| it.is_control() || it == '\\');
+    let is_plain = !name.contains(|character: char| character.is_control() || character == '\\');
     let is_name = name.is_empty() || (is_plain && name.split('/').all(is_part));
     if is_name && name.len() <= ARTIFACT_NAME {
         return Ok(name.to_owned());
@@ -124,7 +124,8 @@ impl App {
         let sizes = self.artifact_sizes(&place.run).await?;
         let is_meant = |name: &&String| {
             let rest = name.strip_prefix(&place.name);
-            place.name.is_empty() || rest.is_some_and(|it| it.is_empty() || it.starts_with('/'))
+            place.name.is_empty()
+                || rest.is_some_and(|rest| rest.is_empty() || rest.starts_with('/'))
         };
         let names: Vec<String> = sizes.keys().filter(is_meant).cloned().collect();
         Ok(self.store.delete_tracked_artifacts(identifier, &names).await?)

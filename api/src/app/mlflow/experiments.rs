@@ -46,9 +46,9 @@ impl App {
             .into_iter()
             .map(ExperimentWithId::new)
             .collect();
-        found.retain(|it| {
-            search.view.shows(it.experiment.is_deleted)
-                && search.filter.is_met(|field| it.datum(field))
+        found.retain(|entry| {
+            search.view.shows(entry.experiment.is_deleted)
+                && search.filter.is_met(|field| entry.datum(field))
         });
         let last =
             [Order::descending(Attribute::CreationTime), Order::ascending(Attribute::ExperimentId)];
@@ -59,7 +59,7 @@ impl App {
             orders.map(compare).find(|order| order.is_ne()).unwrap_or(std::cmp::Ordering::Equal)
         });
         let (shown, next) = page(found, search.skipped, search.limit);
-        Ok((shown.into_iter().map(|it| entity(it.experiment)).collect(), next))
+        Ok((shown.into_iter().map(|entry| entity(entry.experiment)).collect(), next))
     }
 
     pub async fn rename_experiment(&self, id: &str, name: &str) -> Result<(), MlflowError> {

@@ -66,7 +66,9 @@ impl Column {
         let find = |name: &str, against: &str| {
             let is_it = |predictor: &str, name: &str| study.called(evaluation, predictor) == name;
             let mut differences = shift.differences.iter();
-            differences.find(|it| is_it(&it.predictor, name) && is_it(&it.against, against))
+            differences.find(|difference| {
+                is_it(&difference.predictor, name) && is_it(&difference.against, against)
+            })
         };
         find(name, against).map(|found| found.difference_deg).or_else(|| {
             let Interval { mean, low, high } = find(against, name)?.difference_deg;

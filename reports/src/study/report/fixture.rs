@@ -65,7 +65,11 @@ fn interval(mean: f64) -> Value {
 
 /// The trainings of a set with the usual lengths, model by model, after ARX.
 fn sweep(trainings: &[Training], set: usize) -> Report {
-    let of_set = || trainings.iter().filter(|it| it.plan.set == set && it.plan.length.is_none());
+    let of_set = || {
+        trainings
+            .iter()
+            .filter(|training| training.plan.set == set && training.plan.length.is_none())
+    };
     let mut predictors = vec![json!({"name": "arx", "kind": "baseline"})];
     predictors.extend(of_set().map(|training| {
         json!({"name": training.plan.job, "kind": "checkpoint", "digest": training.record.digest})

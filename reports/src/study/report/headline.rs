@@ -46,10 +46,11 @@ fn table(study: &Study, set: usize, cell: impl Fn(&ShiftScores) -> String) -> St
     let mut rows = vec![rejected];
     let names = study.evaluation(set, StudyQuestion::Sweep).map(|sweep| study.names(sweep));
     for name in names.unwrap_or_default() {
-        let trainings = study
-            .trainings
-            .iter()
-            .filter(|it| it.plan.set == set && it.plan.model == name && it.plan.length.is_none());
+        let trainings = study.trainings.iter().filter(|training| {
+            training.plan.set == set
+                && training.plan.model == name
+                && training.plan.length.is_none()
+        });
         let count = trainings.count();
         let mut row = vec![name.to_owned(), if count > 0 { count.to_string() } else { none() }];
         row.extend(
@@ -69,8 +70,8 @@ pub fn worst(study: &Study) -> String {
         let row = |name: &str| {
             let scores: Vec<&ShiftScores> =
                 COLUMNS.iter().filter_map(|column| column.scores(study, set, name)).collect();
-            let worst = scores.iter().filter_map(|it| it.worst_deg).reduce(f64::max);
-            let diverged = scores.iter().map(|it| it.diverged).reduce(f64::max);
+            let worst = scores.iter().filter_map(|scores| scores.worst_deg).reduce(f64::max);
+            let diverged = scores.iter().map(|scores| scores.diverged).reduce(f64::max);
             let mut predictors = sweep.report.predictors.iter();
             let timed = predictors.find(|info| study.name_of(info) == name);
             let latency = timed.and_then(|info| info.latency.as_ref());
@@ -137,7 +138,7 @@ pub fn lengths(study: &Study) -> String {
             let of_each = of_lengths.iter().map(|(_, evaluation)| {
                 let found = column.in_evaluation(evaluation);
                 let scores = found.and_then(|shift| study.scores(evaluation, shift, name));
-                scores.and_then(|it| it.rmse_deg).map_or_else(none, with_interval)
+                scores.and_then(|scores| scores.rmse_deg).map_or_else(none, with_interval)
             });
             [name.to_owned()].into_iter().chain(of_each).collect()
         });

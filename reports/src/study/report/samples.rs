@@ -11,8 +11,10 @@ use super::text::{markdown, none};
 /// A table with one row for each training set, group of cells and model.
 pub fn table(study: &Study) -> String {
     let mut rows = Vec::new();
-    for evaluation in
-        study.evaluations.iter().filter(|it| it.plan.question == StudyQuestion::Samples)
+    for evaluation in study
+        .evaluations
+        .iter()
+        .filter(|evaluation| evaluation.plan.question == StudyQuestion::Samples)
     {
         for group in &evaluation.report.groups {
             for name in study.names(evaluation) {
@@ -54,11 +56,12 @@ fn row(
         of_model.iter().map(|scores| of(scores)).collect::<Option<Vec<f64>>>()
     };
     let rmse = |scores: &PredictorScores| {
-        let error = group.rmse_deg.iter().find(|it| it.predictor == scores.predictor)?;
+        let error = group.rmse_deg.iter().find(|rmse| rmse.predictor == scores.predictor)?;
         Some(error.interval.mean)
     };
     let interval = |scores: &PredictorScores, nominal: f64| {
-        let found = scores.intervals.iter().find(|it| (it.nominal - nominal).abs() < 1e-9)?;
+        let found =
+            scores.intervals.iter().find(|interval| (interval.nominal - nominal).abs() < 1e-9)?;
         Some((found.coverage.mean, found.width_deg.mean))
     };
     let percent = |share: f64| format!("{:.0} %", 100.0 * share);

@@ -130,12 +130,12 @@ fn differences(study: &Study) -> Table {
         "training_set evaluation shift family predictor against difference_deg low high job digest",
     );
     of_shifts(study, &mut table, |evaluation, shift| {
-        let each = shift.differences.iter().map(|it| {
+        let each = shift.differences.iter().map(|difference| {
             let mut row = vec![
-                study.called(evaluation, &it.predictor).to_owned(),
-                study.called(evaluation, &it.against).to_owned(),
+                study.called(evaluation, &difference.predictor).to_owned(),
+                study.called(evaluation, &difference.against).to_owned(),
             ];
-            row.extend(interval(it.difference_deg));
+            row.extend(interval(difference.difference_deg));
             row
         });
         each.collect()
@@ -180,12 +180,14 @@ fn samples(study: &Study) -> Table {
         "training_set group predictor training samples rmse_deg rmse_of_mean_deg crps_deg \
          energy_score_deg coverage_50 width_50_deg coverage_90 width_90_deg job digest",
     );
-    for evaluation in
-        study.evaluations.iter().filter(|it| it.plan.question == StudyQuestion::Samples)
+    for evaluation in study
+        .evaluations
+        .iter()
+        .filter(|evaluation| evaluation.plan.question == StudyQuestion::Samples)
     {
         for group in &evaluation.report.groups {
             for scores in group.scores.iter().filter(|scores| scores.crps_deg.is_some()) {
-                let error = group.rmse_deg.iter().find(|it| it.predictor == scores.predictor);
+                let error = group.rmse_deg.iter().find(|rmse| rmse.predictor == scores.predictor);
                 let mut row = vec![
                     format!("D{}", evaluation.plan.set),
                     group.name.clone(),

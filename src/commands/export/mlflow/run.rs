@@ -68,7 +68,7 @@ impl Exporter<'_> {
         let names = [(RUN_TAG, id.to_string()), (CREATED_TAG, whole.created_at.clone())];
         let names = names.map(|(key, value)| Pair { key: key.to_owned(), value });
         let found = self.server.find_run(self.experiment, &names).await?;
-        if let Some(deleted) = found.as_ref().filter(|it| it.info.lifecycle_stage == "deleted") {
+        if let Some(deleted) = found.as_ref().filter(|run| run.info.lifecycle_stage == "deleted") {
             let reason = format!(
                 "run {id} is deleted in MLflow; it is left out until its run {} is restored there",
                 deleted.info.run_id

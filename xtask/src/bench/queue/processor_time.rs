@@ -18,7 +18,7 @@ pub fn of(process: u32) -> Duration {
 pub fn with_children(process: u32) -> Duration {
     let entries = fs::read_dir("/proc").into_iter().flatten().flatten();
     let processes = entries.filter_map(|entry| entry.file_name().to_str()?.parse().ok());
-    let children = processes.filter(|&it| parent(it) == Some(process));
+    let children = processes.filter(|&candidate| parent(candidate) == Some(process));
     of(process) + children.map(of).sum::<Duration>()
 }
 
