@@ -45,7 +45,9 @@ pub enum ApiError {
     #[error(
         "the body is {}; send a form (multipart/form-data) with the parts spec and file, or the \
          file itself with Content-Type: text/csv or application/vnd.apache.parquet",
-        found.as_ref().map_or("of no declared type".to_owned(), |kind| format!("declared as {kind}"))
+        found
+            .as_ref()
+            .map_or("of no declared type".to_owned(), |kind| format!("declared as {kind}"))
     )]
     UploadType { found: Option<String> },
 
