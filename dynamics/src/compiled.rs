@@ -28,7 +28,7 @@ pub(crate) const TWISTS: [Twist; JOINTS] = [
     Twist::Quarter,
 ];
 
-/// Which of the lengths (a, d) of each joint's row are not zero.
+/// Whether the lengths (a, d) of each joint's row are not zero.
 const LENGTHS: [(bool, bool); JOINTS] = [
     (false, true),
     (false, false),

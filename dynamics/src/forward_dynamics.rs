@@ -41,7 +41,7 @@ pub(crate) struct Motion<L> {
     /// Acceleration of the frame's origin minus that of free fall.
     pub(crate) acceleration: Vector<L>,
     /// The columns x and y of [ω̇] + [ω]²: the acceleration of a point of the link per distance from
-    /// the origin. First moments have no z, nor do origins of joints of the compiled structure.
+    /// the origin. First moments have no z, and neither do joint origins of the compiled structure.
     pub(crate) gradient: [[L; 2]; 3],
 }
 

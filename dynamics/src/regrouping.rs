@@ -3,8 +3,8 @@
 //! A body that is symmetric about a joint's axis, and has no inertia about it, moves the same arm in
 //! the same way whether the link beyond the joint carries it or the link before. Every link can give
 //! up one such body: all of its mass, its first moment along the axis, and as much inertia as makes one
-//! of the entries across the axis zero. What remains of a link is two first moments and five
-//! inertias: the base parameters of Gautier and Khalil 1990, "Direct calculation of minimum set of
+//! of the entries across the axis zero. Two first moments and five inertias of a link remain: the
+//! base parameters of Gautier and Khalil 1990, "Direct calculation of minimum set of
 //! inertial parameters of serial robots". The equation of motion is the same to the last symbol, and
 //! takes a fifth fewer operations.
 

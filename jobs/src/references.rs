@@ -184,7 +184,7 @@ impl<'a> References<'a> {
             .collect();
         let kind = kinds.join(" or ");
         let allowed = match digests.as_slice() {
-            [] => format!("the digest of a job of kind {kind}, of which there are none yet"),
+            [] => format!("the digest of a job of kind {kind}; there is none yet"),
             digests => format!("the digest of a job of kind {kind}: {}", digests.join(", ")),
         };
         Ok(SpecError::one(field, value, allowed))
@@ -216,7 +216,7 @@ pub(crate) fn no_such(
 ) -> SubmissionError {
     let ids: Vec<String> = existing.map(|id| id.to_string()).collect();
     let allowed = match ids.as_slice() {
-        [] => format!("the id of a {what}, of which there are none yet"),
+        [] => format!("the id of a {what}; there is none yet"),
         ids => format!("the id of a {what}, the newest are {}", ids.join(", ")),
     };
     SpecError::one(field, id.to_string(), allowed).into()

@@ -2,8 +2,8 @@ use crate::{MeasurementNoise, Shape, Track};
 
 /// The input of a predictor: every torque, and the positions of the context only.
 ///
-/// This type guarantees that no position of the horizon reaches a predictor. Of each robot it
-/// borrows one slice of y, and that slice ends with the context. [`crate::SeriesView::observed`]
+/// This type guarantees that no position of the horizon reaches a predictor. It borrows one slice
+/// of y per robot, and that slice ends with the context. [`crate::SeriesView::observed`]
 /// cuts it there and is the only constructor. A predictor, a model and its normalization get this
 /// type and nothing else, so they cannot see more even by mistake. It has no true values either: u
 /// and y are the measured ones, with the standard deviation of their noise. The recording before

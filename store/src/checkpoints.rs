@@ -120,8 +120,9 @@ impl Store {
         })
     }
 
-    /// Deletes all but the final, the best and, of the others, the `keep` latest checkpoints of the
-    /// fence's job: first the rows, then the objects. What a crash leaves of these is an orphan.
+    /// Deletes checkpoints of the fence's job, except the final one, the best one and the `keep`
+    /// latest of the others. Deletes first the rows, then the objects. Objects that remain after a
+    /// crash are orphans.
     ///
     /// # Errors
     /// [`StoreError::LeaseLost`] when the lease is lost; nothing is changed then.

@@ -98,7 +98,7 @@ impl Store {
     /// Deletes the logs of jobs that ended longer than `age` ago, for good. Returns how many jobs lost theirs.
     ///
     /// # Errors
-    /// When the database fails. What was deleted until then stays so.
+    /// When the database fails. Logs that were deleted before the error stay deleted.
     #[boxed]
     pub async fn delete_old_logs(&self, age: Duration) -> Result<u64, StoreError> {
         let mut count = 0;
@@ -175,8 +175,8 @@ impl Store {
 
 const RETIRING: &str = "looking for what is kept no longer";
 
-/// A job that has ended depends on the checkpoint that it read and on no other of the training. It read the final one, the
-/// best or one that its spec names by its step, all of which stay.
+/// An ended job depends only on the checkpoint that it has read. That is the final one, the best
+/// one, or one that its spec names by its step, and retention keeps all of these.
 const fn respect(item: Item) -> Respect {
     match item.kind {
         wire::ItemKind::Checkpoint => Respect::Open,

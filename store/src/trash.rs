@@ -35,7 +35,7 @@ pub struct Deletion {
     pub reason: Option<String>,
 }
 
-/// Which dependents prevent a deletion.
+/// The dependents that prevent a deletion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Respect {
     All,

@@ -22,7 +22,7 @@ def blocks(guide, language):
 
 
 def run(command, folder, server):
-    """What a command prints in `folder`, where the program is on the PATH."""
+    """Runs a command in `folder` with the program on the PATH. Returns its output."""
     environment = {
         **os.environ,
         "PATH": f"{pathlib.Path(TORQUED).parent}:{os.environ['PATH']}",

@@ -181,7 +181,7 @@ impl DatasetReader {
     }
 }
 
-/// Which measured values have columns.
+/// The measured values that have columns.
 #[derive(Clone, Copy, Debug)]
 struct Measures {
     torques: bool,

@@ -48,7 +48,7 @@ fn noise_in_the_horizon_changes_no_bit_of_any_baseline() {
     }
 }
 
-/// Filters smooth only the context. Of noisy measurements they see nothing else.
+/// Filters see and smooth only the measurements of the context.
 #[test]
 fn neither_the_horizon_nor_the_truth_changes_a_bit_of_what_is_filtered() {
     let noise = json!({"observations": {"position_noise_rad": 1e-3, "torque_noise_nm": 0.05}});

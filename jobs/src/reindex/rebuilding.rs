@@ -65,7 +65,7 @@ pub async fn rebuild(store: &Store, found: FoundObjects) -> Result<Rebuilt, Rein
             FoundWork::Training(training) => {
                 let task = store.claim(NAME, &Resources::default(), LEASE).await?;
                 let Some(task) = task.filter(|task| task.job == id) else {
-                    let reason = "its training waits for data of which a part is missing";
+                    let reason = "its training waits for data that is incomplete";
                     let work = FoundWork::Training(training);
                     let left_out = |path| LeftOut { path, reason: reason.to_owned() };
                     rebuilt.left_out.extend(work.paths().into_iter().map(left_out));

@@ -9,8 +9,8 @@
 //! With averaged weights, `model.safetensors` holds the average, which predicts, and
 //! `optimizer.safetensors` also holds the weights in training, as `weights.NAME`.
 //!
-//! There is no generator state, because random numbers are keyed by seed and step. Whatever the
-//! bytes, reading them ends in a value or an error. Sizes are compared with the length of the bytes
+//! There is no generator state, because random numbers are keyed by seed and step. Reading
+//! arbitrary bytes ends in a value or an error. Sizes are compared with the length of the bytes
 //! before anything is allocated for them.
 
 mod config;

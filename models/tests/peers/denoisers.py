@@ -1,10 +1,10 @@
 """Makes the files of ../data/NAME/ for denoisers: PyTorch's weights, their answers, gradients, the weights after a
-step of Adam, and the results of whole sampler chains for given noise. `src/agreement_with_pytorch.rs` must get the
-same.
+step of Adam, and the results of all steps of a sampler for given noise. `src/agreement_with_pytorch.rs` must compute
+the same numbers.
 
     PYTHONPATH=../../../python python denoisers.py [NAME ...]
 
-Begin a new one with ../data/NAME/config.json, of which only `model` is read. Without names all are made.
+For a new one, write ../data/NAME/config.json first. Only its field `model` is read. Without names, all files are made.
 """
 
 import json

@@ -33,7 +33,7 @@ pub struct Arguments {
     #[arg(long, value_name = "CHECKPOINT", group = "what")]
     hugging_face: Option<i64>,
 
-    /// Write runs to this MLflow server, as http://HOST:PORT; which ones is said by --run, --filter or --all
+    /// Write runs to this MLflow server (http://HOST:PORT); select them with --run, --filter or --all
     #[arg(long, value_name = "URL", group = "what")]
     mlflow: Option<String>,
 

@@ -85,7 +85,7 @@ impl Transaction {
         .await
     }
 
-    /// Returns whether the experiment exists; so do the functions below.
+    /// Returns whether the experiment exists, like the functions below.
     pub async fn rename_experiment(
         &mut self,
         id: ExperimentId,

@@ -1,5 +1,5 @@
-//! Who is asked in an evaluation: baselines first, then files of predictions, then checkpoints, each sampled in each
-//! way. The order of every table.
+//! The predictors of an evaluation, in the order of every table: baselines, then files of
+//! predictions, then checkpoints with each of their samplers.
 
 use std::collections::HashMap;
 

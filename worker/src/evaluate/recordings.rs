@@ -90,7 +90,7 @@ impl Answers {
         if let Some(first) = lacking.first() {
             let value = format!("a file without a prediction of trajectory {first}");
             let allowed = format!(
-                "a prediction of each trajectory of the cell, {} to {}; {} of them have none",
+                "a prediction of each trajectory of the cell, {} to {}; {} trajectories have none",
                 wanted.start,
                 wanted.end.saturating_sub(1),
                 lacking.len()

@@ -1,5 +1,6 @@
-//! Labels of torqued's own runs as MLflow's clients set and read them: the run's name, its note, and tags, of which
-//! `stage=lab` is MLflow's tag `stage` with the value `lab`, and `baseline` one with an empty value.
+//! Labels of torqued's own runs, in the form that MLflow's clients set and read: the run's name,
+//! its note, and tags. The tag `stage=lab` is MLflow's tag `stage` with the value `lab`. The tag
+//! `baseline` has an empty value there.
 
 use std::collections::BTreeSet;
 

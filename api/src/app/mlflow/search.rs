@@ -1,8 +1,8 @@
 //! Searches of runs. Torqued's own runs and those of clients pass the same filter and are sorted
 //! together.
 //!
-//! A search reads one row of every run of the experiments. Of metrics, params and tags it reads
-//! only those in the filter and the order. Only the runs of the page are read whole.
+//! A search reads one row of every run of the experiments, and the metrics, params and tags that
+//! the filter and the order name. It reads all data only for the runs of the page.
 
 use std::cmp::Ordering;
 use std::collections::{BTreeSet, HashMap};
@@ -26,7 +26,7 @@ pub struct RunSearch {
     pub skipped: usize,
 }
 
-/// Which of both kinds a run is, and its key in the store.
+/// The kind of a run, with its key in the store.
 enum Source {
     Own(Box<store::Run>),
     Tracked(TrackedRunId),

@@ -23,7 +23,7 @@ const TAG_VALUE: usize = 8000;
 const RUN_TAG: &str = "torqued.run";
 const CREATED_TAG: &str = "torqued.created_at";
 
-/// All labels of a run, each of which is a tag of its own besides.
+/// All labels of a run in one tag. Each label also has its own tag.
 const LABELS_TAG: &str = "torqued.tags";
 
 /// MLflow's state of a run that has not begun.
@@ -222,7 +222,7 @@ fn differing<'a>(ours: &'a [Pair], there: &[Pair]) -> Vec<&'a Pair> {
     ours.iter().filter(|pair| there.get(pair.key.as_str()) != Some(&pair.value.as_str())).collect()
 }
 
-/// The pairs whose values have `most` characters at most; the others are told.
+/// The pairs whose values have at most `most` characters. Calls `longer` for each other pair.
 fn within<'a>(
     pairs: &[&'a Pair],
     most: usize,

@@ -16,7 +16,7 @@ const OWN: &str = "torqued-";
 /// Runs of a page of a search.
 const PAGE: u32 = 500;
 
-/// Which runs are wanted.
+/// The runs to export.
 pub enum Selection {
     All,
     Filter(String),
