@@ -44,7 +44,7 @@ pub fn files_allow(connections: usize) -> usize {
 
 /// Makes the system kill this process before others when memory runs out, where that is possible. A
 /// worker's task is retried, but without its server everything stops.
-pub fn go_first_when_memory_is_short() {
+pub fn prefer_as_oom_victim() {
     /// In thousandths, added to the process's share of memory.
     const SCORE: &str = "500";
     // Only Linux has the file.

@@ -169,7 +169,7 @@ impl Structure<MAX_JOINTS> for General {
         turns: &mut [Turn<L>; MAX_JOINTS],
     ) {
         for joint in 0..self.joints() {
-            turns[joint] = start[joint].and_by(change[joint]);
+            turns[joint] = start[joint].followed_by(change[joint]);
         }
     }
 

@@ -34,7 +34,7 @@ impl<L: Lanes> Turn<L> {
 
     /// This turn and then one by `angle`, which should be small: see [`Lanes::small_sin_cos`].
     #[inline(always)]
-    pub(crate) fn and_by(self, angle: L) -> Self {
+    pub(crate) fn followed_by(self, angle: L) -> Self {
         let (sin, cos_less_1) = angle.small_sin_cos();
         Self {
             sin: self.cos.mul_add(sin, self.sin.mul_add(cos_less_1, self.sin)),

@@ -231,7 +231,7 @@ impl Structure<JOINTS> for Compiled {
         turns: &mut [Turn<L>; JOINTS],
     ) {
         for joint in 1..JOINTS {
-            turns[joint] = start[joint].and_by(change[joint]);
+            turns[joint] = start[joint].followed_by(change[joint]);
         }
     }
 

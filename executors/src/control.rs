@@ -167,7 +167,7 @@ impl Control {
             let mut worker = worker.clone();
             if let Phase::Ended(end) = &mut worker.phase {
                 if let Some(why) = self.memory.let_go.get(&worker.name) {
-                    *end = let_go_because(why);
+                    *end = end_of_released(why);
                 }
                 self.take_back(&worker.name, end).await?;
                 if end.cause == Cause::Died && !self.has_begun(&worker.name).await? {
@@ -193,7 +193,7 @@ impl Control {
         if !changed.is_empty() {
             self.store.record_placements(&changed).await?;
         }
-        self.memory.forget_those_not_in(placed, registered);
+        self.memory.forget_missing(placed, registered);
         Ok(())
     }
 
@@ -207,7 +207,7 @@ impl Control {
     async fn gone(&self, record: &Placement) -> Result<Placed, LookError> {
         let name = &record.placed.worker;
         let end = match self.memory.let_go.get(name) {
-            Some(why) => Some(let_go_because(why)),
+            Some(why) => Some(end_of_released(why)),
             None => self.engine.remembers(name).await,
         };
         if let Some(end) = &end {
@@ -345,6 +345,6 @@ impl Control {
     }
 }
 
-fn let_go_because(why: &str) -> End {
+fn end_of_released(why: &str) -> End {
     End { cause: Cause::Interrupted, how: format!("was let go: {why}") }
 }

@@ -102,7 +102,7 @@ impl Memory {
         self.began.extend(names);
     }
 
-    pub fn forget_those_not_in(&mut self, placed: &[PlacedWorker], registered: &[Worker]) {
+    pub fn forget_missing(&mut self, placed: &[PlacedWorker], registered: &[Worker]) {
         self.asked.retain(|_, asked| asked.at.elapsed() < ASTRAY_AFTER);
         let registered = registered.iter().map(|worker| &worker.process.name);
         let there: HashSet<&String> =

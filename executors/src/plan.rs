@@ -108,10 +108,10 @@ pub fn plan(
         demand.waiting > 0 && !is_served(needed) && !is_asked_for(needed)
     });
     let mut leaving = Leaving { workers, spare: &spare, names: Vec::new() };
-    leaving.useless();
-    leaving.unneeded(staying.saturating_sub(bounds.min));
-    leaving.above(bounds.max);
-    leaving.in_the_way(starving.count());
+    leaving.end_useless();
+    leaving.end_unneeded(staying.saturating_sub(bounds.min));
+    leaving.end_above(bounds.max);
+    leaving.make_room(starving.count());
     let let_go = leaving.names.into_iter();
     asks.extend(let_go.map(|(worker, why)| Action::LetGo { worker: worker.to_owned(), why }));
     asks
@@ -197,7 +197,7 @@ impl<'a> Leaving<'a> {
     }
 
     /// Ends idle workers that claim no more tasks.
-    fn useless(&mut self) {
+    fn end_useless(&mut self) {
         let useless = self
             .candidates()
             .filter(|worker| worker.state != WorkerState::Busy)
@@ -207,7 +207,7 @@ impl<'a> Leaving<'a> {
     }
 
     /// Ends workers that no task waits for, and workers that keep running although fewer should.
-    fn unneeded(&mut self, mut too_many_stay: usize) {
+    fn end_unneeded(&mut self, mut too_many_stay: usize) {
         let mut names = Vec::new();
         for worker in self.candidates().filter(|worker| self.is_spare(worker)) {
             let has_settled =
@@ -222,7 +222,7 @@ impl<'a> Leaving<'a> {
     }
 
     /// Ends workers above the maximum, those with the least to lose first.
-    fn above(&mut self, max: usize) {
+    fn end_above(&mut self, max: usize) {
         let excess = self.candidates().count().saturating_sub(max);
         let mut by_loss: Vec<&KnownWorker> = self.candidates().collect();
         by_loss.sort_by_key(|worker| {
@@ -234,7 +234,7 @@ impl<'a> Leaving<'a> {
 
     /// Ends one worker for each need that no worker covers, unless a place will be free soon. It is
     /// a spare worker, or one with a duplicate.
-    fn in_the_way(&mut self, starving: usize) {
+    fn make_room(&mut self, starving: usize) {
         let ending = self
             .workers
             .iter()
@@ -244,7 +244,7 @@ impl<'a> Leaving<'a> {
             let mut by_loss: Vec<&KnownWorker> = self
                 .candidates()
                 .filter(|worker| !worker.stays)
-                .filter(|worker| self.is_spare(worker) || self.has_a_like(worker))
+                .filter(|worker| self.is_spare(worker) || self.has_equivalent(worker))
                 .collect();
             by_loss.sort_by_key(|worker| {
                 (!self.is_spare(worker), worker.state == WorkerState::Busy, !worker.is_pending())
@@ -255,7 +255,7 @@ impl<'a> Leaving<'a> {
     }
 
     /// Whether another of the engine's workers can do the same tasks.
-    fn has_a_like(&self, worker: &KnownWorker) -> bool {
+    fn has_equivalent(&self, worker: &KnownWorker) -> bool {
         let mut others = self.candidates().filter(|other| other.name != worker.name);
         others.any(|other| other.is_useful() && other.resources.cover(&worker.resources))
     }

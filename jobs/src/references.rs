@@ -137,7 +137,7 @@ impl<'a> References<'a> {
             job = live.filter(|job| !job.cancel_requested);
         }
         let Some(job) = job else {
-            return Err(self.not_made(digest, product, field, value).await?.into());
+            return Err(self.missing_result(digest, product, field, value).await?.into());
         };
         Ok(FoundSpec {
             digest,
@@ -147,7 +147,7 @@ impl<'a> References<'a> {
         })
     }
 
-    async fn not_made(
+    async fn missing_result(
         &self,
         digest: Digest,
         product: Product,

@@ -160,7 +160,7 @@ impl Report {
     }
 
     /// Checks that a list has no repetitions.
-    pub fn each_once<T: PartialEq + Debug>(&mut self, field: &str, items: &[T]) {
+    pub fn no_duplicates<T: PartialEq + Debug>(&mut self, field: &str, items: &[T]) {
         let repeated = |(i, item): &(usize, &T)| items[..*i].contains(*item);
         if let Some((_, twice)) = items.iter().enumerate().find(repeated) {
             self.violation(field, format!("{twice:?} twice"), "each once");

@@ -385,8 +385,8 @@ impl Check for ControlSpec {
             report.violation("checkpoints", "[]", "at least one checkpoint or baseline");
         }
         report.length("checkpoints", self.checkpoints.len(), 0..=20);
-        report.each_once("checkpoints", &self.checkpoints);
-        report.each_once("baselines", &self.baselines);
+        report.no_duplicates("checkpoints", &self.checkpoints);
+        report.no_duplicates("baselines", &self.baselines);
         report.within("robots", self.robots, 1..=100);
         report.within("context", self.context, 2..=9_999);
         report.within("duration_s", self.duration_s, 0.01..=600.0);

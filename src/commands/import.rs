@@ -70,7 +70,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     if !arguments.wait {
         return Ok(ExitCode::SUCCESS);
     }
-    watch::to_the_end(&client, job.id, output).await
+    watch::follow_to_end(&client, job.id, output).await
 }
 
 fn print_places(client: &Client, job: &Job, existed: bool) {

@@ -39,5 +39,5 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     if !arguments.watch {
         return Ok(ExitCode::SUCCESS);
     }
-    watch::to_the_end(&client, job.id, output).await
+    watch::follow_to_end(&client, job.id, output).await
 }

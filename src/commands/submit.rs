@@ -71,7 +71,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     if !arguments.watch {
         return Ok(ExitCode::SUCCESS);
     }
-    watch::to_the_end(&client, job.id, output).await
+    watch::follow_to_end(&client, job.id, output).await
 }
 
 /// Reads a spec or a request of at most `max_bytes`; `-` is standard input.

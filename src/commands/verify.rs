@@ -51,7 +51,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
                 let page = client.url(&format!("/jobs/{}", job.id));
                 println!("job {} {}: {page}", job.id, job.state);
             }
-            watch::to_the_end(&client, job.id, arguments.output).await
+            watch::follow_to_end(&client, job.id, arguments.output).await
         }
         Target::Folder(_) if arguments.output.json => {
             bail!("--json is for the id of a server's dataset, not for a folder")

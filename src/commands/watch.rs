@@ -24,13 +24,13 @@ pub struct Arguments {
 
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let client = arguments.server.client()?;
-    to_the_end(&client, arguments.id, arguments.output).await
+    follow_to_end(&client, arguments.id, arguments.output).await
 }
 
 /// Follows a job to its end. Only a job that succeeds gives exit code 0. Prints the findings of its
 /// jobs, except for jobs that leave datasets or checkpoints. With JSON, prints only the job, each
 /// time it changes.
-pub async fn to_the_end(
+pub async fn follow_to_end(
     client: &Client,
     id: i64,
     output: OutputArguments,

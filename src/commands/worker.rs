@@ -55,7 +55,7 @@ const STOP_WITHIN: Duration = Duration::from_secs(30);
 pub async fn run(arguments: Arguments, log: &AttemptLog) -> anyhow::Result<ExitCode> {
     allocator::keep_freed_memory();
     process::open_many_files();
-    process::go_first_when_memory_is_short();
+    process::prefer_as_oom_victim();
     let shutdown = CancellationToken::new();
     if arguments.stop_with_stdin {
         watch_stdin(shutdown.clone());

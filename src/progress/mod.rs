@@ -85,14 +85,14 @@ pub async fn follow_quietly(
             Ok(()) => last_answer = Instant::now(),
             // The next request for the job shows whether the server is gone.
             Err(ClientError::Unreachable { .. }) => {}
-            Err(ClientError::Refused { status, .. }) if tells_nothing(status) => events = None,
+            Err(ClientError::Refused { status, .. }) if has_no_events(status) => events = None,
             Err(error) => return Err(error),
         }
     }
 }
 
-/// Whether a server with this status has no events for this client.
-fn tells_nothing(status: StatusCode) -> bool {
+/// Whether a server that answers with this status has no events for this client.
+fn has_no_events(status: StatusCode) -> bool {
     [StatusCode::NOT_FOUND, StatusCode::SERVICE_UNAVAILABLE, StatusCode::TOO_MANY_REQUESTS]
         .contains(&status)
 }
@@ -106,7 +106,7 @@ async fn progress_until_change(
     loop {
         match events.next().await? {
             Event::Progress(progress) if progress.state == job.state => {
-                get_on(job, progress);
+                update_progress(job, progress);
                 seen(job);
             }
             // The progress event that follows includes these changes.
@@ -122,7 +122,7 @@ async fn progress_until_change(
     }
 }
 
-fn get_on(job: &mut Job, now: JobProgress) {
+fn update_progress(job: &mut Job, now: JobProgress) {
     job.error = now.error;
     job.cancel_requested = now.cancel_requested;
     job.progress = now.progress;

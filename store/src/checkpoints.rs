@@ -101,7 +101,7 @@ impl Store {
             let (_, standing) = leases::held(&mut tx, fence).await?;
             let (job, run) = leases::held_run(&mut tx, fence).await?;
             if sql!(&mut tx, last_step(job))?.is_none_or(|last| last < new.step) {
-                sql!(&mut tx, set_attempt(fence.task, standing.got_on().attempt))?;
+                sql!(&mut tx, set_attempt(fence.task, standing.with_saved_progress().attempt))?;
             }
             let id = sql!(&mut tx, upsert_checkpoint(job, run, new))?;
             let mut replaced = sql!(&mut tx, delete_checkpoint_files(id))?;

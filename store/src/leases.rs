@@ -181,7 +181,7 @@ impl Store {
 /// Shows a job as running after its first task was claimed.
 async fn start(tx: &mut Transaction, job: JobId) -> Result<(), StoreError> {
     if sql!(tx, start_job(job))? {
-        pipelines::settle_those_of(tx, job).await?;
+        pipelines::settle_pipelines_of(tx, job).await?;
     }
     Ok(())
 }

@@ -47,7 +47,10 @@ impl Store {
 }
 
 /// Updates all pipelines that `job` belongs to.
-pub(crate) async fn settle_those_of(tx: &mut Transaction, job: JobId) -> Result<(), StoreError> {
+pub(crate) async fn settle_pipelines_of(
+    tx: &mut Transaction,
+    job: JobId,
+) -> Result<(), StoreError> {
     for pipeline in sql!(tx, pipelines_of(job))? {
         settle(tx, pipeline).await?;
     }

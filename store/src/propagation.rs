@@ -65,7 +65,7 @@ async fn finish(
                 _ => {}
             }
         }
-        pipelines::settle_those_of(tx, job).await?;
+        pipelines::settle_pipelines_of(tx, job).await?;
     }
     Ok(())
 }

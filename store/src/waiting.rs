@@ -33,10 +33,10 @@ const LOOK_EVERY_WHEN_QUIET: Duration = Duration::from_secs(10);
 const QUIET_AFTER: Duration = Duration::from_secs(10);
 
 /// How much longer a worker lets others go first after each further ring in vain.
-const COURTESY: Duration = Duration::from_millis(4);
+const BACKOFF_STEP: Duration = Duration::from_millis(4);
 
 /// The longest time for which a worker lets others go first.
-const LONGEST_COURTESY: Duration = Duration::from_millis(400);
+const LONGEST_BACKOFF: Duration = Duration::from_millis(400);
 
 #[derive(Debug)]
 enum Inner {
@@ -80,9 +80,9 @@ impl Bell {
         };
         if rang {
             self.heard_at = Instant::now();
-            let courtesy = courtesy(self.in_vain, RandomState::new().hash_one(()));
+            let backoff = backoff(self.in_vain, RandomState::new().hash_one(()));
             self.in_vain = self.in_vain.saturating_add(1);
-            tokio::time::sleep(courtesy).await;
+            tokio::time::sleep(backoff).await;
         }
         Ok(())
     }
@@ -92,16 +92,17 @@ impl Bell {
         if self.heard_at.elapsed() < QUIET_AFTER { LOOK_EVERY } else { LOOK_EVERY_WHEN_QUIET }
     }
 
-    /// Tells the bell that a task was found.
-    pub fn brought_a_task(&mut self) {
+    /// Records that a task was found. The backoff starts again at zero.
+    pub fn task_found(&mut self) {
         self.in_vain = 0;
         self.heard_at = Instant::now();
     }
 }
 
-/// How long to let others go first after this many rings in vain. `chance` is any number.
-fn courtesy(in_vain: u32, chance: u64) -> Duration {
-    let longest = COURTESY.saturating_mul(in_vain).min(LONGEST_COURTESY);
+/// How long to wait after this many rings in vain, so that other workers go first. `chance` is a
+/// random number.
+fn backoff(in_vain: u32, chance: u64) -> Duration {
+    let longest = BACKOFF_STEP.saturating_mul(in_vain).min(LONGEST_BACKOFF);
     let nanoseconds = u64::try_from(longest.as_nanos()).unwrap_or(u64::MAX);
     Duration::from_nanos(chance % nanoseconds.max(1))
 }
@@ -112,15 +113,15 @@ mod tests {
 
     #[test]
     fn whoever_gets_every_task_goes_at_once() {
-        assert_eq!(courtesy(0, u64::MAX), Duration::ZERO);
+        assert_eq!(backoff(0, u64::MAX), Duration::ZERO);
     }
 
     #[test]
     fn whoever_hears_many_rings_in_vain_lets_others_go_first_but_not_for_long() {
-        let latest = |in_vain| (0..1000).map(|i| courtesy(in_vain, i * 7_919_777)).max().unwrap();
-        assert!(latest(2) < 2 * COURTESY);
-        assert!(latest(2) > COURTESY);
-        assert!(latest(u32::MAX) < LONGEST_COURTESY);
-        assert!(latest(u32::MAX) > LONGEST_COURTESY / 10 * 9);
+        let latest = |in_vain| (0..1000).map(|i| backoff(in_vain, i * 7_919_777)).max().unwrap();
+        assert!(latest(2) < 2 * BACKOFF_STEP);
+        assert!(latest(2) > BACKOFF_STEP);
+        assert!(latest(u32::MAX) < LONGEST_BACKOFF);
+        assert!(latest(u32::MAX) > LONGEST_BACKOFF / 10 * 9);
     }
 }

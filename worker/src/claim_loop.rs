@@ -112,7 +112,7 @@ async fn work_on(
         });
         let pause = match found {
             Ok(SearchResult::Task(task)) => {
-                bell.iter_mut().for_each(Bell::brought_a_task);
+                bell.iter_mut().for_each(Bell::task_found);
                 let mut execution = pin!(execute(store, device, *task, options, shutdown));
                 match tokio::time::timeout(BELL_KEPT, &mut execution).await {
                     Ok(ended) => ended?,
@@ -241,7 +241,7 @@ async fn execute(
         task: task.label.clone(),
         epoch: task.fence.epoch.0,
     });
-    say_what_begins(&task, options);
+    log_task_start(&task, options);
     let held = HeldTask {
         store,
         fence: task.fence,
@@ -284,7 +284,7 @@ async fn execute(
             }
         }
         () = stop.overdue() => {
-            Err(held.end_without_its_work(stop.get().unwrap_or(StopReason::Shutdown)).await)
+            Err(held.end_unstoppable(stop.get().unwrap_or(StopReason::Shutdown)).await)
         }
     };
     options.log.end();
@@ -292,7 +292,7 @@ async fn execute(
 }
 
 /// Writes the first line of a log.
-fn say_what_begins(task: &ClaimedTask, options: &WorkerOptions) {
+fn log_task_start(task: &ClaimedTask, options: &WorkerOptions) {
     tracing::info!(
         job = %task.job,
         kind = task.kind,

@@ -50,7 +50,7 @@ impl HeldTask<'_> {
     }
 
     /// Ends the attempt while its work still runs. Returns why this process must end.
-    pub async fn end_without_its_work(&self, told: StopReason) -> WorkerError {
+    pub async fn end_unstoppable(&self, told: StopReason) -> WorkerError {
         let error =
             WorkerError::Unstoppable { job: self.job, task: self.label.clone(), reason: told };
         tracing::error!("{error}");

@@ -21,14 +21,14 @@ pub fn description() -> String {
         "{processor} ({}), {cores} cores, {memory} memory, Linux {}; {}; commit {}; load {} before",
         InstructionSet::best(),
         kernel.trim(),
-        said_by("rustc", &["--version"]),
-        said_by("git", &["describe", "--always", "--dirty"]),
+        first_line_of("rustc", &["--version"]),
+        first_line_of("git", &["describe", "--always", "--dirty"]),
         load.split_whitespace().next().unwrap_or("unknown"),
     )
 }
 
 /// The first line that a program prints.
-pub fn said_by(program: &str, arguments: &[&str]) -> String {
+pub fn first_line_of(program: &str, arguments: &[&str]) -> String {
     let output =
         Command::new(program).args(arguments).current_dir(crate::places::repository()).output();
     let text = output.map(|output| String::from_utf8_lossy(&output.stdout).into_owned());
@@ -70,6 +70,9 @@ mod tests {
 
     #[test]
     fn a_program_that_is_not_there_says_nothing() {
-        assert_eq!(said_by("no-such-program-anywhere", &[]), "no-such-program-anywhere unknown");
+        assert_eq!(
+            first_line_of("no-such-program-anywhere", &[]),
+            "no-such-program-anywhere unknown"
+        );
     }
 }

@@ -52,7 +52,7 @@ pub enum TokenLookup {
 
 impl KnownTokens {
     /// Whether the store has tokens, or had some since this server started.
-    pub async fn are_there(&self, store: &Store) -> Result<bool, StoreError> {
+    pub async fn has_any(&self, store: &Store) -> Result<bool, StoreError> {
         if !self.some.load(Ordering::Relaxed) {
             self.refresh(store, TOKENS_KEPT).await?;
         }

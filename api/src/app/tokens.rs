@@ -16,7 +16,7 @@ use crate::limits::{TOKEN_LIFETIME_S, TOKEN_NAME_BYTES};
 impl App {
     /// Whether everybody who can reach this server may do everything.
     pub(crate) async fn is_open(&self) -> Result<bool, store::StoreError> {
-        Ok(self.token.is_none() && !self.tokens.are_there(&self.store).await?)
+        Ok(self.token.is_none() && !self.tokens.has_any(&self.store).await?)
     }
 
     /// The caller with these credentials; `None` if they are not valid.

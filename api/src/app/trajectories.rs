@@ -84,7 +84,7 @@ impl App {
         let shards = self.store.shards(row.id).await?;
         let holds = |shard: &&Shard| shard.contents.range().contains(&index);
         let Some(shard) = shards.iter().find(holds).cloned() else {
-            let there = there_are(row.state, row.trajectories, &shards);
+            let there = available_ranges(row.state, row.trajectories, &shards);
             let id = format!("{index} in dataset {dataset}: {there}");
             return Err(ApiError::not_found("trajectory", id));
         };
@@ -98,7 +98,7 @@ impl App {
 }
 
 /// A sentence about the trajectories that exist.
-fn there_are(state: DatasetState, trajectories: u64, shards: &[Shard]) -> String {
+fn available_ranges(state: DatasetState, trajectories: u64, shards: &[Shard]) -> String {
     match (state, shards) {
         (DatasetState::Complete, _) => format!("there are 0 to {}", trajectories.saturating_sub(1)),
         (_, []) => "no shard is finished yet".to_owned(),

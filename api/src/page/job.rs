@@ -115,7 +115,7 @@ pub async fn show(
         tasks_left_out: all.saturating_sub(tasks.len() as u64),
         last_task: tasks.last().map_or(0, |task| task.id.0),
         tasks: tasks.into_iter().map(|task| TaskRow::new(task, &job.progress.unit)).collect(),
-        attempts: attempts.into_iter().filter_map(AttemptRow::of_no_success).collect(),
+        attempts: attempts.into_iter().filter_map(AttemptRow::of_unsuccessful).collect(),
         log,
         spec: spec_text(&job.spec),
         commands: Commands::new(&headers),
@@ -133,7 +133,7 @@ fn with_log(attempts: &[Attempt]) -> Option<&Attempt> {
 }
 
 impl AttemptRow {
-    fn of_no_success(attempt: Attempt) -> Option<Self> {
+    fn of_unsuccessful(attempt: Attempt) -> Option<Self> {
         let outcome = attempt.outcome.filter(|outcome| *outcome != AttemptOutcome::Succeeded)?;
         Some(Self {
             label: attempt.label,

@@ -20,7 +20,7 @@ impl Check for RobotDescription {
             report.part(&format!("joints[{i}]"), joint);
         }
         let names = self.per_joint(|joint| &joint.name);
-        report.each_once("joints.name", &names);
+        report.no_duplicates("joints.name", &names);
         report.part("hand", &self.hand);
         report.part("randomization", &self.randomization);
         report.part("initial_state", &self.initial_state);

@@ -141,7 +141,7 @@ impl SimulateSpec {
         /// those of arms are slightly smaller.
         const SAFE: f64 = 0.95;
 
-        if !self.robot.knows_least_inertias() {
+        if !self.robot.has_least_inertias() {
             return Some(
                 "the robot's description does not have least_inertia_kg_m2 for every joint, so it \
                  is not known whether explicit steps are stable; one unstable arm fails its shard"
@@ -250,7 +250,7 @@ impl RobotSpec {
             .fold((0, 0.0), |fastest, next| if next.1 > fastest.1 { next } else { fastest })
     }
 
-    fn knows_least_inertias(&self) -> bool {
+    fn has_least_inertias(&self) -> bool {
         self.description().joints.iter().all(|joint| joint.least_inertia_kg_m2.is_some())
     }
 }

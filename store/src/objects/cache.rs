@@ -99,7 +99,7 @@ impl Cache {
                 let Ok(metadata) = entry.metadata() else { continue };
                 copies.push((metadata.modified()?, metadata.len(), entry.path()));
             } else {
-                delete_left_behind(&entry.path());
+                delete_leftover(&entry.path());
             }
         }
         let mut used: u64 = copies.iter().map(|(_, size, _)| size).sum();
@@ -178,7 +178,7 @@ fn is_copy(entry: &DirEntry) -> bool {
 
 /// Deletes an unfinished copy that no process works on any more. An error is ignored, because there
 /// is a next time.
-fn delete_left_behind(path: &Path) {
+fn delete_leftover(path: &Path) {
     let is_old = || -> io::Result<bool> {
         let file = File::open(path)?;
         let age = file.metadata()?.modified()?.elapsed().unwrap_or_default();

@@ -35,7 +35,7 @@ impl Store {
         object: &StoredObject,
         range: Option<Range<u64>>,
     ) -> Result<ObjectBytes, StoreError> {
-        let version = self.sound_version(object).await?;
+        let version = self.undamaged_version(object).await?;
         let is_whole = range.as_ref().is_none_or(|range| *range == (0..object.size));
         if !is_whole {
             self.check_once(object, &version);
@@ -66,10 +66,10 @@ impl Store {
     /// when the object does not exist.
     #[boxed]
     pub async fn look_up_object(&self, object: &StoredObject) -> Result<(), StoreError> {
-        self.sound_version(object).await.map(|_| ())
+        self.undamaged_version(object).await.map(|_| ())
     }
 
-    async fn sound_version(&self, object: &StoredObject) -> Result<ObjectMeta, StoreError> {
+    async fn undamaged_version(&self, object: &StoredObject) -> Result<ObjectMeta, StoreError> {
         let found = self.objects().remote().head(&parse(&object.path)?).await;
         let version = found.map_err(StoreError::object("looking for it", &object.path))?;
         object.check_size(version.size)?;

@@ -111,7 +111,7 @@ impl S3Options {
                 options.ca_bundle = Some(value.into());
             } else if name.starts_with("AWS_")
                 && let Ok(key) = name.to_ascii_lowercase().parse()
-                && !is_said_otherwise(key)
+                && !is_set_elsewhere(key)
             {
                 options.variables.push((key, value.to_owned()));
             }
@@ -145,7 +145,7 @@ const ENDPOINTS: [&str; 3] = ["TORQUED_S3_ENDPOINT", "AWS_ENDPOINT_URL_S3", "AWS
 
 /// Whether an option has no effect here: the URL names the bucket, and the endpoint selects plain
 /// HTTP.
-const fn is_said_otherwise(key: AmazonS3ConfigKey) -> bool {
+const fn is_set_elsewhere(key: AmazonS3ConfigKey) -> bool {
     use AmazonS3ConfigKey::{Bucket, Client, Endpoint, S3Endpoint};
     matches!(key, Bucket | Client(_) | Endpoint | S3Endpoint)
 }

@@ -34,7 +34,7 @@ impl Database {
     pub async fn settled_event(&self, horizon: &mut Horizon) -> Result<Option<i64>, sqlx::Error> {
         let last_event: i64 =
             sqlx::query_scalar("SELECT last_value FROM event_id").fetch_one(&self.reader).await?;
-        if horizon.wants_mark(last_event) {
+        if horizon.needs_mark(last_event) {
             let transaction: i64 =
                 sqlx::query_scalar("SELECT CAST(CAST(pg_current_xact_id() AS TEXT) AS BIGINT)")
                     .fetch_one(&self.reader)
@@ -55,7 +55,7 @@ impl Database {
 
 impl Horizon {
     /// Whether there are ids that no mark covers, and room for another mark.
-    fn wants_mark(&self, last_event: i64) -> bool {
+    fn needs_mark(&self, last_event: i64) -> bool {
         let newest = self.marks.back().map(|newest| newest.last_event).or(self.settled);
         newest.is_none_or(|newest| newest < last_event) && self.marks.len() < MARKS
     }
@@ -78,7 +78,7 @@ mod tests {
         transaction: i64,
         oldest_open: i64,
     ) -> Option<i64> {
-        if horizon.wants_mark(last_event) {
+        if horizon.needs_mark(last_event) {
             horizon.marks.push_back(Mark { last_event, transaction });
         }
         horizon.settle(oldest_open);
@@ -90,7 +90,7 @@ mod tests {
         let mut horizon = Horizon::default();
         assert_eq!(look(&mut horizon, 5, 100, 98), None, "98 may write an event up to 5");
         assert_eq!(look(&mut horizon, 7, 103, 101), Some(5), "101 began after the first mark");
-        assert!(!horizon.wants_mark(7), "nobody has written since");
+        assert!(!horizon.needs_mark(7), "nobody has written since");
         assert_eq!(look(&mut horizon, 7, 104, 103), Some(5));
         assert_eq!(look(&mut horizon, 7, 104, 104), Some(7));
         assert_eq!(look(&mut horizon, 9, 110, 105), Some(7));

@@ -49,7 +49,7 @@ impl TaskStanding {
     /// The task has saved something that the next attempt need not repeat, such as a checkpoint.
     /// This attempt becomes the first of those that count.
     #[must_use]
-    pub fn got_on(self) -> Self {
+    pub fn with_saved_progress(self) -> Self {
         Self { attempt: self.attempt.min(1), ..self }
     }
 
@@ -119,7 +119,7 @@ mod tests {
                 return None;
             }
             let claimed = standing.claimed();
-            let claimed = if gets_on(attempt) { claimed.got_on() } else { claimed };
+            let claimed = if gets_on(attempt) { claimed.with_saved_progress() } else { claimed };
             *standing = claimed.after(Ending::Failed(Retry::Allowed)).0;
             Some(standing.state)
         });

@@ -51,7 +51,7 @@ pub(super) async fn open_source(location: &Location, s3: &S3Options) -> Result<S
     let (store, place) = (open(location, Access::Worker, s3).await?, location.to_string());
     // The server of a folder with SQLite locks it. PostgreSQL knows which server has the duties.
     let lock = location.database.is_none().then(|| store.dir().lock()).transpose()?;
-    let duties = refuse_users(&store, &place, SOURCE_REMEDY).await?;
+    let duties = take_duties(&store, &place, SOURCE_REMEDY).await?;
     let mut side = Side::keep_still(store, Scope::Queue, place.clone(), lock, duties).await?;
     // Tasks of dead workers move as they are. The next server takes them back.
     let leased = sql!(&mut side.transaction, leased_tasks(NAMED_TASKS))?;
@@ -94,7 +94,7 @@ pub(super) async fn identity(
 /// Opens the target of a move. Creates it if it is new.
 pub(super) async fn open_target(location: &Location, s3: &S3Options) -> Result<Side, StoreError> {
     let (store, place) = (open(location, Access::Transfer, s3).await?, location.to_string());
-    let duties = refuse_users(&store, &place, TARGET_REMEDY).await?;
+    let duties = take_duties(&store, &place, TARGET_REMEDY).await?;
     Side::keep_still(store, Scope::Rows, place, None, duties).await
 }
 
@@ -106,7 +106,7 @@ async fn open(location: &Location, access: Access, s3: &S3Options) -> Result<Sto
 }
 
 /// Takes the duties of servers, so that no server does housekeeping meanwhile.
-async fn refuse_users(
+async fn take_duties(
     store: &Store,
     place: &str,
     remedy: &'static str,

@@ -115,7 +115,7 @@ async fn next(
     *looked_at = lately.or_else(|| Some(Instant::now()));
     let waited = now_us().saturating_sub(task.payload.as_u64().unwrap_or_default());
     work.waits_us.lock().unwrap_or_else(PoisonError::into_inner).push(waited);
-    bell.iter_mut().for_each(Bell::brought_a_task);
+    bell.iter_mut().for_each(Bell::task_found);
     store.complete(task.fence, None).await?;
     work.completed.fetch_add(1, Ordering::Relaxed);
     Ok(())

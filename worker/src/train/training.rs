@@ -83,7 +83,7 @@ impl<'a> Training<'a> {
         if is_due && self.validate()? {
             self.keep_checkpoint(CheckpointRole::Best)?;
         }
-        Ok(self.whether_to_go_on())
+        Ok(self.continue_or_stop())
     }
 
     /// Takes one step and does everything that is due after it. Breaks after the last step.
@@ -109,10 +109,10 @@ impl<'a> Training<'a> {
             self.keep_checkpoint(CheckpointRole::Passing)?;
         }
         self.recorder.write_if_due()?;
-        Ok(self.whether_to_go_on())
+        Ok(self.continue_or_stop())
     }
 
-    fn whether_to_go_on(&self) -> ControlFlow<()> {
+    fn continue_or_stop(&self) -> ControlFlow<()> {
         if self.trainer.steps_done() >= self.spec.steps || self.improvement.has_ended().is_some() {
             ControlFlow::Break(())
         } else {

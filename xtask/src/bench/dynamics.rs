@@ -326,7 +326,7 @@ fn notes(rounds: &[Round], accuracy: Option<&Accuracy>) -> Vec<String> {
         notes.push(format!(
             "Pinocchio's aba from its headers: {} {}; one model, 1024 random states, the faster of \
              its conventions",
-            machine::said_by("g++", &["--version"]),
+            machine::first_line_of("g++", &["--version"]),
             peers::cxx_flags().join(" "),
         ));
         notes.push(format!(

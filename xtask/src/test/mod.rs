@@ -104,7 +104,7 @@ fn steps(Arguments { quick, devices }: &Arguments) -> Vec<Step> {
         },
         Step {
             name: "tests",
-            command: telling_what_is_skipped(nextest_or_cargo_test(*quick)),
+            command: with_skipped_tests(nextest_or_cargo_test(*quick)),
             count: Some(|text| counts::nextest(text).or_else(|| counts::cargo_test(text))),
         },
         Step {
@@ -116,7 +116,7 @@ fn steps(Arguments { quick, devices }: &Arguments) -> Vec<Step> {
     if *devices {
         steps.push(Step {
             name: "device tests",
-            command: telling_what_is_skipped(device_tests()),
+            command: with_skipped_tests(device_tests()),
             count: Some(counts::nextest),
         });
     }
@@ -198,7 +198,7 @@ fn device_tests() -> Command {
     command
 }
 
-fn telling_what_is_skipped(mut command: Command) -> Command {
+fn with_skipped_tests(mut command: Command) -> Command {
     command.env("SKIPPED_TESTS", skipped_tests());
     command
 }

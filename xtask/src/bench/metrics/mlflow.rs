@@ -24,7 +24,7 @@ pub struct MlflowServer {
 pub fn version() -> anyhow::Result<String> {
     let python = peers::mlflow()?;
     let script = "import mlflow; print('MLflow', mlflow.__version__)";
-    Ok(machine::said_by(&python.to_string_lossy(), &["-c", script]))
+    Ok(machine::first_line_of(&python.to_string_lossy(), &["-c", script]))
 }
 
 /// The database in the folder of a server.
