@@ -59,7 +59,7 @@ pub struct Force {
 }
 
 #[derive(Deserialize)]
-pub struct Place {
+pub struct TrashQuery {
     before: Option<String>,
 }
 
@@ -96,7 +96,7 @@ pub fn restoration(kind: ItemKind) -> MethodRouter<App> {
 /// The things in the trash.
 pub async fn show(
     State(app): State<App>,
-    InPage(Query(Place { before })): InPage<Query<Place>>,
+    InPage(Query(TrashQuery { before })): InPage<Query<TrashQuery>>,
 ) -> Result<Response, PageError> {
     let Trash { items, next } = app.trash(PAGE_DEFAULT, before.as_deref()).await?;
     Ok(html(&TrashPage { rows: items.into_iter().map(TrashedRow::from).collect(), next })?)

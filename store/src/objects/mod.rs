@@ -110,7 +110,7 @@ impl Objects {
 
     /// Remote objects, with copies in the data folder.
     pub fn elsewhere(dir: &DataDir, objects: RemoteObjects) -> Result<Self, StoreError> {
-        RemoteStore::new(dir, objects).map(|elsewhere| Self::new(Backend::Remote(elsewhere)))
+        RemoteStore::new(dir, objects).map(|remote| Self::new(Backend::Remote(remote)))
     }
 
     fn new(place: Backend) -> Self {
@@ -120,7 +120,7 @@ impl Objects {
     pub fn remote(&self) -> &dyn ObjectStore {
         match &self.place {
             Backend::Folder(folder) => &folder.local,
-            Backend::Remote(elsewhere) => &*elsewhere.remote,
+            Backend::Remote(remote) => &*remote.remote,
         }
     }
 
@@ -128,7 +128,7 @@ impl Objects {
     pub fn place(&self) -> String {
         match &self.place {
             Backend::Folder(folder) => folder.path.display().to_string(),
-            Backend::Remote(elsewhere) => elsewhere.remote.to_string(),
+            Backend::Remote(remote) => remote.remote.to_string(),
         }
     }
 
@@ -144,7 +144,7 @@ impl Objects {
     pub fn away(&self) -> Option<&RemoteStore> {
         match &self.place {
             Backend::Folder(_) => None,
-            Backend::Remote(elsewhere) => Some(elsewhere),
+            Backend::Remote(remote) => Some(remote),
         }
     }
 
@@ -170,7 +170,7 @@ impl Objects {
                     }
                 }
             }
-            Backend::Remote(elsewhere) => elsewhere.delete(paths).await,
+            Backend::Remote(remote) => remote.delete(paths).await,
         }
     }
 
@@ -205,7 +205,7 @@ impl Objects {
     pub async fn now(&self) -> Result<SystemTime, StoreError> {
         match &self.place {
             Backend::Folder(_) => Ok(SystemTime::now()),
-            Backend::Remote(elsewhere) => elsewhere.now().await,
+            Backend::Remote(remote) => remote.now().await,
         }
     }
 
@@ -223,7 +223,7 @@ impl Objects {
     pub fn open_verified(&self, object: &StoredObject) -> Result<File, StoreError> {
         let folder = match &self.place {
             Backend::Folder(folder) => folder,
-            Backend::Remote(elsewhere) => return elsewhere.open_verified(object, &self.checked),
+            Backend::Remote(remote) => return remote.open_verified(object, &self.checked),
         };
         let head = futures::executor::block_on(folder.local.head(&parse(&object.path)?));
         let version = head.map_err(StoreError::object("looking for it", &object.path))?;
@@ -240,7 +240,7 @@ impl Objects {
     pub fn open(&self, path: &str) -> Result<File, StoreError> {
         match &self.place {
             Backend::Folder(folder) => folder.open(path),
-            Backend::Remote(elsewhere) => elsewhere.open(path),
+            Backend::Remote(remote) => remote.open(path),
         }
     }
 
@@ -248,7 +248,7 @@ impl Objects {
     pub fn measure(&self, path: &str) -> Result<StoredObject, StoreError> {
         match &self.place {
             Backend::Folder(folder) => measure(&folder.open(path)?, path),
-            Backend::Remote(elsewhere) => elsewhere.measure(path),
+            Backend::Remote(remote) => remote.measure(path),
         }
     }
 }
