@@ -127,7 +127,7 @@ impl Database {
 
     /// The rows of a statement that follows a lock. The lock answers the first row.
     async fn locked_rows(&self, sent: String) -> Result<Vec<PgRow>, sqlx::Error> {
-        let mut connection = self.reader.acquire().await?;
+        let mut connection = self.lend().await?;
         let sent = || sqlx::raw_sql(AssertSqlSafe(sent.clone()));
         let mut rows = match sent().fetch_all(&mut *connection).await {
             Err(error) if is_not_prepared(&error) => {
@@ -136,6 +136,7 @@ impl Database {
             }
             rows => rows?,
         };
+        self.kept.keep(connection, &self.reader);
         Ok(rows.split_off(1.min(rows.len())))
     }
 }

@@ -16,6 +16,7 @@ mod dialect;
 mod claims;
 mod duty;
 mod events;
+mod kept;
 mod opening;
 #[path = "../statements/mod.rs"]
 mod statements;
@@ -30,6 +31,7 @@ use sqlx::{AssertSqlSafe, PgConnection, PgPool, Postgres};
 use crate::database::Scope;
 use crate::location::DatabaseUrl;
 use crate::{Access, JobId, StoreError};
+use kept::KeptConnection;
 
 pub(crate) use claims::StageEnd;
 pub(crate) use duty::DutyLock;
@@ -51,6 +53,7 @@ const TURN_LOCK: i64 = i64::from_be_bytes(*b"torq\0\0\0\0");
 #[derive(Debug)]
 pub(crate) struct Database {
     reader: PgPool,
+    kept: KeptConnection,
     options: Box<PgConnectOptions>,
 }
 
@@ -71,9 +74,8 @@ impl Database {
             Scope::Lease => format!("BEGIN; SELECT pg_advisory_xact_lock_shared({LEASE_LOCK})"),
             Scope::Rows => "BEGIN".to_owned(),
             Scope::Statement => {
-                let connection = self.reader.acquire().await;
-                let connection = connection.map_err(StoreError::database(operation))?;
-                return Ok(Transaction { connection, operation, is_open: false });
+                let connection = self.lend().await.map_err(StoreError::database(operation))?;
+                return Ok(self.transaction(connection, operation, false));
             }
         };
         self.begin_with(begin, operation).await
@@ -91,17 +93,34 @@ impl Database {
         begin: String,
         operation: &'static str,
     ) -> Result<Transaction, StoreError> {
-        let connection = self.reader.acquire().await;
-        let connection = connection.map_err(StoreError::database(operation))?;
+        let connection = self.lend().await.map_err(StoreError::database(operation))?;
         // A caller that gives up from here on drops the transaction, which ends it.
-        let mut transaction = Transaction { connection, operation, is_open: true };
+        let mut transaction = self.transaction(connection, operation, true);
         let begun = sqlx::raw_sql(AssertSqlSafe(begin)).execute(transaction.connection()).await;
         begun.map_err(StoreError::database(operation))?;
         Ok(transaction)
     }
 
+    fn transaction(
+        &self,
+        connection: PoolConnection<Postgres>,
+        operation: &'static str,
+        is_open: bool,
+    ) -> Transaction {
+        let (kept, pool) = (self.kept.clone(), self.reader.clone());
+        Transaction { connection: Some(connection), kept, pool, operation, is_open }
+    }
+
+    /// A connection for one operation. Dropped, it goes back to the pool.
+    async fn lend(&self) -> Result<PoolConnection<Postgres>, sqlx::Error> {
+        self.kept.acquire(&self.reader).await
+    }
+
     pub async fn close(&self) {
-        self.reader.close().await;
+        // From here on no connection is kept.
+        let closed = self.reader.close();
+        self.kept.give_back();
+        closed.await;
     }
 
     /// Returns `None`: PostgreSQL checks its own files.
@@ -118,7 +137,11 @@ impl Database {
 /// write until the connection was closed.
 #[derive(Debug)]
 pub(crate) struct Transaction {
-    connection: PoolConnection<Postgres>,
+    /// `None` only after the end.
+    connection: Option<PoolConnection<Postgres>>,
+    /// The place of the connection after the end.
+    kept: KeptConnection,
+    pool: PgPool,
     operation: &'static str,
     /// Whether there is something to commit. A statement of [`Scope::Statement`] is a transaction of
     /// its own.
@@ -127,8 +150,10 @@ pub(crate) struct Transaction {
 
 impl Drop for Transaction {
     fn drop(&mut self) {
-        if self.is_open {
-            self.connection.close_on_drop();
+        if self.is_open
+            && let Some(connection) = &mut self.connection
+        {
+            connection.close_on_drop();
         }
     }
 }
@@ -152,6 +177,9 @@ impl Transaction {
             let ended = sqlx::raw_sql(statement).execute(self.connection()).await;
             ended.map_err(StoreError::database(self.operation))?;
             self.is_open = false;
+            if let Some(connection) = self.connection.take() {
+                self.kept.keep(connection, &self.pool);
+            }
         }
         Ok(())
     }
@@ -195,6 +223,6 @@ impl Transaction {
     }
 
     fn connection(&mut self) -> &mut PgConnection {
-        &mut self.connection
+        self.connection.as_mut().expect("a transaction has its connection until it ends")
     }
 }

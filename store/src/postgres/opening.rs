@@ -8,6 +8,7 @@ use sqlx::postgres::{PgConnectOptions, PgPoolOptions};
 use sqlx::{ConnectOptions, Connection, Executor, PgConnection, SqlStr};
 
 use super::Database;
+use super::kept::{KeptConnection, is_alive};
 use crate::location::DatabaseUrl;
 use crate::patience::PATIENCE;
 use crate::{Access, StoreError};
@@ -50,9 +51,6 @@ const IDLE_TIMEOUT: Duration = Duration::from_secs(30);
 /// Our statements find rows by index whatever their parameters are, so one plan is enough.
 const PLAN_ONCE: &str = "SET plan_cache_mode = force_generic_plan";
 
-/// A connection that was unused for this long is tested before it is used.
-const ASKED_AFTER: Duration = Duration::from_millis(200);
-
 /// Number of connections of a server, which answers many requests at once.
 const SERVER_CONNECTIONS: u32 = 16;
 
@@ -78,7 +76,9 @@ pub async fn open(url: &DatabaseUrl, access: Access) -> Result<Database, StoreEr
             Box::pin(async { connection.execute(PLAN_ONCE).await.map(drop) })
         })
         .test_before_acquire(false)
-        .before_acquire(|connection, used| Box::pin(is_alive(connection, used.idle_for)))
+        .before_acquire(|connection, used| {
+            Box::pin(async move { Ok(is_alive(connection, used.idle_for).await) })
+        })
         .connect_lazy_with(options.clone());
     let failed = |source| unusable(&place, &options, source);
     let found = found_schema(&mut connection).await.map_err(failed)?;
@@ -98,12 +98,7 @@ pub async fn open(url: &DatabaseUrl, access: Access) -> Result<Database, StoreEr
         }
     }
     let _ = connection.close().await;
-    Ok(Database { reader: pool, options: Box::new(options) })
-}
-
-/// Whether a connection still works. One that was used a moment ago is not tested.
-async fn is_alive(connection: &mut PgConnection, idle_for: Duration) -> Result<bool, sqlx::Error> {
-    Ok(idle_for < ASKED_AFTER || connection.ping().await.is_ok())
+    Ok(Database { reader: pool, kept: KeptConnection::of(access), options: Box::new(options) })
 }
 
 /// The newest schema this binary knows.

@@ -16,6 +16,7 @@ use std::sync::LazyLock;
 use std::time::Duration;
 
 use sqlx::migrate::{Migrate, Migration, MigrationType, Migrator};
+use sqlx::pool::PoolConnection;
 use sqlx::query::Query;
 use sqlx::sqlite::{
     SqliteArguments, SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous,
@@ -134,6 +135,11 @@ impl Database {
         let begun = self.reader.begin_with("BEGIN DEFERRED").await;
         let inner = begun.map_err(StoreError::database(operation))?;
         Ok(Transaction { inner, operation, bell: self.bell.clone(), rings: false })
+    }
+
+    /// A connection for reading.
+    async fn lend(&self) -> Result<PoolConnection<Sqlite>, sqlx::Error> {
+        self.reader.acquire().await
     }
 
     pub async fn close(&self) {

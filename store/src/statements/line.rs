@@ -22,7 +22,7 @@ impl Database {
             .bind(i64::from(offers.gpus))
             .bind(i64::from(offers.megabytes()))
             .bind(text_of_tags(&offers.tags))
-            .fetch_one(&self.reader)
+            .fetch_one(&mut *self.lend().await?)
             .await?;
         Ok(Look {
             is_any_claimable: row.try_get("is_any_claimable")?,

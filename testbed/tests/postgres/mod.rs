@@ -5,12 +5,13 @@ use std::time::{Duration, Instant};
 
 use sqlx::{Connection, Executor, PgConnection};
 use store::{
-    Access, Duty, Fence, Lease, Location, Metric, Progress, Reaper, Store, StoreError, TaskState,
+    Access, Duty, Fence, Lease, Location, Metric, NewJob, Progress, Reaper, Store, StoreError,
+    TaskState,
 };
 use tempfile::TempDir;
 use testbed::{Cluster, Durability, TestDatabase};
 
-use crate::suite::{Fixture, LONG, alone, files_of, simulate, train};
+use crate::suite::{Fixture, LONG, alone, files_of, simulate, task, train};
 
 async fn fixture() -> Fixture {
     let (location, database, dir) = empty();
@@ -152,6 +153,45 @@ async fn objects_of_another_database_are_refused() {
 async fn running(store: &Store) -> Fence {
     store.submit(alone(train(&simulate(1), vec![]))).await.unwrap();
     store.claim("w1", &spec::Resources::default(), LONG).await.unwrap().unwrap().fence
+}
+
+/// Claims a task and completes it.
+async fn do_one(worker: &Store) {
+    let nothing = spec::Resources::default();
+    let task = worker.claim("w1", &nothing, LONG).await.unwrap().unwrap();
+    worker.complete(task.fence, None).await.unwrap();
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_worker_does_its_tasks_on_one_connection_and_replaces_a_broken_one() {
+    let (location, database, _dir) = empty();
+    let server = Store::open_at(&location, Access::Server).await.unwrap();
+    let tasks = (0..20).map(|shard| task(0, shard, 2)).collect();
+    server.submit(alone(NewJob { tasks, ..simulate(1) })).await.unwrap();
+    server.close().await;
+    let cluster = Cluster::shared();
+    let of_torqued = |query: &str| {
+        let from = "FROM pg_stat_activity \
+                    WHERE datname = current_database() AND application_name = 'torqued'";
+        cluster.psql(database.name(), &format!("SELECT {query} {from}"))
+    };
+    let worker = Store::open_at(&location, Access::Worker).await.unwrap();
+    for _ in 0..10 {
+        do_one(&worker).await;
+    }
+    assert_eq!(of_torqued("count(*)"), "1");
+    of_torqued("pg_terminate_backend(pid)");
+    let began = Instant::now();
+    while of_torqued("count(*)") != "0" {
+        assert!(began.elapsed() < LONG);
+    }
+    // A connection that was just used is not tested.
+    tokio::time::sleep(Duration::from_millis(300)).await;
+    for _ in 0..9 {
+        do_one(&worker).await;
+    }
+    assert_eq!(of_torqued("count(*)"), "1");
+    tokio::time::timeout(LONG, worker.close()).await.unwrap();
 }
 
 /// The database goes away during all kinds of work for longer than a lease, and comes back.
