@@ -5,9 +5,9 @@ use anyhow::{Context, bail, ensure};
 use clap::Args;
 use serde_json::{Value, json};
 use spec::{DataSpec, FileFormat, JobSpec};
-use wire::{Dataset, Job};
+use wire::{Dataset, Job, JobState};
 
-use crate::arguments::{OutputArguments, ServerArguments};
+use crate::arguments::{LabelArguments, OutputArguments, ServerArguments};
 use crate::client::{Client, Reuse, Submitted};
 use crate::commands::watch;
 use crate::output::write_json;
@@ -40,6 +40,9 @@ pub struct Arguments {
     wait: bool,
 
     #[command(flatten)]
+    labels: LabelArguments,
+
+    #[command(flatten)]
     output: OutputArguments,
 
     #[command(flatten)]
@@ -60,22 +63,37 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         (None, None) => bail!("--spec or --predictions-of is missing"),
     };
     let reuse = if arguments.force { Reuse::ComputeAnew } else { Reuse::ByDigest };
-    let Submitted { job, existed } = client.import(&arguments.file, &spec, reuse).await?;
+    let labels = arguments.labels.parameters();
+    let Submitted { job, existed } = client.import(&arguments.file, &spec, reuse, &labels).await?;
     let output = arguments.output;
+    if !output.json {
+        let note = if existed { ", imported before" } else { "" };
+        let page = client.url(&format!("/jobs/{}", job.id));
+        println!("job {} {}{note}: {page}", job.id, job.state);
+    }
     match (output.json, arguments.wait) {
-        (false, _) => print_places(&client, &job, existed),
-        (true, false) => write_json(&job)?,
-        (true, true) => {}
+        (true, true) => watch::to_the_end(&client, job.id, output).await,
+        (false, true) => {
+            let code = watch::to_the_end(&client, job.id, output).await?;
+            // Only a job that succeeded leaves a dataset that can be used.
+            let ended = client.job(job.id).await?;
+            if ended.state == JobState::Succeeded {
+                print_dataset(&client, &ended);
+            }
+            Ok(code)
+        }
+        (true, false) => {
+            write_json(&job)?;
+            Ok(ExitCode::SUCCESS)
+        }
+        (false, false) => {
+            print_dataset(&client, &job);
+            Ok(ExitCode::SUCCESS)
+        }
     }
-    if !arguments.wait {
-        return Ok(ExitCode::SUCCESS);
-    }
-    watch::to_the_end(&client, job.id, output).await
 }
 
-fn print_places(client: &Client, job: &Job, existed: bool) {
-    let note = if existed { ", imported before" } else { "" };
-    println!("job {} {}{note}: {}", job.id, job.state, client.url(&format!("/jobs/{}", job.id)));
+fn print_dataset(client: &Client, job: &Job) {
     if let Some(dataset) = job.dataset {
         println!("dataset {dataset}: {}", client.url(&format!("/datasets/{dataset}")));
     }

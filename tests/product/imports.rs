@@ -91,6 +91,7 @@ async fn a_file_that_is_not_as_its_mapping_says_fails_alone() {
     let cut = write("cut.parquet", &good[..good.len() / 2]);
     let (code, output, _) = import(&product, &cut, spec);
     assert_eq!(code, Some(3));
+    assert!(!output.contains("/datasets/"), "there is no dataset to look at: {output}");
     assert!(output.contains("does not end with PAR1"), "{output}");
 
     let mut damaged = good;
