@@ -31,6 +31,11 @@ pub struct Arguments {
     #[arg(long, value_name = "SAMPLES", default_value_t = 320, requires = "predictions_of")]
     context: u32,
 
+    /// Standard deviation of the noise of the recorded positions, rad, 0 to 0.1; replaces
+    /// `position_noise_rad` of the spec
+    #[arg(long, value_name = "RAD")]
+    position_noise_rad: Option<f64>,
+
     /// Import again, even if the same file was imported in the same way before
     #[arg(long)]
     force: bool,
@@ -51,7 +56,7 @@ pub struct Arguments {
 
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let client = arguments.server.client()?;
-    let spec = match (&arguments.spec, arguments.predictions_of) {
+    let mut spec = match (&arguments.spec, arguments.predictions_of) {
         (Some(path), _) => read_spec(path, &arguments.file)?,
         (None, Some(dataset)) => {
             let dataset = client.dataset(dataset).await?;
@@ -62,6 +67,9 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         }
         (None, None) => bail!("--spec or --predictions-of is missing"),
     };
+    if let Some(noise) = arguments.position_noise_rad {
+        spec["position_noise_rad"] = json!(noise);
+    }
     let reuse = if arguments.force { Reuse::ComputeAnew } else { Reuse::ByDigest };
     let labels = arguments.labels.parameters();
     let Submitted { job, existed } = client.import(&arguments.file, &spec, reuse, &labels).await?;

@@ -344,6 +344,8 @@ fn an_import_that_uses_a_column_twice_or_in_wrong_units_is_refused() {
     check_refused(import(), "/columns/q", twice, &["columns.q[6]", "u1", "u[0]"]);
     check_refused(import(), "/units", json!({"angle": "turns"}), &["units.angle", "deg"]);
     check_refused(import(), "/resampling", json!("linear"), &["columns.time", "resampling"]);
+    let expected = ["position_noise_rad is 0.2", "0 to 0.1"];
+    check_refused(import(), "/position_noise_rad", json!(0.2), &expected);
     check_refused(import(), "/split", json!({"kind": "windows", "stride": 0}), &["split.stride"]);
 }
 

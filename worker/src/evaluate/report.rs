@@ -3,7 +3,7 @@ use evaluation::{CellResult, Setting, summarize};
 use jobs::EvaluateTask;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
-use spec::{EvaluateSpec, Observations};
+use spec::{DataSpec, EvaluateSpec};
 use store::{RunId, Task};
 use wire::DataNoise;
 
@@ -41,7 +41,7 @@ pub(super) fn report(attempt: &Attempt, spec: &EvaluateSpec) -> Result<(), TaskE
         horizon: spec.horizon(data.spec().samples()),
         rate_hz: data.spec().rate_hz(),
         samples: spec.samples,
-        data_noise: data_noise(&data.spec().observations()),
+        data_noise: data_noise(data.spec()),
         seed: data.spec().simulation().map(|spec| spec.seed),
         bootstrap: spec.bootstrap,
         excitation: data.spec().simulation().map(|spec| spec.excitation.clone()),
@@ -67,10 +67,10 @@ pub(super) fn report(attempt: &Attempt, spec: &EvaluateSpec) -> Result<(), TaskE
     attempt.end(attempt.store.complete(attempt.fence(), None))
 }
 
-fn data_noise(observations: &Observations) -> Option<DataNoise> {
+fn data_noise(data: &DataSpec) -> Option<DataNoise> {
     let noise = DataNoise {
-        position_rad: observations.position_deviation_rad(),
-        torque_nm: observations.torque_noise_nm,
+        position_rad: data.position_deviation_rad(),
+        torque_nm: data.torque_noise_nm(),
     };
     (noise.position_rad > 0.0 || noise.torque_nm > 0.0).then_some(noise)
 }
