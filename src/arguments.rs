@@ -56,6 +56,31 @@ pub struct OutputArguments {
     pub json: bool,
 }
 
+/// Flags for the labels of a job that is submitted.
+#[derive(Clone, Debug, Args)]
+pub struct LabelArguments {
+    /// The job's name, which replaces the one in its spec
+    #[arg(long, value_name = "NAME")]
+    name: Option<String>,
+
+    /// A note on the job, in Markdown
+    #[arg(long, value_name = "TEXT")]
+    note: Option<String>,
+
+    /// A tag for the job and, for a pipeline, for its jobs; may be given several times
+    #[arg(long = "tag", value_name = "TAG")]
+    tags: Vec<String>,
+}
+
+impl LabelArguments {
+    /// The parameters `name`, `note` and `tag` of a submission.
+    pub fn parameters(&self) -> Vec<(&str, &str)> {
+        let named = [("name", &self.name), ("note", &self.note)];
+        let named = named.into_iter().filter_map(|(key, text)| Some((key, text.as_deref()?)));
+        named.chain(self.tags.iter().map(|tag| ("tag", tag.as_str()))).collect()
+    }
+}
+
 /// Flags for the place of a store.
 #[derive(Clone, Debug, Args)]
 pub struct StoreArguments {

@@ -1,5 +1,6 @@
-//! The configuration file of `serve`. It is TOML with the command's flags as keys. The command
-//! itself defines which keys there are, and which values each allows.
+//! The configuration file of a server. It is TOML with the flags of `serve` as keys. The command
+//! itself defines which keys there are, and which values each allows. `backup` reads the same file
+//! and takes the flags that it has from it.
 
 use std::ffi::OsString;
 use std::path::Path;
@@ -13,8 +14,13 @@ use toml::{Table, Value};
 
 use crate::cli::Cli;
 
-/// The command that reads the file, and the flag that names it.
+/// The command whose flags are the keys.
 const COMMAND: &str = "serve";
+
+/// The commands that read the file.
+const READERS: [&str; 2] = [COMMAND, "backup"];
+
+/// The flag that names it.
 const FLAG: &str = "config";
 
 /// Flags that are not allowed in the file: the one that names it, and those that only print.
@@ -31,10 +37,11 @@ pub fn parse() -> anyhow::Result<Cli> {
     let matches = Cli::command().get_matches_from(&arguments);
     let cli = match file(&matches) {
         None => Cli::from_arg_matches(&matches),
-        Some((path, given)) => {
+        Some(Named { path, reader, given }) => {
             let text = std::fs::read_to_string(path)
                 .with_context(|| format!("cannot read {}", path.display()))?;
-            let more = arguments_of(&text, given).with_context(|| path.display().to_string())?;
+            let more =
+                arguments_of(&text, reader, given).with_context(|| path.display().to_string())?;
             let all = arguments.into_iter().chain(more);
             Cli::from_arg_matches(&Cli::command().get_matches_from(all))
         }
@@ -42,32 +49,45 @@ pub fn parse() -> anyhow::Result<Cli> {
     Ok(cli.unwrap_or_else(|error| error.exit()))
 }
 
-/// The named file, and the other arguments.
-fn file(matches: &ArgMatches) -> Option<(&Path, &ArgMatches)> {
-    let (name, given) = matches.subcommand()?;
-    if name != COMMAND {
+/// A configuration file that the command line names.
+struct Named<'a> {
+    path: &'a Path,
+    /// The command that reads it.
+    reader: &'a str,
+    /// The command's arguments.
+    given: &'a ArgMatches,
+}
+
+fn file(matches: &ArgMatches) -> Option<Named<'_>> {
+    let (reader, given) = matches.subcommand()?;
+    if !READERS.contains(&reader) {
         return None;
     }
     let path = given.get_one::<std::path::PathBuf>(FLAG)?;
-    Some((path, given))
+    Some(Named { path, reader, given })
 }
 
-/// The flags for the keys in `text`, without those that a flag or a variable has set.
-fn arguments_of(text: &str, given: &ArgMatches) -> anyhow::Result<Vec<OsString>> {
+/// The flags for the keys in `text`, without those that a flag or a variable has set, and without
+/// those that `reader` does not have. All keys and values are checked.
+fn arguments_of(text: &str, reader: &str, given: &ArgMatches) -> anyhow::Result<Vec<OsString>> {
     let table: Table = text.parse().map_err(|error: toml::de::Error| syntax(text, &error))?;
     let mut command = Cli::command();
     command.build();
-    let command = command.find_subcommand(COMMAND).context("there is no such command")?;
+    let find = |name: &str| command.find_subcommand(name).context("there is no such command");
+    let (command, reader) = (find(COMMAND)?, find(reader)?);
     let mut arguments = Vec::new();
     for (key, value) in &table {
         let argument = known(command, key)?;
         let flags = flags(argument, key, value)?;
         check(argument, key, value, &flags)?;
-        let by_file = !matches!(
-            given.value_source(argument.get_id().as_str()),
-            Some(ValueSource::CommandLine | ValueSource::EnvVariable)
-        );
-        if by_file {
+        let has_flag = reader.get_arguments().any(|own| own.get_id() == argument.get_id());
+        let is_given = || {
+            matches!(
+                given.value_source(argument.get_id().as_str()),
+                Some(ValueSource::CommandLine | ValueSource::EnvVariable)
+            )
+        };
+        if has_flag && !is_given() {
             arguments.extend(flags);
         }
     }
@@ -172,13 +192,24 @@ fn edits(one: &str, other: &str) -> usize {
 mod tests {
     use super::*;
 
-    fn given(arguments: &[&str]) -> ArgMatches {
-        let all = ["torqued", COMMAND].iter().chain(arguments);
-        Cli::command().get_matches_from(all).subcommand().unwrap().1.clone()
+    fn read_by(reader: &str, arguments: &[&str], text: &str) -> anyhow::Result<Vec<OsString>> {
+        let command = ["torqued", reader];
+        let matches = Cli::command().get_matches_from(command.iter().chain(arguments));
+        arguments_of(text, reader, matches.subcommand().unwrap().1)
     }
 
     fn read(text: &str) -> anyhow::Result<Vec<OsString>> {
-        arguments_of(text, &given(&["--lease-seconds", "7"]))
+        read_by(COMMAND, &["--lease-seconds", "7"], text)
+    }
+
+    #[test]
+    fn a_backup_takes_the_place_of_the_store_from_the_file_of_the_server() {
+        let text = "data = \"/srv/torqued\"\nobjects = \"s3://lab/torqued\"\nworkers = 4\nlog = \"warn\"\n";
+        let mut found = read_by("backup", &["to", "--data", "here"], text).unwrap();
+        found.sort();
+        assert_eq!(found, ["--log=warn", "--objects=s3://lab/torqued"].map(OsString::from));
+        let error = read_by("backup", &["to"], "wrokers = 4").unwrap_err().to_string();
+        assert!(error.contains("did you mean workers?"), "{error}");
     }
 
     #[test]

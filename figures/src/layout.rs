@@ -242,15 +242,9 @@ fn legend_right(figure: &Figure, plot: &Plot, width: f64) -> Vec<LegendEntry> {
     let left = plot.right + LEGEND_GAP;
     let middle = |row: usize| plot.top + (row_count(row) + 0.5) * LEGEND_ROW;
     let name_room = width - LEGEND_GAP - LEGEND_LINE - LEGEND_SPACE;
-    let mut legend: Vec<LegendEntry> = figure.series[..named]
-        .iter()
-        .enumerate()
-        .map(|(i, series)| LegendEntry {
-            series: Some(i),
-            left,
-            middle: middle(i),
-            name: text::fit(&series.name, FONT_SIZE, name_room),
-        })
+    let names = names_that_fit(figure, name_room).into_iter().take(named).enumerate();
+    let mut legend: Vec<LegendEntry> = names
+        .map(|(i, name)| LegendEntry { series: Some(i), left, middle: middle(i), name })
         .collect();
     if named < count {
         legend.push(more(count - named, left, middle(named)));
@@ -267,6 +261,7 @@ fn legend_below(
 ) -> Vec<LegendEntry> {
     let name_room = plot.width() - LEGEND_LINE - LEGEND_SPACE;
     let middle = |row: usize| top + (row_count(row) + 0.65) * LEGEND_ROW;
+    let names = names_that_fit(figure, name_room);
     let mut legend = Vec::new();
     for (row, entries) in rows.iter().enumerate() {
         for (series, offset) in entries {
@@ -274,7 +269,7 @@ fn legend_below(
                 series: Some(*series),
                 left: plot.left + offset,
                 middle: middle(row),
-                name: text::fit(&figure.series[*series].name, FONT_SIZE, name_room),
+                name: names[*series].clone(),
             });
         }
     }
@@ -282,6 +277,11 @@ fn legend_below(
         legend.push(more(hidden, plot.left, middle(rows.len())));
     }
     legend
+}
+
+fn names_that_fit(figure: &Figure, room: f64) -> Vec<String> {
+    let names: Vec<&str> = figure.series.iter().map(|series| series.name.as_str()).collect();
+    text::fit_names(&names, FONT_SIZE, room)
 }
 
 fn more(hidden: usize, left: f64, middle: f64) -> LegendEntry {

@@ -22,9 +22,15 @@ impl Kind for EvaluateSpec {
     }
 
     fn tasks(&self, inputs: &Inputs) -> Result<Vec<NewTask>, SpecError> {
-        let cells = (0..).zip(self.cells(&inputs.data()?.spec));
+        let data = inputs.data()?;
+        let cells = (0..).zip(self.cells(&data.spec));
+        let complete = data.this_dataset().filter(|it| it.state == DatasetState::Complete);
         let mut tasks: Vec<NewTask> = cells
-            .map(|(k, cell)| task(0, k, cell.to_string(), &EvaluateTask::Cell(k), cell.count))
+            .map(|(k, cell)| {
+                let found = complete.map(|it| it.trajectories.saturating_sub(cell.first));
+                let scenarios = found.map_or(cell.count, |found| found.min(cell.count));
+                task(0, k, cell.to_string(), &EvaluateTask::Cell(k), scenarios)
+            })
             .collect();
         let mut report = 1;
         if self.latency.is_some() {

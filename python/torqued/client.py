@@ -114,7 +114,9 @@ class Client:
         return self.get(f"/v1/datasets/{dataset}/trajectories/{index}")
 
     def predict(self, checkpoint, scenarios, **options):
-        """Predictions of a checkpoint for scenarios with `u`, `y` and `future_u`, each `[time][joint]`."""
+        """Predictions of a checkpoint for scenarios with `u`, `y` and `future_u`, each `[time][joint]`.
+
+        A scenario may have `futures`, a list of such `future_u`, and then has an answer for each."""
         body = {"scenarios": scenarios, **options}
         return self.post(f"/v1/checkpoints/{checkpoint}/predict", body)
 

@@ -88,7 +88,23 @@ impl DataSpec {
         self.simulation().map(SimulateSpec::cells).unwrap_or_default()
     }
 
-    /// Additional columns and measurement noise. For an import these are not known.
+    /// Standard deviation of the error of a measured position, rad. For an import it is what the
+    /// spec states.
+    pub fn position_deviation_rad(&self) -> f64 {
+        match self {
+            Self::Simulation(spec) => spec.observations.position_deviation_rad(),
+            Self::Import(spec) => spec.position_noise_rad,
+        }
+    }
+
+    /// Standard deviation of the noise of measured torques, N·m. An import has only the torques
+    /// that its file has.
+    pub fn torque_noise_nm(&self) -> f64 {
+        self.simulation().map(|spec| spec.observations.torque_noise_nm).unwrap_or_default()
+    }
+
+    /// The columns of measured values beside true ones, and other additional columns. An import has
+    /// none: its values are the measured ones.
     pub fn observations(&self) -> Observations {
         self.simulation().map(|spec| spec.observations).unwrap_or_default()
     }

@@ -11,6 +11,7 @@ use sha2::{Digest as _, Sha256};
 use spec::{Digest, FileFormat};
 use tokio::io::AsyncReadExt;
 use tokio_util::io::ReaderStream;
+use wire::{LabelChange, TextChange};
 
 use super::{Client, ClientError, Reuse, Submitted};
 
@@ -22,22 +23,31 @@ const PIECE: usize = 256 * 1024;
 
 impl Client {
     /// Imports `file` according to `spec`, which names its format. A file that the server already
-    /// has is not sent again, because its digest is enough.
+    /// has is not sent again, because its digest is enough. `labels` are the parameters `name`,
+    /// `note` and `tag` of the job. A job that existed before keeps its name and its note.
     pub async fn import(
         &self,
         file: &Path,
         spec: &Value,
         reuse: Reuse,
+        labels: &[(&str, &str)],
     ) -> Result<Submitted, ClientError> {
         let unreadable = |reason| ClientError::File { path: file.to_owned(), reason };
         let mut known = spec.clone();
         known["kind"] = json!("import");
         known["file"] = json!(sha256(file).await.map_err(unreadable)?);
-        match self.submit(known.to_string().into_bytes(), reuse).await {
+        match self.submit_labelled(known.to_string().into_bytes(), reuse, labels).await {
             Err(ClientError::Refused { fields, .. }) if fields == ["file"] => {}
             other => return other,
         }
-        self.send_file(file, spec, reuse).await
+        let submitted = self.send_file(file, spec, reuse).await?;
+        if labels.is_empty() {
+            return Ok(submitted);
+        }
+        let id = submitted.job.id;
+        let existed = submitted.existed;
+        self.label(&format!("/v1/jobs/{id}"), &change(labels, existed)).await?;
+        Ok(Submitted { job: self.job(id).await?, existed })
     }
 
     async fn send_file(
@@ -66,6 +76,21 @@ impl Client {
             .body(Body::wrap_stream(ReaderStream::with_capacity(file, PIECE)));
         self.submitted(request).await
     }
+}
+
+/// The change of a job that gives it `labels`. A job that existed before gets only the tags.
+fn change(labels: &[(&str, &str)], existed: bool) -> LabelChange {
+    let mut change = LabelChange::default();
+    for (key, text) in labels {
+        let text = (*text).to_owned();
+        match *key {
+            "tag" => change.add_tags.push(text),
+            "name" if !existed => change.name = TextChange::Set(text),
+            "note" if !existed => change.note = TextChange::Set(text),
+            _ => {}
+        }
+    }
+    change
 }
 
 /// Encodes a query string.

@@ -17,6 +17,11 @@ pub struct Arguments {
     #[arg(value_name = "DIR")]
     to: PathBuf,
 
+    /// The server's TOML file (`serve --config`), which says where the store is; flags and environment variables take
+    /// precedence
+    #[arg(long, env = "TORQUED_CONFIG", value_name = "FILE")]
+    config: Option<PathBuf>,
+
     #[command(flatten)]
     from: StoreArguments,
 }

@@ -5,9 +5,9 @@ use anyhow::{Context, bail, ensure};
 use clap::Args;
 use serde_json::{Value, json};
 use spec::{DataSpec, FileFormat, JobSpec};
-use wire::{Dataset, Job};
+use wire::{Dataset, Job, JobState};
 
-use crate::arguments::{OutputArguments, ServerArguments};
+use crate::arguments::{LabelArguments, OutputArguments, ServerArguments};
 use crate::client::{Client, Reuse, Submitted};
 use crate::commands::watch;
 use crate::output::write_json;
@@ -31,6 +31,11 @@ pub struct Arguments {
     #[arg(long, value_name = "SAMPLES", default_value_t = 320, requires = "predictions_of")]
     context: u32,
 
+    /// Standard deviation of the noise of the recorded positions, rad, 0 to 0.1; replaces
+    /// `position_noise_rad` of the spec
+    #[arg(long, value_name = "RAD")]
+    position_noise_rad: Option<f64>,
+
     /// Import again, even if the same file was imported in the same way before
     #[arg(long)]
     force: bool,
@@ -38,6 +43,9 @@ pub struct Arguments {
     /// Follow the import until it ends
     #[arg(long)]
     wait: bool,
+
+    #[command(flatten)]
+    labels: LabelArguments,
 
     #[command(flatten)]
     output: OutputArguments,
@@ -48,7 +56,7 @@ pub struct Arguments {
 
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let client = arguments.server.client()?;
-    let spec = match (&arguments.spec, arguments.predictions_of) {
+    let mut spec = match (&arguments.spec, arguments.predictions_of) {
         (Some(path), _) => read_spec(path, &arguments.file)?,
         (None, Some(dataset)) => {
             let dataset = client.dataset(dataset).await?;
@@ -59,23 +67,41 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         }
         (None, None) => bail!("--spec or --predictions-of is missing"),
     };
+    if let Some(noise) = arguments.position_noise_rad {
+        spec["position_noise_rad"] = json!(noise);
+    }
     let reuse = if arguments.force { Reuse::ComputeAnew } else { Reuse::ByDigest };
-    let Submitted { job, existed } = client.import(&arguments.file, &spec, reuse).await?;
+    let labels = arguments.labels.parameters();
+    let Submitted { job, existed } = client.import(&arguments.file, &spec, reuse, &labels).await?;
     let output = arguments.output;
+    if !output.json {
+        let note = if existed { ", imported before" } else { "" };
+        let page = client.url(&format!("/jobs/{}", job.id));
+        println!("job {} {}{note}: {page}", job.id, job.state);
+    }
     match (output.json, arguments.wait) {
-        (false, _) => print_places(&client, &job, existed),
-        (true, false) => write_json(&job)?,
-        (true, true) => {}
+        (true, true) => watch::follow_to_end(&client, job.id, output).await,
+        (false, true) => {
+            let code = watch::follow_to_end(&client, job.id, output).await?;
+            // Only a job that succeeded leaves a dataset that can be used.
+            let ended = client.job(job.id).await?;
+            if ended.state == JobState::Succeeded {
+                print_dataset(&client, &ended);
+            }
+            Ok(code)
+        }
+        (true, false) => {
+            write_json(&job)?;
+            Ok(ExitCode::SUCCESS)
+        }
+        (false, false) => {
+            print_dataset(&client, &job);
+            Ok(ExitCode::SUCCESS)
+        }
     }
-    if !arguments.wait {
-        return Ok(ExitCode::SUCCESS);
-    }
-    watch::follow_to_end(&client, job.id, output).await
 }
 
-fn print_places(client: &Client, job: &Job, existed: bool) {
-    let note = if existed { ", imported before" } else { "" };
-    println!("job {} {}{note}: {}", job.id, job.state, client.url(&format!("/jobs/{}", job.id)));
+fn print_dataset(client: &Client, job: &Job) {
     if let Some(dataset) = job.dataset {
         println!("dataset {dataset}: {}", client.url(&format!("/datasets/{dataset}")));
     }

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use anyhow::{Context, ensure};
 use clap::Args;
 
-use crate::arguments::{OutputArguments, ServerArguments};
+use crate::arguments::{LabelArguments, OutputArguments, ServerArguments};
 use crate::client::{Reuse, Submitted};
 use crate::commands::watch;
 use crate::output::write_json;
@@ -24,17 +24,8 @@ pub struct Arguments {
     #[arg(long)]
     watch: bool,
 
-    /// The job's name, which replaces the one in its spec
-    #[arg(long, value_name = "NAME")]
-    name: Option<String>,
-
-    /// A note on the job, in Markdown
-    #[arg(long, value_name = "TEXT")]
-    note: Option<String>,
-
-    /// A tag for the job and, for a pipeline, for its jobs; may be given several times
-    #[arg(long = "tag", value_name = "TAG")]
-    tags: Vec<String>,
+    #[command(flatten)]
+    labels: LabelArguments,
 
     #[command(flatten)]
     output: OutputArguments,
@@ -50,10 +41,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let spec = read_json(&arguments.spec, MAX_SPEC_BYTES)?;
     let client = arguments.server.client()?;
     let reuse = if arguments.force { Reuse::ComputeAnew } else { Reuse::ByDigest };
-    let named = [("name", &arguments.name), ("note", &arguments.note)];
-    let named = named.into_iter().filter_map(|(key, text)| Some((key, text.as_deref()?)));
-    let tags = arguments.tags.iter().map(|tag| ("tag", tag.as_str()));
-    let labels: Vec<(&str, &str)> = named.chain(tags).collect();
+    let labels = arguments.labels.parameters();
     let Submitted { job, existed } = client.submit_labelled(spec, reuse, &labels).await?;
     let output = arguments.output;
     let note = if existed { ", submitted before" } else { "" };

@@ -2,6 +2,7 @@ use std::process::ExitCode;
 
 use clap::{Args, ValueEnum};
 use reports::{Align, Table};
+use spec::JobKind;
 use wire::{ChannelSummary, Summary};
 
 use crate::arguments::{OutputArguments, ServerArguments};
@@ -48,7 +49,11 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let summary: Summary = client.get(&path).await?;
     let [trajectories, samples, rejected] =
         [summary.trajectories, summary.samples, summary.rejected].map(measure::count);
-    println!("{trajectories} trajectories, {samples} samples, {rejected} draws refused");
+    // Only a simulation draws robots.
+    let dataset = client.dataset(id).await?;
+    let is_simulated = dataset.spec["kind"] == JobKind::Simulate.as_str();
+    let rejected = if is_simulated { format!(", {rejected} draws refused") } else { String::new() };
+    println!("{trajectories} trajectories, {samples} samples{rejected}");
     let mut table = Table::new([
         ("channel", Align::Left),
         ("unit", Align::Left),

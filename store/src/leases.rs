@@ -176,6 +176,18 @@ impl Store {
         tx.commit().await?;
         Ok(Lease::Held { cancel_requested: standing.cancel_requested })
     }
+
+    /// Replaces a leased task's total, for work whose amount shows only once it begins.
+    ///
+    /// # Errors
+    /// [`StoreError::LeaseLost`] when the lease is lost. Nothing has changed then.
+    #[boxed]
+    pub async fn set_total(&self, fence: Fence, total: u64) -> Result<(), StoreError> {
+        let tx = self.begin(Scope::Lease, "setting the total of a task").await?;
+        let (mut tx, _, _) = held_or_rolled_back(tx, fence).await?;
+        sql!(&mut tx, set_total(fence.task, total))?;
+        tx.commit().await
+    }
 }
 
 /// Shows a job as running after its first task was claimed.

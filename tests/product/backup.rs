@@ -116,6 +116,20 @@ async fn a_backup_taken_under_load_is_restored_with_equal_listings_and_goes_on()
 }
 
 #[tokio::test]
+async fn a_backup_reads_the_configuration_file_of_the_server() {
+    let folder = tempfile::tempdir().unwrap();
+    let [data, saved, file] = ["data", "backup", "torqued.toml"].map(|it| folder.path().join(it));
+    std::fs::write(&file, format!("data = {data:?}\nworkers = 0\n")).unwrap();
+    let product = Product::start(&data);
+    product.submit(&small_pipeline()["jobs"]["train-set"]).await;
+    let said = succeed(torqued(&["backup"]).arg(&saved).arg("--config").arg(&file));
+    assert!(said.contains("saved 1 job"), "{said}");
+    let again = folder.path().join("again");
+    let said = succeed(torqued(&["backup"]).arg(&again).env("TORQUED_CONFIG", &file));
+    assert!(said.contains("saved 1 job"), "{said}");
+}
+
+#[tokio::test]
 async fn postgresql_is_saved_into_a_folder_and_restored_into_another_database() {
     let (data, saved) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     let saved = saved.path().join("backup");

@@ -91,6 +91,7 @@ async fn a_file_that_is_not_as_its_mapping_says_fails_alone() {
     let cut = write("cut.parquet", &good[..good.len() / 2]);
     let (code, output, _) = import(&product, &cut, spec);
     assert_eq!(code, Some(3));
+    assert!(!output.contains("/datasets/"), "there is no dataset to look at: {output}");
     assert!(output.contains("does not end with PAR1"), "{output}");
 
     let mut damaged = good;
@@ -127,6 +128,45 @@ async fn a_file_that_is_not_as_its_mapping_says_fails_alone() {
     assert!(errors.contains("samples is 1, allowed: 2 to 10000"), "{errors}");
 
     assert_eq!(import(&product, RECORDINGS, spec).0, Some(0), "the worker went on");
+}
+
+#[tokio::test]
+async fn an_import_has_a_name_and_the_noise_of_its_encoders() {
+    let data = tempfile::tempdir().unwrap();
+    let product = Product::start(data.path());
+    let command = |more: &[&str]| {
+        let arguments = ["import", RECORDINGS, "--spec", "docs/examples/isaac_ms1.json", "--wait"];
+        let server = ["--server", &product.url];
+        run_to_end(&mut torqued(&[&arguments[..], &server, more].concat()))
+    };
+    // The first time the file is sent, and the second time it is there already.
+    for (id, noise, deviation) in [(1, "0.0001", 1e-4), (2, "0.001", 1e-3)] {
+        let name = format!("arm {id}");
+        let flags = ["--name", &name, "--tag", "lab", "--position-noise-rad", noise];
+        let (code, _, errors) = command(&flags);
+        assert_eq!(code, Some(0), "{errors}");
+        let dataset = product.get(&format!("/v1/datasets/{id}")).await;
+        assert_eq!(dataset["name"], json!(name), "{dataset}");
+        assert_eq!(dataset["spec"]["position_noise_rad"], json!(deviation));
+        assert_eq!(product.get(&format!("/v1/jobs/{id}")).await["tags"], json!(["lab"]));
+    }
+    let (code, _, errors) = command(&["--position-noise-rad", "0.2"]);
+    assert_eq!(code, Some(1));
+    assert!(errors.contains("position_noise_rad is 0.2, allowed: 0 to 0.1"), "{errors}");
+
+    let evaluation = json!({
+        "kind": "evaluate", "data": {"dataset": 2}, "context": 40,
+        "baselines": ["nominal-simulator"],
+    });
+    let evaluation = product.submit(&evaluation).await;
+    assert_eq!(product.get(&format!("/v1/jobs/{evaluation}")).await["progress"]["total"], 2);
+    product.succeeded(evaluation).await;
+    let report = product.get(&format!("/v1/evaluations/{evaluation}")).await["report"].clone();
+    assert_eq!(report["data_noise"], json!({"position_rad": 1e-3, "torque_nm": 0.0}));
+
+    let summary = ["summary", "2", "--server", &product.url];
+    let (_, output, _) = run_to_end(&mut torqued(&summary));
+    assert!(output.contains(" trajectories, ") && !output.contains("draws"), "{output}");
 }
 
 #[tokio::test]

@@ -12,7 +12,8 @@ use crate::Warning;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PredictionRequest {
-    /// At least one scenario. The answers have the same order.
+    /// At least one scenario. The answers have the same order. A scenario with `futures` has one
+    /// answer for each of them.
     pub scenarios: Vec<ObservedScenario>,
     #[serde(default)]
     pub sampling: PredictionSampling,
@@ -30,8 +31,20 @@ pub struct ObservedScenario {
     pub u: Vec<Vec<f32>>,
     /// Joint positions of the context `[context][joint]`, rad.
     pub y: Vec<Vec<f32>>,
-    /// Torques of the horizon `[horizon][joint]`, N·m.
+    /// Torques of the horizon `[horizon][joint]`, N·m. Left out if there are `futures`.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub future_u: Vec<Vec<f32>>,
+    /// In place of `future_u`: several possible torques of the horizon `[future][horizon][joint]`,
+    /// N·m, which share this context.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub futures: Vec<Vec<Vec<f32>>>,
+}
+
+impl ObservedScenario {
+    /// The possible torques of the horizon, one list of rows for each answer.
+    pub fn possible_futures(&self) -> &[Vec<Vec<f32>>] {
+        if self.futures.is_empty() { std::slice::from_ref(&self.future_u) } else { &self.futures }
+    }
 }
 
 /// Options of the answer: one prediction, or samples with their quantiles.
@@ -47,8 +60,8 @@ pub struct PredictionSampling {
     pub quantiles: Vec<f64>,
     /// `true` also returns the samples themselves.
     pub return_samples: bool,
-    /// The seed of all random numbers, together with the scenario's index in the request and the
-    /// sample's number.
+    /// The seed of all random numbers, together with the index of the answer and the sample's
+    /// number.
     pub seed: u64,
 }
 
@@ -57,7 +70,8 @@ pub struct PredictionSampling {
 pub struct Prediction {
     #[serde(flatten)]
     pub model: PredictingModel,
-    /// One prediction for each scenario of the request, in the same order.
+    /// One prediction for each scenario of the request, or for each of its futures, in the same
+    /// order.
     pub scenarios: Vec<PredictedScenario>,
     pub latency_ms: PredictionLatency,
     /// Data outside the checkpoint's training data, contexts without information, and predictions

@@ -129,10 +129,9 @@ impl DatasetReader {
 
     /// An empty series with memory for this many trajectories.
     pub fn empty(&self, robots: usize) -> Result<Series, TaskError> {
-        let observations = self.spec.observations();
         let noise = MeasurementNoise {
-            position_rad: observations.position_deviation_rad(),
-            torque_nm: observations.torque_noise_nm,
+            position_rad: self.spec.position_deviation_rad(),
+            torque_nm: self.spec.torque_noise_nm(),
         };
         Ok(Series::with_capacity(self.shape(robots), self.spec.rate_hz())?.with_noise(noise))
     }

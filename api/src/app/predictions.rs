@@ -12,7 +12,7 @@ use wire::{
 };
 
 use crate::app::App;
-use crate::app::questions::question;
+use crate::app::questions::{answers_to, question};
 use crate::error::ApiError;
 use crate::live::{Answer, Lane, LiveError, LiveModel};
 
@@ -62,7 +62,7 @@ impl App {
         let question = question(request, model.about())?;
         let answer = model.predict(question, Lane::Requests).await?;
         let horizon = model.about().horizon;
-        let size = request.scenarios.len();
+        let size = answers_to(request);
         let scenarios =
             (0..size).map(|index| answer.of(index, size, horizon, &request.sampling)).collect();
         let queue = milliseconds(answer.queued);

@@ -7,7 +7,7 @@ use serde_json::Value;
 use series::{MeasurementNoise, Series, Shape, ShapeError};
 use spec::{MAX_POSITION_NOISE_RAD, SpecError, Violation, read_json, shape_violations};
 use utoipa::ToSchema;
-use wire::{PredictionRequest, PredictionSampling};
+use wire::{ObservedScenario, PredictionRequest, PredictionSampling};
 
 use crate::error::ApiError;
 use crate::limits::{PREDICTED_POSITIONS, QUANTILES, QUESTION_MAGNITUDE};
@@ -122,6 +122,11 @@ impl Violations {
     }
 }
 
+/// Number of answers to a request: one for each future of each scenario.
+pub fn answers_to(request: &PredictionRequest) -> usize {
+    request.scenarios.iter().map(|scenario| scenario.possible_futures().len()).sum()
+}
+
 /// Turns a request into the model's input.
 ///
 /// # Errors
@@ -130,10 +135,11 @@ pub fn question(request: &PredictionRequest, about: &AboutModel) -> Result<Quest
     let PredictionRequest { scenarios, sampling, position_noise_rad } = request;
     let AboutModel { context, horizon, joints, rate_hz, .. } = *about;
     let mut violations = Violations::default();
-    let size = scenarios.len();
+    let size = answers_to(request);
     let most = PREDICTED_POSITIONS / (horizon * joints);
     if !(1..=most).contains(&size) {
-        violations.add("scenarios", format!("{size} of them"), format!("1 to {most}"));
+        let allowed = format!("1 to {most}, with each of their futures");
+        violations.add("scenarios", format!("{size} of them"), allowed);
     }
     for (index, scenario) in scenarios.iter().enumerate() {
         let field = |name: &str| format!("scenarios[{index}].{name}");
@@ -141,16 +147,32 @@ pub fn question(request: &PredictionRequest, about: &AboutModel) -> Result<Quest
         let of_context = "the checkpoint's context";
         violations.rows(&u, &scenario.u, context, of_context);
         violations.rows(&y, &scenario.y, context, of_context);
-        violations.rows(&future_u, &scenario.future_u, horizon, "the checkpoint's horizon");
         violations.values(&u, &scenario.u, joints);
         violations.values(&y, &scenario.y, joints);
-        violations.values(&future_u, &scenario.future_u, joints);
+        let futures = field("futures");
+        if !scenario.future_u.is_empty() && !scenario.futures.is_empty() {
+            let found = format!("{} of them beside future_u", scenario.futures.len());
+            violations.add(&futures, found, "one of future_u and futures");
+        }
+        for (number, rows) in scenario.possible_futures().iter().enumerate() {
+            let name = match scenario.futures.len() {
+                0 => future_u.clone(),
+                _ => format!("{futures}[{number}]"),
+            };
+            violations.rows(&name, rows, horizon, "the checkpoint's horizon");
+            violations.values(&name, rows, joints);
+        }
     }
     violations.sampling(sampling, size, about);
     violations.position_noise(*position_noise_rad);
     violations.finish()?;
-    let torques = scenarios.iter().flat_map(|scenario| scenario.u.iter().chain(&scenario.future_u));
-    let positions = scenarios.iter().flat_map(|scenario| &scenario.y);
+    // Models that fit a robot to its past do it once for neighbours with the same past.
+    let answers: Vec<(&ObservedScenario, &Vec<Vec<f32>>)> = scenarios
+        .iter()
+        .flat_map(|past| past.possible_futures().iter().map(move |future| (past, future)))
+        .collect();
+    let torques = answers.iter().flat_map(|(past, future)| past.u.iter().chain(*future));
+    let positions = answers.iter().flat_map(|(past, _)| &past.y);
     let shape = Shape { robots: size, samples: context + horizon, joints };
     let u = torques.flatten().copied().collect();
     let y = positions.flatten().copied().collect();

@@ -55,6 +55,30 @@ async fn what_is_answered_is_what_the_model_says() {
 }
 
 #[tokio::test]
+async fn several_futures_share_a_context_and_are_answered_in_their_order() {
+    let server = Server::start().await;
+    for twin in ["cdt", "lagrangian", "robomorph"] {
+        let model = model(twin);
+        let checkpoint = server.checkpoint(twin).await;
+        let mut repeated = two_of(&model);
+        for name in ["u", "y"] {
+            repeated["scenarios"][1][name] = repeated["scenarios"][0][name].clone();
+        }
+        let mut shared = repeated.clone();
+        let futures = [0, 1].map(|k| repeated["scenarios"][k]["future_u"].clone());
+        let first = shared["scenarios"][0].as_object_mut().unwrap();
+        first.remove("future_u");
+        first.insert("futures".to_owned(), json!(futures));
+        shared["scenarios"].as_array_mut().unwrap().truncate(1);
+        let (status, answer) = server.predict(checkpoint, &shared).await;
+        assert_eq!(status, 200, "{answer}");
+        let (_, expected) = server.predict(checkpoint, &repeated).await;
+        assert_eq!(answer["scenarios"].as_array().unwrap().len(), 2);
+        assert_eq!(answer["scenarios"], expected["scenarios"], "{twin}");
+    }
+}
+
+#[tokio::test]
 async fn samples_their_mean_and_quantiles_are_those_of_the_seed_and_the_sampler() {
     let server = Server::start().await;
     let checkpoint = server.checkpoint("cdt").await;
@@ -119,6 +143,16 @@ async fn everything_that_is_wrong_with_a_question_is_named() {
     let mut wrong = two();
     wrong["scenarios"][0]["y"][0][0] = Value::Null;
     check(wrong, &["scenarios[0].y[0][0]"]).await;
+    let mut wrong = two();
+    wrong["scenarios"][0].as_object_mut().unwrap().remove("future_u");
+    check(wrong, &["scenarios[0].future_u"]).await;
+    let mut wrong = two();
+    let future = wrong["scenarios"][1]["future_u"].clone();
+    wrong["scenarios"][1]["futures"] = json!([future]);
+    check(wrong.clone(), &["scenarios[1].futures"]).await;
+    wrong["scenarios"][1].as_object_mut().unwrap().remove("future_u");
+    wrong["scenarios"][1]["futures"][0][3][6] = json!(1e30);
+    check(wrong, &["scenarios[1].futures[0][3][6]"]).await;
     let sampling = |sampling: Value| {
         let mut question = two();
         question["sampling"] = sampling;

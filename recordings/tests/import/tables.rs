@@ -69,10 +69,20 @@ fn velocities_become_columns_when_they_are_mapped() {
     let (header, rows) = header.split_once('\n').unwrap();
     let rows: Vec<String> = rows.lines().map(|row| format!("{row},1,2,3,4,5,6,7\n")).collect();
     let file = format!("{header}\n{}", rows.concat());
-    let samples = import(file, &spec("csv", &json!({"columns": columns}))).unwrap().samples;
+    let mapping = spec("csv", &json!({"columns": columns}));
+    let samples = import(file.clone(), &mapping).unwrap().samples;
     assert_eq!(samples.num_columns(), 2 + 21);
     let qd7 = samples.column_by_name("qd7").unwrap().as_primitive::<Float32Type>();
     assert_eq!(qd7.value(39), 7.0);
+
+    // They have limits as positions have, once the robot is known.
+    let robot = json!({"columns": columns, "robot": {}, "ranges": {"q_rad": [-1, 1]}});
+    check_refused(
+        file,
+        &spec("csv", &robot),
+        &["column \"v3\": 3 rad/s, allowed: -2.175 to 2.175 rad/s (velocity_rad_s of joint 3 in \
+             robot.model; ranges.qd_rad_s replaces it)"],
+    );
 }
 
 #[test]

@@ -44,8 +44,7 @@ impl Check for FilePredictions {
 /// The kind of predictor that has this name whether or not the evaluation asks it: a reader would take the one for
 /// the other.
 fn reserved(name: &str) -> Option<&'static str> {
-    let is_named = |baseline| serde_json::to_value(baseline).is_ok_and(|known| known == name);
-    if Baseline::all().into_iter().any(is_named) {
+    if Baseline::is_name(name) {
         return Some("baseline");
     }
     ModelSpec::ARCHITECTURES.contains(&name).then_some("model of torqued")

@@ -121,6 +121,12 @@ impl Baseline {
         ]
     }
 
+    /// Whether a baseline has this name in specs and in tables.
+    pub fn is_name(name: &str) -> bool {
+        let is_named = |baseline| serde_json::to_value(baseline).is_ok_and(|known| known == name);
+        Self::all().into_iter().any(is_named)
+    }
+
     /// Its knowledge about the arms before it sees a context.
     pub const fn told(self) -> &'static str {
         match self {

@@ -1,6 +1,7 @@
 //! Checks the values of an import.
 
 use super::spec::{ImportColumns, ImportRanges, ImportSpec, Resampling, Split};
+use crate::MAX_POSITION_NOISE_RAD;
 use crate::check::{Check, Report};
 
 impl Check for ImportSpec {
@@ -10,6 +11,8 @@ impl Check for ImportSpec {
         }
         self.check_columns(report);
         self.check_ranges(report);
+        let noise = 0.0..=MAX_POSITION_NOISE_RAD;
+        report.within("position_noise_rad", self.position_noise_rad, noise);
         report.within("rate_hz", self.rate_hz, 1.0..=1000.0);
         report.within("max_gap_s", self.max_gap_s, 0.001..=1.0);
         report.within("samples", self.samples, 2..=10_000);

@@ -22,6 +22,11 @@ pub struct ImportSpec {
     pub units: ImportUnits,
     #[serde(default)]
     pub ranges: ImportRanges,
+    /// Standard deviation of the noise that the recorded positions have, rad in any case, 0 to 0.1.
+    /// An encoder of resolution r has r / √12. It changes no value; models and baselines that know
+    /// the noise filter with it.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub position_noise_rad: f64,
     /// Sampling rate of the dataset in Hz.
     #[serde(default = "defaults::rate_hz")]
     pub rate_hz: f64,
@@ -213,6 +218,11 @@ impl ImportColumns {
         }
         named
     }
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
 }
 
 mod defaults {

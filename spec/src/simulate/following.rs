@@ -83,6 +83,7 @@ impl SimulateSpec {
                     .to_owned(),
             );
         }
+        doubts.extend(self.speed_doubts());
         doubts
     }
 
@@ -291,10 +292,14 @@ mod tests {
         check_doubts(&json!({"robot": damping(3.0)}), &["integrator"]);
         check_doubts(&json!({"robot": damping(3.0), "rate_hz": 240.0}), &[]);
         check_doubts(&json!({"robot": damping(3.0), "integrator": {"scheme": "rk4"}}), &[]);
-        check_doubts(&json!({"robot": damping(0.5)}), &["robot.damping_nm_s_rad", "integrator"]);
+        let amplitude = "excitation.chirp.amplitude_nm";
+        check_doubts(
+            &json!({"robot": damping(0.5)}),
+            &["robot.damping_nm_s_rad", "integrator", amplitude],
+        );
         check_doubts(
             &json!({"robot": damping(0.5), "integrator": {"scheme": "rk4"}}),
-            &["robot.damping_nm_s_rad"],
+            &["robot.damping_nm_s_rad", amplitude],
         );
     }
 

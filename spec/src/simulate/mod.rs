@@ -10,6 +10,7 @@ mod kind;
 mod observations;
 mod robot_spec;
 mod spec;
+mod speeds;
 
 pub use columns::{Column, ColumnType};
 pub(crate) use completion::{complete, complete_robot};

@@ -13,6 +13,7 @@ pub async fn a_task_may_be_done_before_all_that_was_planned(f: Fixture) {
     assert_eq!((progress.done, progress.total), (4, 4));
     assert_eq!(f.state(job).await, JobState::Succeeded);
     assert_lost(f.store.complete_early(task.fence, 4, &json!(null)).await, task.fence);
+    assert_lost(f.store.set_total(task.fence, 9).await, task.fence);
 }
 
 pub async fn the_first_failure_is_the_jobs(f: Fixture) {

@@ -167,18 +167,20 @@ macro_rules! all_laws {
                 a_job_that_lost_its_results_stands_in_for_no_other,
                 nothing_is_taken_over_from_what_was_deleted,
                 the_trash_is_read_in_pages_and_tells_of_what_was_asked_for_alone,
+                of_many_deletions_of_one_thing_one_counts,
+                a_submission_and_a_deletion_agree,
+                a_restoration_and_a_purge_agree;
+            purge:
                 what_is_purged_leaves_neither_bytes_nor_rows_that_claim_them,
                 a_job_that_others_refer_to_keeps_its_spec,
                 what_would_be_purged_is_what_is_purged,
                 a_file_that_was_sent_goes_with_the_last_job_that_read_it,
+                runs_of_other_clients_are_purged_at_their_date,
+                a_purge_changes_no_count_of_attempts;
+            retention:
                 jobs_that_failed_go_by_themselves_when_nothing_depends_on_them,
                 old_checkpoints_go_unless_somebody_uses_them,
-                old_logs_go_and_their_attempts_stay,
-                runs_of_other_clients_are_purged_at_their_date,
-                of_many_deletions_of_one_thing_one_counts,
-                a_submission_and_a_deletion_agree,
-                a_restoration_and_a_purge_agree,
-                a_purge_changes_no_count_of_attempts;
+                old_logs_go_and_their_attempts_stay;
             takeover:
                 shards_of_a_job_that_failed_are_there_for_the_next,
                 a_training_goes_on_where_one_that_failed_ended,
@@ -306,7 +308,7 @@ macro_rules! laws_of_objects {
                 a_checkpoint_that_nobody_can_use_is_discarded,
                 one_checkpoint_of_a_training_is_the_best_and_one_the_last,
                 the_best_checkpoint_is_never_pruned;
-            trash:
+            purge:
                 what_is_purged_leaves_neither_bytes_nor_rows_that_claim_them,
                 what_would_be_purged_is_what_is_purged,
                 a_file_that_was_sent_goes_with_the_last_job_that_read_it;

@@ -1,4 +1,4 @@
-//! Deletion, restoration and final deletion.
+//! Deletion and restoration.
 
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -7,24 +7,24 @@ use bytes::Bytes;
 use serde_json::json;
 use spec::Digest;
 use store::{
-    AttemptOutcome, CheckpointFile, ClaimedTask, DeletionOrder, ExperimentId, GarbageKind, Item,
-    ItemKind, JobFilter, JobId, JobState, Need, NewArtifact, NewCheckpoint, NewTrackedRun, Page,
-    Relation, Respect, Retry, Ripe, Store, StoreError, Submission, Timestamp, TrashPlace,
+    CheckpointFile, ClaimedTask, DeletionOrder, Item, ItemKind, JobFilter, JobId, JobState, Need,
+    NewArtifact, NewCheckpoint, Page, Relation, Respect, Ripe, Store, StoreError, TrashPlace,
     WhichCheckpoint, object_path,
 };
 
-use super::{Fixture, LONG, alone, evaluate, import, pipeline, simulate, train};
+use super::{Fixture, LONG, alone, evaluate, pipeline, simulate, train};
 
-const ASKED: DeletionOrder<'_> = DeletionOrder { respect: Respect::All, keep: LONG, reason: None };
+pub(super) const ASKED: DeletionOrder<'_> =
+    DeletionOrder { respect: Respect::All, keep: LONG, reason: None };
 
-const FORCED: DeletionOrder<'_> =
+pub(super) const FORCED: DeletionOrder<'_> =
     DeletionOrder { respect: Respect::Open, keep: LONG, reason: None };
 
 /// Everything, whatever its date.
-const ANY: Ripe = Ripe::After(Duration::ZERO);
+pub(super) const ANY: Ripe = Ripe::After(Duration::ZERO);
 
 /// Completes all tasks. Each leaves the results of its kind.
-async fn work(f: &Fixture) {
+pub(super) async fn work(f: &Fixture) {
     while let Some(task) = f.claim().await {
         match task.kind.as_str() {
             "simulate" => {
@@ -48,7 +48,7 @@ async fn work(f: &Fixture) {
     }
 }
 
-async fn checkpoint(f: &Fixture, task: &ClaimedTask, step: u64, is_final: bool) {
+pub(super) async fn checkpoint(f: &Fixture, task: &ClaimedTask, step: u64, is_final: bool) {
     let path = object_path::checkpoint(task.job, step, task.fence.epoch, "model.safetensors");
     let object = f.store.put_object(&path, Bytes::from(format!("step {step}"))).await.unwrap();
     let files = vec![CheckpointFile { name: "model.safetensors".to_owned(), object }];
@@ -58,14 +58,14 @@ async fn checkpoint(f: &Fixture, task: &ClaimedTask, step: u64, is_final: bool) 
 }
 
 /// A pipeline that has succeeded, and its members.
-async fn finished(f: &Fixture, seed: u64) -> (JobId, [JobId; 3]) {
+pub(super) async fn finished(f: &Fixture, seed: u64) -> (JobId, [JobId; 3]) {
     let id = f.submit(pipeline(seed)).await.job;
     work(f).await;
     assert_eq!(f.state(id).await, JobState::Succeeded);
     (id, f.members(id).await.try_into().unwrap())
 }
 
-async fn dataset_of(f: &Fixture, job: JobId) -> Item {
+pub(super) async fn dataset_of(f: &Fixture, job: JobId) -> Item {
     f.store.job(job).await.unwrap().dataset.unwrap().into()
 }
 
@@ -78,7 +78,7 @@ async fn final_checkpoint(f: &Fixture, job: JobId) -> Item {
 }
 
 /// Whether something can be read.
-async fn is_there(store: &Store, item: Item) -> bool {
+pub(super) async fn is_there(store: &Store, item: Item) -> bool {
     let found = match item.kind {
         ItemKind::Job => store.job(JobId(item.id)).await.map(|_| ()),
         ItemKind::Run => store.run(store::RunId(item.id)).await.map(|_| ()),
@@ -93,7 +93,7 @@ async fn is_there(store: &Store, item: Item) -> bool {
 }
 
 /// The things in the lists.
-async fn listed(store: &Store) -> BTreeSet<Item> {
+pub(super) async fn listed(store: &Store) -> BTreeSet<Item> {
     let page = Page { before: None, limit: 500 };
     let jobs = store.jobs(JobFilter::default(), page).await.unwrap();
     let runs = store.runs(None, page).await.unwrap();
@@ -106,7 +106,7 @@ async fn listed(store: &Store) -> BTreeSet<Item> {
 }
 
 /// Checks that every object of a row exists with its bytes, and gives the number of objects.
-async fn assert_whole(store: &Store) -> usize {
+pub(super) async fn assert_whole(store: &Store) -> usize {
     let (mut place, mut count) = (store::ObjectPlace::default(), 0);
     loop {
         let page = store.next_objects(&mut place).await.unwrap();
@@ -338,229 +338,6 @@ pub async fn the_trash_is_read_in_pages_and_tells_of_what_was_asked_for_alone(f:
     assert_eq!(paged, items);
 }
 
-pub async fn what_is_purged_leaves_neither_bytes_nor_rows_that_claim_them(f: Fixture) {
-    let (id, [simulated, _, _]) = finished(&f, 1).await;
-    // Another dataset has the same bytes under its own names.
-    f.submit(Submission { reuse: store::Reuse::Never, ..alone(simulate(1)) }).await;
-    work(&f).await;
-    let other = f.store.datasets(None, Page::default()).await.unwrap()[0].id;
-    let all = assert_whole(&f.store).await;
-    let own: Vec<_> = f.store.shards(dataset_id(&f, simulated).await).await.unwrap();
-    f.store.delete(id.into(), &FORCED).await.unwrap();
-    // Nothing may be purged before its date, and everything in the trash is complete.
-    assert_eq!(f.store.purge(Ripe::AtItsDate { leap: Duration::ZERO }).await.unwrap(), []);
-    assert_eq!(assert_whole(&f.store).await, all);
-    assert!(!f.store.purge(ANY).await.unwrap().is_empty());
-    assert_eq!(assert_whole(&f.store).await, 6);
-    for shard in own {
-        for (_, object) in shard.contents.files() {
-            assert!(f.store.read_object(object).await.unwrap_err().is_missing_file());
-        }
-    }
-    let gone = f.store.restore(id.into()).await.unwrap_err();
-    assert!(matches!(gone, StoreError::NotFound { .. }), "{gone}");
-    assert_eq!(f.store.shards(other).await.unwrap().len(), 3);
-    assert_eq!(f.store.trash(None, 10).await.unwrap(), []);
-    // Some stores round times to seconds.
-    tokio::time::sleep(Duration::from_millis(1100)).await;
-    assert_eq!(f.store.sweep_orphans(Duration::ZERO).await.unwrap(), 0, "objects were left");
-}
-
-async fn dataset_id(f: &Fixture, job: JobId) -> store::DatasetId {
-    f.store.job(job).await.unwrap().dataset.unwrap()
-}
-
-pub async fn a_job_that_others_refer_to_keeps_its_spec(f: Fixture) {
-    let (id, [simulated, trained, evaluated]) = finished(&f, 1).await;
-    f.store.delete(simulated.into(), &FORCED).await.unwrap();
-    f.store.purge(ANY).await.unwrap();
-    let purged = f.store.job(simulated).await.unwrap_err();
-    assert!(matches!(purged, StoreError::Purged { .. }), "{purged}");
-    let refused = f.store.restore(simulated.into()).await.unwrap_err();
-    assert!(matches!(refused, StoreError::Purged { .. }), "{refused}");
-    let digest = simulate(1).digest;
-    let found = f.store.job_by_digest(digest, &JobState::ALL).await.unwrap().unwrap();
-    assert_eq!((found.id, found.spec), (simulated, simulate(1).spec));
-    assert_eq!(f.states(&[id, trained, evaluated]).await, [JobState::Succeeded; 3]);
-    // It goes with the last job that refers to it.
-    f.store.delete(id.into(), &FORCED).await.unwrap();
-    f.store.purge(ANY).await.unwrap();
-    assert!(f.store.job_by_digest(digest, &JobState::ALL).await.unwrap().is_none());
-    assert_eq!(listed(&f.store).await, BTreeSet::new());
-}
-
-pub async fn what_would_be_purged_is_what_is_purged(f: Fixture) {
-    let (id, _) = finished(&f, 1).await;
-    finished(&f, 2).await;
-    f.store.put_object("orphan", Bytes::from_static(b"nobody's")).await.unwrap();
-    f.store.delete(id.into(), &FORCED).await.unwrap();
-    // Some stores round times to seconds.
-    tokio::time::sleep(Duration::from_millis(1100)).await;
-    let before = assert_whole(&f.store).await;
-    let foretold = f.store.garbage(ANY, Duration::ZERO).await.unwrap();
-    assert_eq!(assert_whole(&f.store).await, before, "a look deleted something");
-    let deleted = f.store.collect_garbage(ANY, Duration::ZERO).await.unwrap();
-    assert_eq!(foretold, deleted);
-    let orphans = deleted.iter().find(|garbage| garbage.kind == GarbageKind::Orphans).unwrap();
-    assert_eq!((orphans.files, orphans.bytes), (1, 8));
-    // Four jobs, a dataset, two runs, two checkpoints.
-    assert_eq!(deleted.len(), 4 + 1 + 2 + 2 + 1);
-    assert_eq!(f.store.garbage(ANY, Duration::ZERO).await.unwrap(), []);
-    assert!(assert_whole(&f.store).await < before);
-}
-
-pub async fn a_file_that_was_sent_goes_with_the_last_job_that_read_it(f: Fixture) {
-    let mut writer = f.store.begin_upload().await.unwrap();
-    writer.write(b"u1,q1").await.unwrap();
-    let file = writer.finish("arm.csv").await.unwrap().object;
-    let one = f.submit_one(import(file.sha256)).await;
-    let two = f.submit(Submission { reuse: store::Reuse::Never, ..alone(import(file.sha256)) });
-    let two = two.await.job;
-    f.work_off().await;
-    let is_upload = |garbage: &store::Garbage| garbage.kind == GarbageKind::Upload(file.sha256);
-    f.store.delete(one.into(), &FORCED).await.unwrap();
-    assert!(!f.store.purge(ANY).await.unwrap().iter().any(is_upload));
-    assert!(f.store.upload(file.sha256).await.unwrap().is_some());
-    f.store.delete(two.into(), &FORCED).await.unwrap();
-    assert!(f.store.garbage(ANY, LONG).await.unwrap().iter().any(is_upload));
-    assert!(f.store.purge(ANY).await.unwrap().iter().any(is_upload));
-    assert!(f.store.upload(file.sha256).await.unwrap().is_none());
-    let refused = f.store.submit(alone(import(file.sha256))).await.unwrap_err();
-    assert!(matches!(refused, StoreError::FileDeleted { .. }), "{refused}");
-    assert_eq!(assert_whole(&f.store).await, 0);
-}
-
-pub async fn jobs_that_failed_go_by_themselves_when_nothing_depends_on_them(f: Fixture) {
-    finished(&f, 1).await;
-    let lonely = f.submit_one(simulate(2)).await;
-    f.store.cancel(lonely).await.unwrap();
-    // Its checkpoint was evaluated.
-    let data = simulate(1);
-    let simulated = f.submit_one(data.clone()).await;
-    let training = store::NewJob { spec: json!({"other": 1}), ..train(&data, vec![]) };
-    let training = store::NewJob { digest: Digest::of_json(&training.spec), ..training };
-    let trained = f.submit_one(training.clone()).await;
-    let task = f.must_claim().await;
-    checkpoint(&f, &task, 5, false).await;
-    f.store.fail(task.fence, "too hot", Retry::Never).await.unwrap();
-    let needs = vec![Need::Existing(simulated)];
-    f.submit_one(evaluate(&data, &training, needs)).await;
-    work(&f).await;
-    // A member of this pipeline succeeded.
-    let partly = f.submit(pipeline(3)).await.job;
-    for _ in 0..3 {
-        let task = f.must_claim().await;
-        let shard = f.publish_shard(&task).await;
-        f.store.commit_shard(task.fence, &shard, None).await.unwrap();
-    }
-    f.store.cancel(partly).await.unwrap();
-    let retention =
-        |age| store::Retention { failed_jobs: Some(age), ..store::Retention::default() };
-    assert_eq!(f.store.outdated(store::Retention::default()).await.unwrap(), []);
-    assert_eq!(f.store.outdated(retention(LONG)).await.unwrap(), []);
-    tokio::time::sleep(Duration::from_millis(5)).await;
-    let foretold = f.store.outdated(retention(Duration::ZERO)).await.unwrap();
-    assert_eq!(foretold.iter().map(|outdated| outdated.item).collect::<Vec<_>>(), [lonely.into()]);
-    let retired = f.store.retire(retention(Duration::ZERO), LONG).await.unwrap();
-    assert_eq!(retired, foretold);
-    let trash = f.store.trash(None, 10).await.unwrap();
-    assert_eq!(trash[0].deletion.reason.as_deref(), Some("failed jobs are kept for 0 days"));
-    assert!(is_there(&f.store, trained.into()).await && is_there(&f.store, partly.into()).await);
-    assert_eq!(f.store.outdated(retention(Duration::ZERO)).await.unwrap(), []);
-}
-
-pub async fn old_checkpoints_go_unless_somebody_uses_them(f: Fixture) {
-    let data = simulate(1);
-    f.submit_one(data.clone()).await;
-    work(&f).await;
-    let training = train(&data, vec![]);
-    let trained = f.submit_one(training.clone()).await;
-    let task = f.must_claim().await;
-    for step in [10, 20, 30, 40, 50, 60, 70] {
-        checkpoint(&f, &task, step, step == 70).await;
-    }
-    let keep =
-        |newest| store::Retention { checkpoints: Some(newest), ..store::Retention::default() };
-    assert_eq!(f.store.outdated(keep(1)).await.unwrap(), [], "the training goes on");
-    f.store.complete(task.fence, None).await.unwrap();
-    let spec = json!({"checkpoint": {"step": {"digest": training.digest, "step": 20}}});
-    let digest = Digest::of_json(&spec);
-    let reader = store::NewJob { spec, digest, ..evaluate(&data, &training, vec![]) };
-    let reading = f.submit_one(reader).await;
-    let checkpoints = f.store.checkpoints_of_job(trained).await.unwrap();
-    let change = store::LabelChange { tags: Some(vec!["keep".to_owned()]), ..Default::default() };
-    f.store.change_labels(store::Thing::Checkpoint, checkpoints[2].id.0, &change).await.unwrap();
-    assert_eq!(f.store.outdated(keep(2)).await.unwrap(), [], "an open job reads the training");
-    work(&f).await;
-    assert_eq!(f.state(reading).await, JobState::Succeeded);
-    let steps = |found: &[store::Outdated]| {
-        let step = |outdated: &store::Outdated| {
-            checkpoints
-                .iter()
-                .find(|found| outdated.item == found.id.into())
-                .map(|found| found.step)
-        };
-        found.iter().filter_map(step).collect::<Vec<u64>>()
-    };
-    let found = f.store.outdated(keep(2)).await.unwrap();
-    assert_eq!(steps(&found), [10, 40, 50]);
-    assert_eq!(found[0].reason, "a training keeps its 2 newest checkpoints and the best");
-    assert_eq!(f.store.retire(keep(2), LONG).await.unwrap(), found);
-    let left = f.store.checkpoints_of_job(trained).await.unwrap();
-    assert_eq!(left.iter().map(|checkpoint| checkpoint.step).collect::<Vec<_>>(), [20, 30, 60, 70]);
-    assert_eq!(f.store.outdated(keep(2)).await.unwrap(), []);
-}
-
-pub async fn old_logs_go_and_their_attempts_stay(f: Fixture) {
-    let job = f.submit_one(train(&simulate(1), vec![])).await;
-    let task = f.must_claim().await;
-    let line = store::NewLogChunk { position: 0, text: "here\n".to_owned() };
-    f.store.append_log(task.fence, &[line]).await.unwrap();
-    assert_eq!(f.store.outdated_logs(Duration::ZERO).await.unwrap(), [], "the job goes on");
-    f.store.complete(task.fence, None).await.unwrap();
-    assert_eq!(f.store.outdated_logs(LONG).await.unwrap(), []);
-    assert_eq!(f.store.delete_old_logs(LONG).await.unwrap(), 0);
-    tokio::time::sleep(Duration::from_millis(5)).await;
-    assert_eq!(f.store.outdated_logs(Duration::ZERO).await.unwrap(), [job]);
-    assert_eq!(f.store.delete_old_logs(Duration::ZERO).await.unwrap(), 1);
-    let filter = store::LogFilter { jobs: vec![job], ..store::LogFilter::default() };
-    let page = store::LogPage::After { id: 0, limit: 10 };
-    assert_eq!(f.store.log_page(&filter, page).await.unwrap(), []);
-    assert_eq!(f.store.delete_old_logs(Duration::ZERO).await.unwrap(), 0);
-    assert_eq!(f.store.census().await.unwrap().attempts.len(), 1);
-}
-
-pub async fn runs_of_other_clients_are_purged_at_their_date(f: Fixture) {
-    let experiment = f.store.create_experiment("robots", &[]).await.unwrap();
-    let new = |experiment| NewTrackedRun {
-        experiment,
-        name: None,
-        user: String::new(),
-        start_time: Timestamp::from_milliseconds(0),
-        tags: vec![],
-    };
-    let deleted = f.store.create_tracked_run(&new(experiment)).await.unwrap();
-    let kept = f.store.create_tracked_run(&new(ExperimentId::DEFAULT)).await.unwrap();
-    for run in [&deleted, &kept] {
-        let mut writer = f.store.begin_tracked_artifact(run).await.unwrap();
-        writer.write(b"plot").await.unwrap();
-        writer.finish_as_artifact(&run.identifier, "plot.svg").await.unwrap();
-    }
-    f.store.set_experiment_deleted(experiment, Some(LONG)).await.unwrap();
-    let at_date = Ripe::AtItsDate { leap: Duration::ZERO };
-    assert_eq!(f.store.purge(at_date).await.unwrap(), []);
-    f.store.set_experiment_deleted(experiment, None).await.unwrap();
-    assert_eq!(f.store.purge(ANY).await.unwrap(), []);
-    f.store.set_experiment_deleted(experiment, Some(Duration::ZERO)).await.unwrap();
-    let purged = f.store.purge(at_date).await.unwrap();
-    assert_eq!(purged.len(), 1);
-    assert_eq!((purged[0].files, purged[0].bytes), (1, 4));
-    assert!(f.store.tracked_run(&deleted.identifier).await.is_err());
-    assert!(f.store.experiment(experiment).await.is_err());
-    assert_eq!(assert_whole(&f.store).await, 1);
-    assert_eq!(f.store.tracked_artifacts(kept.id).await.unwrap().len(), 1);
-}
-
 pub async fn of_many_deletions_of_one_thing_one_counts(f: Fixture) {
     let (_, [simulated, _, _]) = finished(&f, 1).await;
     let item = dataset_of(&f, simulated).await;
@@ -642,28 +419,5 @@ pub async fn a_restoration_and_a_purge_agree(f: Fixture) {
             Err(error) => panic!("{error}"),
         }
         assert_whole(&f.store).await;
-    }
-}
-
-pub async fn a_purge_changes_no_count_of_attempts(f: Fixture) {
-    let place = |(kind, outcome, _): &(String, Option<AttemptOutcome>, u64)| {
-        (kind.clone(), outcome.map(AttemptOutcome::as_str))
-    };
-    for seed in 1..=2 {
-        let job = f.submit_one(train(&simulate(seed), vec![])).await;
-        let task = f.must_claim().await;
-        f.store.fail(task.fence, "no room", Retry::Allowed).await.unwrap();
-        work(&f).await;
-        let before = f.store.census().await.unwrap();
-        let of_all: u64 = before.attempts.iter().map(|(_, _, number)| number).sum();
-        assert_eq!(of_all, seed * 2);
-        f.store.delete(job.into(), &ASKED).await.unwrap();
-        f.store.purge(ANY).await.unwrap();
-        let mut after = f.store.census().await.unwrap();
-        assert_eq!((after.jobs.len(), after.tasks.len()), (0, 0), "{after:?}");
-        let mut expected = before.attempts;
-        expected.sort_by_key(place);
-        after.attempts.sort_by_key(place);
-        assert_eq!(after.attempts, expected);
     }
 }

@@ -43,6 +43,11 @@ pub(super) fn cell(attempt: &Attempt, spec: &EvaluateSpec, index: usize) -> Resu
     let cell = cells.get(index).ok_or_else(missing)?;
     let recorded = scenarios(attempt, &data, spec, cell)?;
     let scenarios = asked_about(spec, &recorded);
+    let total = scenarios.robots() as u64;
+    if total != attempt.task.total {
+        // Recordings that were imported after the submission are counted only now.
+        attempt.wait(attempt.store.set_total(attempt.fence(), total))?;
+    }
     let checkpoints = LoadedCheckpoint::load_all(attempt, &spec.checkpoints)?;
     attempt.check_stop()?;
 
@@ -72,7 +77,7 @@ pub(super) fn cell(attempt: &Attempt, spec: &EvaluateSpec, index: usize) -> Resu
             tracing::info!(predictor, unanswered, seconds, "answered");
         }
         errors.extend(found);
-        attempt.progress.set_done(attempt.task.total * done / asked.len() as u64);
+        attempt.progress.set_done(total * done / asked.len() as u64);
     }
     let result = CellResult {
         cell: index,

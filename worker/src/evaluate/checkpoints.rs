@@ -1,8 +1,8 @@
 use evaluation::trained_on;
 use models::{CONFIG_FILE, MODEL_FILE, TrainedModel};
 use spec::{
-    CheckpointRef, DataSource, Digest, JobSpec, Normalization, SimulateSpec, TrainSpec,
-    TrainingRef, TrainingStep,
+    Baseline, CheckpointRef, ControlBaseline, DataSource, Digest, JobSpec, Normalization,
+    SimulateSpec, TrainSpec, TrainingRef, TrainingStep,
 };
 use store::{JobState, WhichCheckpoint};
 use wire::{PredictorInfo, PredictorKind, TrainedOn};
@@ -16,8 +16,9 @@ pub(crate) struct LoadedCheckpoint {
     pub model: TrainedModel,
     /// Optimizer steps taken.
     pub step: u64,
-    /// The training's name. It is the name in its pipeline if it has one.
-    job: String,
+    /// The name that people gave to it or to its run. Otherwise the training's name, which is the
+    /// name in its pipeline if it has one.
+    own_name: String,
     pub trained_on: Vec<TrainedOn>,
 }
 
@@ -33,6 +34,14 @@ impl LoadedCheckpoint {
             .collect::<Result<_, _>>()?;
         tell_apart(&mut loaded);
         Ok(loaded)
+    }
+
+    fn names(&self) -> Names {
+        Names {
+            shown: self.info.name.clone(),
+            own: self.own_name.clone(),
+            digest: self.info.digest.map(|digest| digest.short()).unwrap_or_default(),
+        }
     }
 
     fn load(attempt: &Attempt, reference: &CheckpointRef) -> Result<Self, TaskError> {
@@ -67,7 +76,8 @@ impl LoadedCheckpoint {
 
         // A checkpoint of a training that failed or was cancelled can be evaluated too.
         let job = attempt.wait(store.job(checkpoint.job))?;
-        let job_name = job.name.clone();
+        let run = attempt.wait(store.run(checkpoint.run))?;
+        let own_name = checkpoint.name.clone().unwrap_or(run.name);
         let JobSpec::Train(training) = serde_json::from_value(job.spec)? else {
             return Err(missing(digest.to_string()));
         };
@@ -101,7 +111,7 @@ impl LoadedCheckpoint {
             sampling: None,
             latency: None,
         };
-        Ok(Self { info, model, step, job: job_name + &marks, trained_on })
+        Ok(Self { info, model, step, own_name: own_name + &marks, trained_on })
     }
 }
 
@@ -124,21 +134,80 @@ fn stored_spec(attempt: &Attempt, digest: Digest) -> Result<JobSpec, TaskError> 
     Ok(serde_json::from_value(job.spec)?)
 }
 
-/// Gives distinct names to checkpoints. Checkpoints of the same architecture get the names of their
-/// trainings in a pipeline. Where those are equal too, the digest is added.
+/// Gives distinct names to checkpoints. Checkpoints of the same architecture get their own names.
+/// The digest of the training is added where those are equal too, or the name of a baseline.
 fn tell_apart(loaded: &mut [LoadedCheckpoint]) {
-    rename_shared(loaded, |checkpoint| checkpoint.job.clone());
-    rename_shared(loaded, |checkpoint| {
-        let digest = checkpoint.info.digest.map(|digest| digest.short()).unwrap_or_default();
-        format!("{} {digest}", checkpoint.info.name)
-    });
+    let mut names: Vec<Names> = loaded.iter().map(LoadedCheckpoint::names).collect();
+    distinguish(&mut names);
+    for (checkpoint, names) in loaded.iter_mut().zip(names) {
+        checkpoint.info.name = names.shown;
+    }
 }
 
-fn rename_shared(loaded: &mut [LoadedCheckpoint], name: impl Fn(&LoadedCheckpoint) -> String) {
-    let names: Vec<String> = loaded.iter().map(|checkpoint| checkpoint.info.name.clone()).collect();
-    for checkpoint in loaded {
-        if names.iter().filter(|name| **name == checkpoint.info.name).count() > 1 {
-            checkpoint.info.name = name(checkpoint);
+/// The names that a checkpoint may have in a table.
+struct Names {
+    /// The present one; at first that of the architecture.
+    shown: String,
+    own: String,
+    digest: String,
+}
+
+fn distinguish(checkpoints: &mut [Names]) {
+    let steps: [fn(usize, &Names) -> String; 3] = [
+        |_, names| names.own.clone(),
+        |_, names| format!("{} {}", names.shown, names.digest),
+        |place, names| format!("{} #{place}", names.shown),
+    ];
+    for rename in steps {
+        let before: Vec<String> = checkpoints.iter().map(|names| names.shown.clone()).collect();
+        for (place, names) in (1..).zip(checkpoints.iter_mut()) {
+            let same = before.iter().filter(|shown| **shown == names.shown).count();
+            if same > 1 || is_baseline(&names.shown) {
+                names.shown = rename(place, names);
+            }
         }
+    }
+}
+
+fn is_baseline(name: &str) -> bool {
+    Baseline::is_name(name) || ControlBaseline::all().iter().any(|known| known.as_str() == name)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn shown(checkpoints: &[[&str; 3]]) -> Vec<String> {
+        let of = |[architecture, own, digest]: &[&str; 3]| Names {
+            shown: (*architecture).to_owned(),
+            own: (*own).to_owned(),
+            digest: (*digest).to_owned(),
+        };
+        let mut names: Vec<Names> = checkpoints.iter().map(of).collect();
+        distinguish(&mut names);
+        names.into_iter().map(|names| names.shown).collect()
+    }
+
+    #[test]
+    fn checkpoints_of_one_architecture_have_their_own_names() {
+        let found =
+            shown(&[["cdt", "x", "1"], ["robomorph", "wide", "2"], ["robomorph", "y", "3"]]);
+        assert_eq!(found, ["cdt", "wide", "y"]);
+    }
+
+    #[test]
+    fn equal_names_are_told_apart_by_digests_and_then_by_their_places() {
+        let found = shown(&[["cdt", "x", "1"], ["cdt", "x", "2"], ["robomorph", "x", "3"]]);
+        assert_eq!(found, ["x 1", "x 2", "robomorph"]);
+        let found = shown(&[["cdt", "robomorph", "1"], ["cdt", "x", "2"], ["robomorph", "x", "3"]]);
+        assert_eq!(found, ["robomorph 1", "x", "robomorph 3"]);
+        assert_eq!(shown(&[["cdt", "x", "1"], ["cdt", "x", "1"]]), ["x 1 #1", "x 1 #2"]);
+    }
+
+    /// The report gave the baseline's errors to a training that had its name.
+    #[test]
+    fn no_checkpoint_has_the_name_of_a_baseline() {
+        let found = shown(&[["robomorph", "arx", "1"], ["robomorph", "oracle", "2"]]);
+        assert_eq!(found, ["arx 1", "oracle 2"]);
     }
 }

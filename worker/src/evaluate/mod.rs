@@ -8,6 +8,7 @@ mod latency;
 mod predictions;
 mod predictors;
 mod recordings;
+mod renames;
 mod report;
 mod rows;
 

@@ -1,9 +1,11 @@
+use std::collections::HashMap;
+
 use arrow_array::RecordBatch;
 use evaluation::{CellResult, Setting, summarize};
 use jobs::EvaluateTask;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
-use spec::{EvaluateSpec, Observations};
+use spec::{DataSpec, EvaluateSpec};
 use store::{RunId, Task};
 use wire::DataNoise;
 
@@ -13,6 +15,7 @@ use super::examples::ExampleInputs;
 use super::latency::LatencyRecord;
 use super::predictions::PredictionFile;
 use super::predictors::Predictors;
+use super::renames::PresentNames;
 use super::{examples, figures, rows};
 use crate::attempt::Attempt;
 use crate::error::TaskError;
@@ -23,16 +26,18 @@ pub(super) fn report(attempt: &Attempt, spec: &EvaluateSpec) -> Result<(), TaskE
     let data = TrajectorySource::open(attempt, &spec.data)?;
     let checkpoints = LoadedCheckpoint::load_all(attempt, &spec.checkpoints)?;
     let tasks = attempt.wait(attempt.store.tasks(attempt.task.job))?;
-    let (cells, tables) = cells(attempt, &tasks)?;
+    let files = PredictionFile::open_all(attempt, spec)?;
+    let predictors = Predictors::new(spec, data.spec(), &files, &checkpoints)?;
+    let Cells { cells, tables, renamed } = cells(attempt, &tasks, &PresentNames::of(&predictors))?;
     tracing::info!(cells = cells.len(), "puts the cells together");
     attempt.check_stop()?;
 
-    let files = PredictionFile::open_all(attempt, spec)?;
-    let mut predictors = Predictors::new(spec, data.spec(), &files, &checkpoints)?.infos();
+    let mut predictors = predictors.infos();
     let mut latencies = results(&tasks, |task| task == EvaluateTask::Latency);
     let latencies: LatencyRecord = latencies.next().transpose()?.unwrap_or_default();
     for (name, latency) in latencies.latencies {
-        if let Some(info) = predictors.iter_mut().find(|info| info.name == name) {
+        let name = renamed.get(&name).unwrap_or(&name);
+        if let Some(info) = predictors.iter_mut().find(|info| info.name == *name) {
             info.latency = Some(latency);
         }
     }
@@ -41,7 +46,7 @@ pub(super) fn report(attempt: &Attempt, spec: &EvaluateSpec) -> Result<(), TaskE
         horizon: spec.horizon(data.spec().samples()),
         rate_hz: data.spec().rate_hz(),
         samples: spec.samples,
-        data_noise: data_noise(&data.spec().observations()),
+        data_noise: data_noise(data.spec()),
         seed: data.spec().simulation().map(|spec| spec.seed),
         bootstrap: spec.bootstrap,
         excitation: data.spec().simulation().map(|spec| spec.excitation.clone()),
@@ -67,29 +72,38 @@ pub(super) fn report(attempt: &Attempt, spec: &EvaluateSpec) -> Result<(), TaskE
     attempt.end(attempt.store.complete(attempt.fence(), None))
 }
 
-fn data_noise(observations: &Observations) -> Option<DataNoise> {
+fn data_noise(data: &DataSpec) -> Option<DataNoise> {
     let noise = DataNoise {
-        position_rad: observations.position_deviation_rad(),
-        torque_nm: observations.torque_noise_nm,
+        position_rad: data.position_deviation_rad(),
+        torque_nm: data.torque_noise_nm(),
     };
     (noise.position_rad > 0.0 || noise.torque_nm > 0.0).then_some(noise)
 }
 
 /// The results of the cells in order, and the rows of their tables.
-fn cells(
-    attempt: &Attempt,
-    tasks: &[Task],
-) -> Result<(Vec<CellResult>, Vec<RecordBatch>), TaskError> {
-    let mut cells = Vec::new();
-    let mut tables = Vec::new();
+#[derive(Default)]
+struct Cells {
+    cells: Vec<CellResult>,
+    tables: Vec<RecordBatch>,
+    /// The present names of predictors, by those that some cell has for them.
+    renamed: HashMap<String, String>,
+}
+
+fn cells(attempt: &Attempt, tasks: &[Task], names: &PresentNames) -> Result<Cells, TaskError> {
+    let mut found = Cells::default();
     for record in results(tasks, |task| matches!(task, EvaluateTask::Cell(_))) {
         let CellRecord { mut result, table } = record?;
-        let rows = read_table(attempt, &table)?;
+        let mut rows = read_table(attempt, &table)?;
         rows::complete(&mut result, &rows)?;
-        tables.extend(rows);
-        cells.push(result);
+        let changes = names.give_to(&mut result);
+        if !changes.is_empty() {
+            rows = rows.iter().map(|it| rows::renamed(it, &changes)).collect::<Result<_, _>>()?;
+        }
+        found.tables.extend(rows);
+        found.cells.push(result);
+        found.renamed.extend(changes);
     }
-    Ok((cells, tables))
+    Ok(found)
 }
 
 fn read_table(attempt: &Attempt, at: &TableAt) -> Result<Vec<RecordBatch>, TaskError> {

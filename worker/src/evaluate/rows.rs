@@ -1,6 +1,6 @@
 //! The result table as Parquet: one row per scenario, joint and predictor.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::sync::Arc;
 
 use arrow_array::{
@@ -118,6 +118,22 @@ pub(super) fn complete(result: &mut CellResult, table: &[RecordBatch]) -> Result
     let detail =
         format!("the table of cell {} does not have the rows of its predictors", result.cell);
     Err(ArrowError::InvalidArgumentError(detail))
+}
+
+/// The same rows with other names of predictors. `changes` has the new names by the old ones.
+pub(super) fn renamed(
+    batch: &RecordBatch,
+    changes: &HashMap<String, String>,
+) -> Result<RecordBatch, ArrowError> {
+    let place = batch.schema().index_of(PREDICTOR)?;
+    let names = column::<StringArray>(batch, PREDICTOR)?.iter().map(|name| {
+        let name = name.unwrap_or_default();
+        changes.get(name).map_or(name, String::as_str)
+    });
+    let names = StringArray::from_iter_values(names);
+    let mut columns = batch.columns().to_vec();
+    columns[place] = Arc::new(names);
+    RecordBatch::try_new(batch.schema(), columns)
 }
 
 fn column<'a, A: Array + 'static>(batch: &'a RecordBatch, name: &str) -> Result<&'a A, ArrowError> {

@@ -2,6 +2,9 @@
 
 #![expect(clippy::unwrap_used, reason = "a test may panic")]
 
+mod pipelines;
+mod words;
+
 use serde_json::{Value, json};
 
 fn simulate() -> Value {
@@ -264,45 +267,6 @@ fn every_violation_is_reported_at_once() {
     assert_eq!(error.violations.len(), 2 + 1, "rate, samples and Nyquist: {error}");
 }
 
-/// `data` accepts every job that makes trajectories, and no other.
-#[test]
-fn a_member_reads_from_members_that_make_what_it_asks_for() {
-    let file = "0".repeat(64);
-    let joints = |name: &str| (1..=7).map(|joint| format!("{name}{joint}")).collect::<Vec<_>>();
-    let recordings = json!({
-        "kind": "import", "file": file, "format": "csv",
-        "columns": {"u": joints("u"), "q": joints("q")},
-    });
-    let jobs = json!({
-        "recordings": recordings,
-        "checked": {"kind": "verify", "data": {"job": "recordings"}},
-    });
-    let pipeline = json!({"kind": "pipeline", "name": "p", "jobs": jobs});
-    spec::parse(pipeline.to_string().as_bytes()).unwrap();
-
-    let again = json!({"kind": "verify", "data": {"job": "checked"}});
-    let expected = ["jobs.again.data.job", "a simulate or import job of this pipeline: recordings"];
-    check_refused(pipeline, "/jobs/again", again, &expected);
-}
-
-#[test]
-fn a_pipeline_names_the_member_that_is_wrong() {
-    let pipeline = |jobs: Value| json!({"kind": "pipeline", "name": "p", "jobs": jobs});
-    let mut lost = train();
-    lost["data"] = json!({"job": "nowhere"});
-    check_refused(pipeline(json!({"a": simulate()})), "/jobs/b", lost, &["jobs.b.data", "nowhere"]);
-
-    let mut wrong = simulate();
-    wrong["samples"] = json!(1);
-    check_refused(pipeline(json!({})), "/jobs/a", wrong, &["jobs.a.samples is 1"]);
-
-    let mut circular = simulate();
-    circular["needs"] = json!(["a"]);
-    check_refused(pipeline(json!({})), "/jobs/a", circular, &["circle"]);
-
-    check_refused(pipeline(json!({})), "/jobs/A b", simulate(), &["A b", "lower-case"]);
-}
-
 #[test]
 fn a_mistake_inside_a_stream_is_named_with_its_whole_path() {
     let stream = |fields: Value| {
@@ -380,6 +344,8 @@ fn an_import_that_uses_a_column_twice_or_in_wrong_units_is_refused() {
     check_refused(import(), "/columns/q", twice, &["columns.q[6]", "u1", "u[0]"]);
     check_refused(import(), "/units", json!({"angle": "turns"}), &["units.angle", "deg"]);
     check_refused(import(), "/resampling", json!("linear"), &["columns.time", "resampling"]);
+    let expected = ["position_noise_rad is 0.2", "0 to 0.1"];
+    check_refused(import(), "/position_noise_rad", json!(0.2), &expected);
     check_refused(import(), "/split", json!({"kind": "windows", "stride": 0}), &["split.stride"]);
 }
 
@@ -461,108 +427,4 @@ fn a_planner_that_cannot_plan_is_refused() {
 fn violations_of(spec: &Value) -> Vec<String> {
     let error = spec::parse(spec.to_string().as_bytes()).unwrap_err();
     error.violations.iter().map(ToString::to_string).collect()
-}
-
-#[test]
-fn typing_errors_and_wrong_types_are_reported_with_numbers_out_of_range() {
-    let mut wrong = simulate();
-    wrong["sampels"] = json!(400);
-    wrong["rate_hz"] = json!("fast");
-    wrong["robot"] = json!({"mass_fraction": 2.0, "gravity": "onn"});
-    wrong["excitation"]["multisine"]["base"] = json!([1.0]);
-    wrong["initial_state"] = json!(3);
-    let found = violations_of(&wrong);
-    for expected in [
-        "sampels: unknown field; did you mean `samples`?",
-        "rate_hz is \"fast\", allowed: a number from 1 to 1000",
-        "robot.mass_fraction is 2.0, allowed: 0 to 0.9",
-        "robot.gravity is \"onn\", allowed: off, on, compensated; did you mean `on`?",
-        "excitation.multisine.base is [1.0], allowed: [min, max], each a number from 0.01 to 100",
-    ] {
-        assert!(found.iter().any(|message| message == expected), "{found:#?} lacks {expected:?}");
-    }
-    assert!(
-        found
-            .iter()
-            .any(|message| message.starts_with("initial_state is 3, allowed: an object with"))
-    );
-    assert_eq!(found.len(), 6, "{found:#?}");
-}
-
-#[test]
-fn all_members_of_a_pipeline_are_looked_at() {
-    let mut typed = simulate();
-    typed["samples"] = json!("many");
-    let mut ranged = simulate();
-    ranged["samples"] = json!(1);
-    let mut modelled = train();
-    modelled["data"] = json!({"job": "a"});
-    modelled["model"] = json!({"preset": "robomorf-tiny"});
-    modelled["stesp"] = json!(3);
-    modelled["needs"] = json!("a");
-    let jobs = json!({"a": typed, "b": ranged, "c": modelled});
-    let found = violations_of(&json!({"kind": "pipeline", "nam": "p", "jobs": jobs}));
-    for expected in [
-        "nam: unknown field; did you mean `name`?",
-        "name is missing, allowed: a text",
-        "jobs.a.samples is \"many\", allowed: a whole number from 2 to 10000",
-        "jobs.b.samples is 1, allowed: 2 to 10000",
-        "jobs.c.needs is \"a\", allowed: a list of names of jobs",
-        "jobs.c.stesp: unknown field; did you mean `steps`?",
-    ] {
-        assert!(found.iter().any(|message| message == expected), "{found:#?} lacks {expected:?}");
-    }
-    let model = found.iter().find(|message| message.starts_with("jobs.c.model.preset")).unwrap();
-    assert!(model.ends_with("did you mean `robomorph-tiny`?"), "{model}");
-}
-
-#[test]
-fn a_job_that_a_preset_does_not_have_is_answered_with_the_one_that_was_meant() {
-    let found = violations_of(&json!({"preset": "quickstart", "jobs": {"trian": {"steps": 10}}}));
-    assert_eq!(
-        found,
-        ["jobs.trian is {\"steps\":10}, allowed: a job with its kind; did you mean `train`?"]
-    );
-}
-
-#[test]
-fn a_preset_at_the_wrong_place_is_told_where_it_belongs() {
-    let found = violations_of(&json!({"preset": "robomorph-tiny"}));
-    assert!(
-        found[0].contains("belongs in a train job") && found[0].contains("\"model\""),
-        "{found:?}"
-    );
-    check_refused(
-        train(),
-        "/model",
-        json!({"preset": "D1-chirp"}),
-        &["a job (simulate)", "top of a spec"],
-    );
-}
-
-#[test]
-fn no_error_has_the_words_of_the_library_that_reads_json() {
-    for (at, value) in [
-        ("/precision", json!("f16")),
-        ("/precision", json!({"f32": 1})),
-        ("/integrator", json!({"scheme": "rk4", "order": 2})),
-        ("/integrator", json!("rk4")),
-        ("/excitation", json!({"chirp": {"frequency_hz": {"fixed": 0.1, "grid": [1]}}})),
-        ("/excitation", json!({"chirp": {"frequency_hz": 0.1}})),
-        ("/execution", json!({"not_before": "tomorrow"})),
-        ("/samples", json!(2.5)),
-        ("/samples", json!(-1)),
-        ("/samples", json!(1e30)),
-        ("/seed", json!(-1)),
-        ("/robot", json!({"payload": {"center_m": [[0, 0]]}})),
-        ("/robot", json!({"model": {"name": 1}})),
-        ("/kind", json!(1)),
-    ] {
-        let error = error_of(simulate(), at, value);
-        for word in
-            ["invalid", "expected", "variant", "sequence", "a map", "u32", "struct", "newtype"]
-        {
-            assert!(!error.contains(word), "{at}: {error:?} has {word:?}");
-        }
-    }
 }

@@ -1,0 +1,73 @@
+//! All violations of a spec at once, in words that its author knows.
+
+use serde_json::json;
+
+use super::{check_refused, error_of, simulate, train, violations_of};
+
+#[test]
+fn typing_errors_and_wrong_types_are_reported_with_numbers_out_of_range() {
+    let mut wrong = simulate();
+    wrong["sampels"] = json!(400);
+    wrong["rate_hz"] = json!("fast");
+    wrong["robot"] = json!({"mass_fraction": 2.0, "gravity": "onn"});
+    wrong["excitation"]["multisine"]["base"] = json!([1.0]);
+    wrong["initial_state"] = json!(3);
+    let found = violations_of(&wrong);
+    for expected in [
+        "sampels: unknown field; did you mean `samples`?",
+        "rate_hz is \"fast\", allowed: a number from 1 to 1000",
+        "robot.mass_fraction is 2.0, allowed: 0 to 0.9",
+        "robot.gravity is \"onn\", allowed: off, on, compensated; did you mean `on`?",
+        "excitation.multisine.base is [1.0], allowed: [min, max], each a number from 0.01 to 100",
+    ] {
+        assert!(found.iter().any(|message| message == expected), "{found:#?} lacks {expected:?}");
+    }
+    assert!(
+        found
+            .iter()
+            .any(|message| message.starts_with("initial_state is 3, allowed: an object with"))
+    );
+    assert_eq!(found.len(), 6, "{found:#?}");
+}
+
+#[test]
+fn a_preset_at_the_wrong_place_is_told_where_it_belongs() {
+    let found = violations_of(&json!({"preset": "robomorph-tiny"}));
+    assert!(
+        found[0].contains("belongs in a train job") && found[0].contains("\"model\""),
+        "{found:?}"
+    );
+    check_refused(
+        train(),
+        "/model",
+        json!({"preset": "D1-chirp"}),
+        &["a job (simulate)", "top of a spec"],
+    );
+}
+
+#[test]
+fn no_error_has_the_words_of_the_library_that_reads_json() {
+    for (at, value) in [
+        ("/precision", json!("f16")),
+        ("/precision", json!({"f32": 1})),
+        ("/integrator", json!({"scheme": "rk4", "order": 2})),
+        ("/integrator", json!("rk4")),
+        ("/excitation", json!({"chirp": {"frequency_hz": {"fixed": 0.1, "grid": [1]}}})),
+        ("/excitation", json!({"chirp": {"frequency_hz": 0.1}})),
+        ("/execution", json!({"not_before": "tomorrow"})),
+        ("/samples", json!(2.5)),
+        ("/samples", json!(-1)),
+        ("/samples", json!(1e30)),
+        ("/seed", json!(-1)),
+        ("/robot", json!({"payload": {"center_m": [[0, 0]]}})),
+        ("/robot", json!({"model": {"name": 1}})),
+        ("/kind", json!(1)),
+    ] {
+        let error = error_of(simulate(), at, value);
+        for word in
+            ["invalid", "expected", "variant", "sequence", "a map", "u32", "struct", "newtype"]
+        {
+            assert!(!error.contains(word), "{at}: {error:?} has {word:?}");
+        }
+    }
+}
