@@ -1,6 +1,6 @@
 //! Retention: what goes into the trash by itself, and how long logs are kept.
 
-use std::collections::BTreeMap;
+use std::collections::BTreeSet;
 use std::time::Duration;
 
 use serde_json::Value;
@@ -34,10 +34,10 @@ pub struct Outdated {
 #[derive(Clone, Debug)]
 pub(crate) struct OldCheckpoint {
     pub id: CheckpointId,
-    pub step: u64,
-    /// The training's name and digest.
+    /// The training, and its name.
+    pub job: JobId,
     pub name: String,
-    pub digest: Digest,
+    pub step: u64,
 }
 
 /// Number of items moved in one pass. The next pass moves the rest.
@@ -132,27 +132,27 @@ impl Store {
         let plural = if keep == 1 { "" } else { "s" };
         let reason = format!("a training keeps its {keep} newest checkpoint{plural} and the best");
         let mut found = Vec::new();
-        let mut named: BTreeMap<String, Vec<u64>> = BTreeMap::new();
         let mut after = CheckpointId(0);
         loop {
             let page = sql!(self.database(), RETIRING, old_checkpoints(keep, after, AT_ONCE))?;
             let Some(last) = page.last() else { return Ok(found) };
             after = last.id;
-            for OldCheckpoint { id, step, name, digest } in page {
-                let key = digest.to_string();
-                let steps = match named.get(&key) {
-                    Some(steps) => steps,
-                    None => {
-                        let specs = sql!(self.database(), RETIRING, specs_that_name(digest))?;
-                        let steps = specs.iter().flat_map(|spec| steps_named(spec, digest));
-                        named.entry(key).or_insert(steps.collect())
-                    }
-                };
-                let item = Item::from(id);
-                if steps.contains(&step) || !self.is_free(item).await? {
+            // Checkpoints of one training share what depends on them.
+            let trainings: BTreeSet<JobId> = page.iter().map(|old| old.job).collect();
+            let trainings: Vec<JobId> = trainings.into_iter().collect();
+            let in_use = sql!(self.database(), RETIRING, in_use_by_open_jobs(&trainings))?;
+            let specs = sql!(self.database(), RETIRING, specs_that_name_steps_of(&trainings))?;
+            let named: BTreeSet<(JobId, u64)> = specs
+                .iter()
+                .flat_map(|(job, digest, spec)| {
+                    steps_named(spec, *digest).into_iter().map(|step| (*job, step))
+                })
+                .collect();
+            for OldCheckpoint { id, job, step, name } in page {
+                if in_use.contains(&job) || named.contains(&(job, step)) {
                     continue;
                 }
-                found.push(Outdated { item, name, reason: reason.clone() });
+                found.push(Outdated { item: Item::from(id), name, reason: reason.clone() });
                 if found.len() >= AT_ONCE as usize {
                     return Ok(found);
                 }

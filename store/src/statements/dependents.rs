@@ -1,11 +1,13 @@
+use serde_json::Value;
+use spec::Digest;
 use sqlx::types::Json;
 use sqlx::{QueryBuilder, Row};
 use wire::Relation;
 
-use super::rows::{digest, state};
-use super::{Db, DbRow, LISTED_IDS, LISTED_TEXTS, Transaction};
-use crate::Dependent;
+use super::rows::{digest, json, state};
+use super::{Database, Db, DbRow, LISTED_IDS, LISTED_TEXTS, Transaction};
 use crate::trash::Reach;
+use crate::{Dependent, JobId};
 
 const SELECT: &str = "SELECT job.id, job.kind, job.name, job.state, job.digest FROM job \
      WHERE job.deleted_at IS NULL AND job.id NOT IN ";
@@ -14,6 +16,64 @@ const SELECT: &str = "SELECT job.id, job.kind, job.name, job.state, job.digest F
 const COUNTS: &str = " AND (job.state NOT IN ('succeeded', 'failed', 'cancelled') \
      OR EXISTS (SELECT 1 FROM dataset WHERE dataset.job = job.id AND dataset.deleted_at IS NULL) \
      OR EXISTS (SELECT 1 FROM run WHERE run.job = job.id AND run.deleted_at IS NULL))";
+
+/// The condition that `job` is another job than `used` and has not ended.
+macro_rules! is_open_other {
+    () => {
+        "job.id <> used.id AND job.deleted_at IS NULL \
+         AND job.state NOT IN ('succeeded', 'failed', 'cancelled')"
+    };
+}
+
+impl Database {
+    /// The jobs among `jobs` with dependents that have not ended, in any of the relations of [`Transaction`]'s statements except
+    /// that pipelines hold them.
+    pub async fn in_use_by_open_jobs(&self, jobs: &[JobId]) -> Result<Vec<JobId>, sqlx::Error> {
+        sqlx::query_scalar(concat!(
+            "SELECT used.id FROM job AS used \
+                 JOIN job_input ON job_input.digest = used.digest JOIN job ON job.id = job_input.job \
+             WHERE used.id IN ",
+            listed_ids!("$1"),
+            " AND ",
+            is_open_other!(),
+            " UNION SELECT used.id FROM job AS used \
+                 JOIN job_need ON job_need.needs = used.id JOIN job ON job.id = job_need.job \
+             WHERE used.id IN ",
+            listed_ids!("$1"),
+            " AND ",
+            is_open_other!(),
+            " UNION SELECT used.id FROM job AS used \
+                 JOIN job ON job.digest = used.digest AND job.id > used.id \
+             WHERE used.id IN ",
+            listed_ids!("$1"),
+            " AND (job.takes_over OR EXISTS (SELECT 1 FROM task WHERE task.job = job.id \
+                 AND task.state = 'succeeded' AND task.attempt = 0)) AND ",
+            is_open_other!(),
+        ))
+        .bind(Json(jobs))
+        .fetch_all(&self.reader)
+        .await
+    }
+
+    /// The specs of jobs that may read a step of `jobs`, each with the job that it reads and that job's digest.
+    pub async fn specs_that_name_steps_of(
+        &self,
+        jobs: &[JobId],
+    ) -> Result<Vec<(JobId, Digest, Value)>, sqlx::Error> {
+        let rows = sqlx::query(concat!(
+            "SELECT used.id, used.digest, job.spec FROM job AS used \
+                 JOIN job_input ON job_input.digest = used.digest JOIN job ON job.id = job_input.job \
+             WHERE job.deleted_at IS NULL AND job.spec LIKE '%\"step\"%' AND used.id IN ",
+            listed_ids!("$1"),
+        ))
+        .bind(Json(jobs))
+        .fetch_all(&self.reader)
+        .await?;
+        let named =
+            |row: &DbRow| Ok((row.try_get("id")?, digest(row, "digest")?, json(row, "spec")?));
+        rows.iter().map(named).collect()
+    }
+}
 
 impl Transaction {
     /// Jobs whose specs name the digests, and jobs that need the jobs.

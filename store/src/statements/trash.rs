@@ -1,12 +1,11 @@
 use std::time::Duration;
 
-use serde_json::Value;
 use spec::Digest;
 use sqlx::types::Json;
 use sqlx::{QueryBuilder, Row};
 use wire::ItemKind;
 
-use super::rows::{deletion, digest, json, number, word};
+use super::rows::{deletion, digest, number, word};
 use super::{Database, Db, DbRow, LISTED_IDS, Transaction, milliseconds};
 use crate::retention::OldCheckpoint;
 use crate::trash::ItemRow;
@@ -104,8 +103,8 @@ impl Database {
         limit: u32,
     ) -> Result<Vec<OldCheckpoint>, sqlx::Error> {
         let rows = sqlx::query(
-            "SELECT * FROM (SELECT checkpoint.id, checkpoint.step, checkpoint.is_final, checkpoint.is_best, \
-                 checkpoint.given_name, checkpoint.note, job.name, job.digest, \
+            "SELECT * FROM (SELECT checkpoint.id, checkpoint.job, checkpoint.step, checkpoint.is_final, checkpoint.is_best, \
+                 checkpoint.given_name, checkpoint.note, job.name, \
                  ROW_NUMBER() OVER (PARTITION BY checkpoint.job ORDER BY checkpoint.step DESC) AS place \
                  FROM checkpoint JOIN job ON job.id = checkpoint.job \
                  WHERE checkpoint.deleted_at IS NULL AND job.deleted_at IS NULL \
@@ -122,24 +121,12 @@ impl Database {
         let old = |row: &DbRow| {
             Ok(OldCheckpoint {
                 id: row.try_get("id")?,
-                step: number(row, "step")?,
+                job: row.try_get("job")?,
                 name: row.try_get("name")?,
-                digest: digest(row, "digest")?,
+                step: number(row, "step")?,
             })
         };
         rows.iter().map(old).collect()
-    }
-
-    /// The specs of jobs that read what a digest stands for.
-    pub async fn specs_that_name(&self, read: Digest) -> Result<Vec<Value>, sqlx::Error> {
-        let rows = sqlx::query(
-            "SELECT spec FROM job WHERE deleted_at IS NULL \
-             AND id IN (SELECT job FROM job_input WHERE digest = $1)",
-        )
-        .bind(read.to_string())
-        .fetch_all(&self.reader)
-        .await?;
-        rows.iter().map(|row| json(row, "spec")).collect()
     }
 
     /// Jobs that ended so long ago and have logs, by id.

@@ -173,6 +173,7 @@ macro_rules! all_laws {
                 a_file_that_was_sent_goes_with_the_last_job_that_read_it,
                 jobs_that_failed_go_by_themselves_when_nothing_depends_on_them,
                 old_checkpoints_go_unless_somebody_uses_them,
+                an_open_job_keeps_the_checkpoints_of_its_training_and_of_no_other,
                 old_logs_go_and_their_attempts_stay,
                 runs_of_other_clients_are_purged_at_their_date,
                 of_many_deletions_of_one_thing_one_counts,

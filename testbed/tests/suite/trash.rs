@@ -508,6 +508,40 @@ pub async fn old_checkpoints_go_unless_somebody_uses_them(f: Fixture) {
     assert_eq!(f.store.outdated(keep(2)).await.unwrap(), []);
 }
 
+pub async fn an_open_job_keeps_the_checkpoints_of_its_training_and_of_no_other(f: Fixture) {
+    let mut trained = Vec::new();
+    for seed in [1, 2] {
+        let data = simulate(seed);
+        f.submit_one(data.clone()).await;
+        work(&f).await;
+        let training = train(&data, vec![]);
+        let job = f.submit_one(training.clone()).await;
+        let task = f.must_claim().await;
+        for step in [10, 20, 30] {
+            checkpoint(&f, &task, step, step == 30).await;
+        }
+        f.store.complete(task.fence, None).await.unwrap();
+        trained.push((job, data, training));
+    }
+    let keep = store::Retention { checkpoints: Some(1), ..store::Retention::default() };
+    let outdated = async || f.store.outdated(keep).await.unwrap();
+    assert_eq!(outdated().await.len(), 4, "nobody uses any");
+    let checkpoints = f.store.checkpoints_of_job(trained[1].0).await.unwrap();
+    let of_the_other: Vec<Item> = checkpoints[..2].iter().map(|it| it.id.into()).collect();
+
+    let (job, data, training) = &trained[0];
+    let reader = f.submit_one(evaluate(data, training, vec![])).await;
+    let items = async || outdated().await.into_iter().map(|it| it.item).collect::<Vec<Item>>();
+    assert_eq!(items().await, of_the_other, "it reads the first training");
+    f.store.cancel(reader).await.unwrap();
+    assert_eq!(outdated().await.len(), 4);
+    let needs = vec![Need::Existing(*job)];
+    let waiting = f.submit_one(evaluate(data, training, needs)).await;
+    assert_eq!(items().await, of_the_other, "it needs the first training");
+    f.store.cancel(waiting).await.unwrap();
+    assert_eq!(outdated().await.len(), 4);
+}
+
 pub async fn old_logs_go_and_their_attempts_stay(f: Fixture) {
     let job = f.submit_one(train(&simulate(1), vec![])).await;
     let task = f.must_claim().await;
