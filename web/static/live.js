@@ -32,13 +32,16 @@ async function freshPage() {
   return new DOMParser().parseFromString(await response.text(), "text/html");
 }
 
-// Puts `fresh` in the place of `stale`, keeping what the reader opened and where the focus is.
+// Puts `fresh` in the place of `stale`, keeping what the reader opened, how far it is scrolled and where the focus is.
 function replace(stale, fresh) {
   for (const details of stale.querySelectorAll("details[id][open]")) {
     fresh.querySelector(`#${CSS.escape(details.id)}`)?.setAttribute("open", "");
   }
   const focused = stale.contains(document.activeElement) ? document.activeElement.id : "";
-  stale.replaceWith(document.importNode(fresh, true));
+  const scrolled = [...stale.querySelectorAll(".scroll")].map((region) => region.scrollLeft);
+  const shown = document.importNode(fresh, true);
+  stale.replaceWith(shown);
+  shown.querySelectorAll(".scroll").forEach((region, at) => (region.scrollLeft = scrolled[at] ?? 0));
   if (focused) document.getElementById(focused)?.focus();
 }
 

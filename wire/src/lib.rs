@@ -1,8 +1,8 @@
 //! The answers of the HTTP API and the reports of jobs. They are declared once, here.
 //!
 //! The server writes these types, the command line reads them, and the OpenAPI document is
-//! generated from them. There is one file per resource. The only computation here is the wording of
-//! sentences that the server, its page and the command line share.
+//! generated from them. There is one file per resource. The only computations here are the wording of
+//! sentences that the server, its page and the command line share, and the headline of a report.
 //!
 //! Ids are those of the database. Times are RFC 3339 in UTC. Lists are newest first unless they are
 //! sorted. `next` is the `cursor` of the following page, and `null` on the last one. In attempts
@@ -18,6 +18,7 @@ mod datasets;
 mod drawn;
 mod evaluations;
 mod events;
+mod headline;
 mod health;
 mod imports;
 mod jobs;
@@ -52,6 +53,7 @@ pub use events::{
     CheckpointEvent, DeletionEvent, Event, EventEnd, EventGap, JobEvent, JobProgress, MetricsEvent,
     TaskEvent,
 };
+pub use headline::{EvaluationResult, Headline, MeanError};
 pub use health::{Health, Readiness};
 pub use imports::ImportCounts;
 pub use jobs::{Job, Jobs, Member, Progress};

@@ -3,9 +3,10 @@
 
 use std::collections::BTreeMap;
 
+use serde::Deserialize;
 use spec::{JobKind, ValidationMetric};
 use store::Artifact;
-use wire::{Job, JobState, findings_of};
+use wire::{ControlReport, EvaluationResult, Headline, Job, JobState, findings_of};
 
 use crate::app::App;
 use crate::error::ApiError;
@@ -38,8 +39,10 @@ enum Source {
     Agreement,
     /// A metric of this run.
     Metric(i64),
-    /// The report of this run.
-    Report(i64),
+    /// The headline of the evaluation with this run.
+    Evaluation(i64),
+    /// The report of a control job, which is the result of its last task.
+    ClosedLoop,
     Result,
 }
 
@@ -50,7 +53,8 @@ impl Source {
             (_, Some(dataset)) if has_succeeded => Some(Self::Dataset(dataset)),
             (JobKind::Verify, _) if has_succeeded => Some(Self::Agreement),
             (JobKind::Train, _) => job.run.map(Self::Metric),
-            (JobKind::Evaluate | JobKind::Control, _) => job.run.map(Self::Report),
+            (JobKind::Evaluate, _) => job.run.map(Self::Evaluation),
+            (JobKind::Control, _) => Some(Self::ClosedLoop),
             _ if has_succeeded && job.members.is_empty() => Some(Self::Result),
             _ => None,
         }
@@ -72,16 +76,20 @@ pub async fn headlines(app: &App, jobs: &[&Job]) -> Result<BTreeMap<i64, String>
         Source::Metric(run) => Some(run),
         _ => None,
     });
-    let reported = of(|_, source| match source {
-        Source::Report(run) => Some(run),
-        _ => None,
-    });
+    let evaluations: Vec<(i64, i64)> = sources
+        .iter()
+        .filter_map(|(job, source)| match source {
+            Source::Evaluation(run) => Some((job.id, *run)),
+            _ => None,
+        })
+        .collect();
     let verifications = of(|job, source| (source == Source::Agreement).then_some(job.id));
-    let others = of(|job, source| (source == Source::Result).then_some(job.id));
+    let others =
+        of(|job, source| matches!(source, Source::ClosedLoop | Source::Result).then_some(job.id));
 
     let datasets = app.datasets_by_id(&datasets).await?;
     let recorded = app.latest_values(&recorded, ValidationMetric::RmseDeg.key()).await?;
-    let reported = app.report_files(&reported).await?;
+    let evaluations = evaluation_headlines(app, &evaluations).await?;
     let agreements = app.agreements(&verifications).await?;
     let results = app.sole_results(&others).await?;
     let mut headlines = BTreeMap::new();
@@ -95,10 +103,10 @@ pub async fn headlines(app: &App, jobs: &[&Job]) -> Result<BTreeMap<i64, String>
                 let rmse_deg = latest.value.unwrap_or(f64::NAN);
                 format!("validation RMSE {}°", text::degrees(rmse_deg))
             }),
-            Source::Report(run) => match reported.get(&run) {
-                Some(file) => of_report(app, job.kind, file).await?,
-                None => None,
-            },
+            Source::Evaluation(_) => evaluations.get(&job.id).cloned(),
+            Source::ClosedLoop => results.get(&job.id).and_then(|result| {
+                ControlReport::deserialize(result).ok().as_ref().map(control::headline)
+            }),
             Source::Agreement => agreements.get(&job.id).copied().map(outcome),
             Source::Result => results.get(&job.id).and_then(findings_of),
         };
@@ -107,33 +115,41 @@ pub async fn headlines(app: &App, jobs: &[&Job]) -> Result<BTreeMap<i64, String>
     Ok(headlines)
 }
 
-/// The mean errors of the evaluations with these runs, in a line each, by run.
+/// The mean errors of `evaluations`, which are pairs of job and run, in a line each, by job. The
+/// number of statements does not depend on the number of evaluations.
+///
+/// The result of an evaluation's last task is the headline. Evaluations of earlier versions have
+/// only the report, which is read for them.
 pub async fn evaluation_headlines(
     app: &App,
-    runs: &[i64],
+    evaluations: &[(i64, i64)],
 ) -> Result<BTreeMap<i64, String>, ApiError> {
-    let mut headlines = BTreeMap::new();
-    for (run, file) in app.report_files(runs).await? {
-        let headline = of_report(app, JobKind::Evaluate, &file).await?;
-        headlines.extend(headline.map(|headline| (run, headline)));
+    let jobs: Vec<i64> = evaluations.iter().map(|(job, _)| *job).collect();
+    let results = app.sole_results(&jobs).await?;
+    let left = |(job, result)| Some((job, EvaluationResult::deserialize(result).ok()?.headline));
+    let mut headlines: BTreeMap<i64, Headline> =
+        results.iter().map(|(job, result)| (*job, result)).filter_map(left).collect();
+    let older = |(job, run): &(i64, i64)| (!headlines.contains_key(job)).then_some((*run, *job));
+    let older: BTreeMap<i64, i64> = evaluations.iter().filter_map(older).collect();
+    if !older.is_empty() {
+        let runs: Vec<i64> = older.keys().copied().collect();
+        for (run, file) in app.report_files(&runs).await? {
+            let headline = headline_of_report(app, &file).await?;
+            headlines.extend(headline.and_then(|headline| Some((*older.get(&run)?, headline))));
+        }
     }
-    Ok(headlines)
+    Ok(headlines.iter().map(|(job, headline)| (*job, report::headline(headline))).collect())
 }
 
-/// The main result in a report. A damaged report only affects its own page, and not every list with
+/// The headline of a report. A damaged report only affects its own page, and not every list with
 /// its job.
-async fn of_report(app: &App, kind: JobKind, file: &Artifact) -> Result<Option<String>, ApiError> {
-    let headline = match kind {
-        JobKind::Control => {
-            app.read_report(file).await.map(|report| report.as_ref().map(control::headline))
-        }
-        _ => app.read_report(file).await.map(|report| report.as_ref().map(report::headline)),
-    };
-    match headline {
+async fn headline_of_report(app: &App, file: &Artifact) -> Result<Option<Headline>, ApiError> {
+    match app.read_report(file).await {
+        Ok(report) => Ok(report.as_ref().map(Headline::of)),
         Err(error @ ApiError::Damaged { .. }) => {
             error.log();
             Ok(None)
         }
-        headline => headline,
+        Err(error) => Err(error),
     }
 }

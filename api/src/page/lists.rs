@@ -139,10 +139,11 @@ pub async fn checkpoints(State(app): State<App>, pairs: QueryPairs) -> Result<Re
 pub async fn evaluations(State(app): State<App>, pairs: QueryPairs) -> Result<Response, PageError> {
     let asked = FilterQuery::new("/evaluations", pairs);
     let found = app.evaluations(&asked.request(&EVALUATIONS)?).await?;
-    let runs: Vec<i64> = found.evaluations.iter().map(|evaluation| evaluation.run).collect();
-    let headlines = evaluation_headlines(&app, &runs).await?;
+    let listed: Vec<(i64, i64)> =
+        found.evaluations.iter().map(|evaluation| (evaluation.id, evaluation.run)).collect();
+    let headlines = evaluation_headlines(&app, &listed).await?;
     let row = |evaluation: &Evaluation| {
-        of_evaluation(evaluation, headlines.get(&evaluation.run).cloned().unwrap_or_default())
+        of_evaluation(evaluation, headlines.get(&evaluation.id).cloned().unwrap_or_default())
     };
     let rows = found.evaluations.iter().map(row).collect();
     answer(&OF_EVALUATIONS, &asked, rows, found.next)

@@ -2,8 +2,8 @@
 
 use spec::{Family, Normalization};
 use wire::{
-    DataNoise, FailureSummary, GroupSummary, Interval, PairedDifference, PredictorInfo,
-    PredictorKind, PredictorSummary, Report, Warning, at_noise,
+    DataNoise, FailureSummary, GroupSummary, Headline, Interval, MeanError, PairedDifference,
+    PredictorInfo, PredictorKind, PredictorSummary, Report, Warning, at_noise,
 };
 
 use crate::page::text;
@@ -370,30 +370,13 @@ impl PairedRow {
     }
 }
 
-/// The key result of an evaluation in a line: the best checkpoint, the best file of predictions and the best baseline,
-/// on what was seen in training.
-pub fn headline(report: &Report) -> String {
-    let Some(group) = report.groups.first() else { return String::new() };
-    let best = |kind: PredictorKind| {
-        let of_kind = |rmse: &&PredictorSummary| {
-            let of_kind = |info: &&PredictorInfo| info.kind == kind && !info.sees_the_future();
-            report.predictors.iter().filter(of_kind).any(|info| info.name == rmse.predictor)
-        };
-        group
-            .rmse_deg
-            .iter()
-            .filter(of_kind)
-            .min_by(|a, b| a.interval.mean.total_cmp(&b.interval.mean))
-    };
-    let kinds = [PredictorKind::Checkpoint, PredictorKind::Predictions, PredictorKind::Baseline];
-    let parts: Vec<String> = kinds
-        .into_iter()
-        .filter_map(best)
-        .map(|rmse| format!("{} {}°", rmse.predictor, text::degrees(rmse.interval.mean)))
-        .collect();
-    match parts.as_slice() {
+/// The key result of an evaluation in a line.
+pub fn headline(headline: &Headline) -> String {
+    let error = |it: &MeanError| format!("{} {}°", it.predictor, text::degrees(it.rmse_deg));
+    let best: Vec<String> = headline.best.iter().map(error).collect();
+    match best.as_slice() {
         [] => String::new(),
-        parts => format!("{}: {}", group.name, parts.join(" · ")),
+        best => format!("{}: {}", headline.group, best.join(" · ")),
     }
 }
 
@@ -434,7 +417,8 @@ mod tests {
 
     #[test]
     fn the_headline_puts_the_best_checkpoint_beside_the_best_baseline() {
-        assert_eq!(headline(&report()), "in distribution: robomorph 1.25° · hold-last 3.00°");
+        let headline = headline(&Headline::of(&report()));
+        assert_eq!(headline, "in distribution: robomorph 1.25° · hold-last 3.00°");
     }
 
     #[test]

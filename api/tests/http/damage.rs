@@ -154,7 +154,11 @@ async fn a_damaged_report_is_named_on_its_own_page_and_spoils_no_list() {
     let report = server.store.artifact(store::RunId(2), "report.json").await.unwrap();
     flip(&server.object(&report.object.path), 3);
     check(&server.get("/v1/evaluations/4").await.problem(500), &["report.json of run 2"]);
-    for path in ["/", "/jobs/5", "/v1/evaluations"] {
-        assert_eq!(server.get(path).await.status, 200, "{path}");
+    for path in ["/", "/jobs/5", "/evaluations"] {
+        let list = server.get(path).await;
+        assert_eq!(list.status, 200, "{path}");
+        // The list does not read the report.
+        assert!(list.text().contains("robomorph 1.18°"), "{path}");
     }
+    assert_eq!(server.get("/v1/evaluations").await.status, 200);
 }

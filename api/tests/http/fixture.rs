@@ -21,6 +21,7 @@ use store::{
 };
 use tempfile::TempDir;
 use tower::ServiceExt;
+use wire::{EvaluationResult, Headline};
 
 use crate::contract::Asked;
 use crate::tables;
@@ -217,10 +218,11 @@ impl Server {
             JobKind::Simulate => self.commit_shard(task).await,
             JobKind::Train => self.finish_training(task).await,
             JobKind::Evaluate => {
-                if task.stage == 1 {
-                    self.write_report(task).await;
-                }
-                self.store.complete(task.fence, None).await.unwrap();
+                let result = match task.stage {
+                    1 => Some(self.write_report(task).await),
+                    _ => None,
+                };
+                self.store.complete(task.fence, result.as_ref()).await.unwrap();
             }
             JobKind::Import => self.commit_import(task).await,
             JobKind::Verify => {
@@ -310,7 +312,8 @@ impl Server {
         self.store.commit_checkpoint(task.fence, &checkpoint).await.unwrap();
     }
 
-    async fn write_report(&self, task: &ClaimedTask) {
+    /// Returns the result of the task.
+    async fn write_report(&self, task: &ClaimedTask) -> Value {
         let artifacts = [
             ("report.json", "application/json", report().to_string()),
             (
@@ -324,6 +327,8 @@ impl Server {
             let artifact = NewArtifact { name, media_type, bytes: Bytes::from(text) };
             self.store.put_artifact(task.fence, artifact).await.unwrap();
         }
+        let report = serde_json::from_value(report()).unwrap();
+        serde_json::to_value(EvaluationResult { headline: Headline::of(&report) }).unwrap()
     }
 }
 

@@ -4,7 +4,7 @@ use axum::http::Method;
 use serde_json::json;
 use store::NewArtifact;
 
-use crate::fixture::{Server, small_pipeline, small_simulation};
+use crate::fixture::{Server, report, small_pipeline, small_simulation};
 use crate::uploads;
 
 async fn page(server: &Server, path: &str) -> String {
@@ -337,6 +337,25 @@ async fn an_evaluation_and_its_checkpoint_show_the_predictions_that_were_drawn()
     assert_eq!(evaluation.matches("prediction-worst.svg\" width").count(), 1, "{evaluation}");
     let shown = page(&server, "/checkpoints/1").await;
     assert!(shown.contains("prediction-median.svg") && shown.contains(&path), "{shown}");
+}
+
+/// Evaluations of earlier versions left no headline as their result.
+#[tokio::test]
+async fn a_list_reads_the_report_of_an_evaluation_without_a_headline() {
+    let server = Server::start().await;
+    server.submitted(&small_pipeline()).await;
+    let mut last = server.claim().await.unwrap();
+    while !(last.kind == "evaluate" && last.stage == 1) {
+        server.finish(&last).await;
+        last = server.claim().await.unwrap();
+    }
+    let bytes = report().to_string().into();
+    let artifact = NewArtifact { name: "report.json", media_type: "application/json", bytes };
+    server.store.put_artifact(last.fence, artifact).await.unwrap();
+    server.store.complete(last.fence, None).await.unwrap();
+    for path in ["/", "/evaluations"] {
+        assert!(page(&server, path).await.contains("robomorph 1.18°"), "{path}");
+    }
 }
 
 #[tokio::test]

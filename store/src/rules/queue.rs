@@ -8,13 +8,17 @@ use spec::Moment;
 use wire::{JobState, TaskState};
 
 use super::cancellation::{Candidate, members_to_cancel};
-use super::job::{Step, TaskTally, after_task, before_start, is_unsuccessful};
+use super::job::{Step, TaskTally, after_task, before_start};
 use super::pipeline::{MemberStanding, settled};
 use super::task::{Ending, TaskStanding};
 use super::turn::turn;
-use crate::{Epoch, JobId, Retry, Timestamp};
+use crate::{Epoch, JobId, Timestamp};
 
 mod agreement;
+mod laws;
+mod walk;
+
+use walk::Dice;
 
 /// Number of steps of all walks together.
 const STEPS: u32 = 1_200_000;
@@ -150,28 +154,6 @@ impl Queue {
         let Job { how, waits_since, .. } = &self.jobs[self.tasks[task].job];
         let not_before = how.not_before.map(Moment::from_milliseconds);
         (turn(Timestamp::from_milliseconds(*waits_since), not_before, how.priority), task)
-    }
-
-    /// Checks the laws of the queue's order, given the tasks that a worker could have claimed.
-    fn check_turn(&self, claimed: usize, passed: &[usize]) {
-        let job = |task: usize| &self.jobs[self.tasks[task].job];
-        let since = |job: &Job| job.waits_since.max(job.how.not_before.unwrap_or(i64::MIN));
-        let first = job(claimed);
-        for other in passed.iter().map(|task| job(*task)) {
-            let points = i64::from(first.how.priority - other.how.priority);
-            let longer = since(first) - since(other);
-            assert!(longer <= points * HOUR, "a point of priority is worth an hour, and no more");
-            assert!(longer <= 200 * HOUR, "nobody is passed for ever by all that come");
-        }
-        let same = |other: &Job| {
-            (first.how.priority, first.how.not_before) == (other.how.priority, other.how.not_before)
-        };
-        let older = |task: &&usize| self.tasks[**task].job < self.tasks[claimed].job;
-        let mut older = passed.iter().filter(older).map(|task| job(*task));
-        assert!(
-            !older.any(same),
-            "of one priority the older job goes first, whatever the clock did"
-        );
     }
 
     fn claim(&mut self, task: usize) {
@@ -312,72 +294,6 @@ impl Queue {
         }
     }
 
-    /// A random action that is possible now.
-    fn action(&self, dice: &mut Dice) -> Action {
-        let running: Vec<usize> = (0..self.tasks.len())
-            .filter(|task| self.tasks[*task].standing.state == TaskState::Running)
-            .collect();
-        match dice.below(10) {
-            0 => Action::Submit(self.new_jobs(dice)),
-            1 if !self.jobs.is_empty() && dice.below(3) == 0 => {
-                Action::Cancel(dice.below(self.jobs.len()))
-            }
-            2..=6 if !running.is_empty() => {
-                let endings = [
-                    Ending::Completed,
-                    Ending::Completed,
-                    Ending::Completed,
-                    Ending::Failed(Retry::Allowed),
-                    Ending::Failed(Retry::Never),
-                    Ending::Released,
-                    Ending::Stopped,
-                ];
-                let task = running[dice.below(running.len())];
-                let can_be_stopped = self.tasks[task].standing.cancel_requested;
-                match endings[dice.below(endings.len())] {
-                    Ending::Stopped if !can_be_stopped => Action::End(task, Ending::Released),
-                    ending => Action::End(task, ending),
-                }
-            }
-            7 if dice.below(2) == 0 => {
-                let hours = [1, 5, 24, 24, 150, -2];
-                Action::Wait(hours[dice.below(hours.len())] * HOUR)
-            }
-            _ => Action::Claim([0, 1, 1, 2][dice.below(4)]),
-        }
-    }
-
-    fn how(&self, dice: &mut Dice) -> How {
-        let begins = [None, None, None, None, Some(-HOUR), Some(24 * HOUR)];
-        How {
-            priority: [-100, -1, 0, 0, 0, 3, 100][dice.below(7)],
-            gpus: [0, 0, 0, 1, 2][dice.below(5)],
-            not_before: begins[dice.below(begins.len())].map(|ahead| self.now + ahead),
-        }
-    }
-
-    fn new_jobs(&self, dice: &mut Dice) -> Vec<NewJob> {
-        let usable: Vec<usize> = (0..self.jobs.len())
-            .filter(|job| !is_unsuccessful(self.jobs[*job].state))
-            // No job needs a pipeline, only its members.
-            .filter(|job| self.jobs[*job].members.is_empty())
-            .collect();
-        let count = [1, 1, 2, 3][dice.below(4)];
-        let new_job = |position: usize| {
-            let mut stages: Vec<u32> = (0..=dice.below(3)).map(|_| dice.stage()).collect();
-            stages.sort_unstable();
-            let mut needs: Vec<usize> = (self.jobs.len()..self.jobs.len() + position)
-                .filter(|_| dice.below(2) == 0)
-                .collect();
-            if !usable.is_empty() && dice.below(3) == 0 {
-                needs.push(usable[dice.below(usable.len())]);
-            }
-            let max_attempts = u32::try_from(1 + dice.below(3)).unwrap();
-            NewJob { how: self.how(dice), stages, max_attempts, needs }
-        };
-        (0..count).map(new_job).collect()
-    }
-
     /// Tasks that a worker with this many GPUs may claim once their delays have passed.
     fn claimable(&self, gpus: u32) -> Vec<usize> {
         let may_be_claimed = |task: &usize| {
@@ -387,81 +303,6 @@ impl Queue {
             standing.state == TaskState::Queued && how.gpus <= gpus && may_begin
         };
         (0..self.tasks.len()).filter(may_be_claimed).collect()
-    }
-
-    /// Checks the laws that hold at every moment.
-    fn check(&self) {
-        for task in &self.tasks {
-            let (job, standing) = (&self.jobs[task.job], &task.standing);
-            assert!(standing.attempt <= standing.max_attempts, "attempts are bounded: {task:?}");
-            let is_startable = matches!(standing.state, TaskState::Waiting | TaskState::Queued);
-            assert!(!(is_startable && job.cancel_requested), "a cancelled job starts nothing");
-            assert!(!(is_startable && job.state.is_final()), "an ended job starts nothing");
-            if matches!(standing.state, TaskState::Queued | TaskState::Running) {
-                let needs = job.needs.iter().map(|need| self.jobs[*need].state);
-                assert!(needs.clone().all(|state| state == JobState::Succeeded), "needs are met");
-                let siblings = &self.tasks[job.tasks.clone()];
-                let mut before = siblings.iter().filter(|sibling| sibling.stage < task.stage);
-                assert!(
-                    before.all(|sibling| sibling.standing.state == TaskState::Succeeded),
-                    "in stages"
-                );
-            }
-        }
-        for job in self.jobs.iter().filter(|job| job.members.is_empty()) {
-            let tasks = &self.tasks[job.tasks.clone()];
-            let count = |state| tasks.iter().filter(|task| task.standing.state == state).count();
-            match job.state {
-                JobState::Succeeded => assert_eq!(count(TaskState::Succeeded), tasks.len()),
-                JobState::Failed => assert_ne!(count(TaskState::Failed), 0),
-                JobState::Cancelled => assert_ne!(count(TaskState::Cancelled), 0),
-                JobState::Waiting => assert_eq!(count(TaskState::Waiting), tasks.len()),
-                JobState::Queued | JobState::Running => {
-                    let open = tasks.iter().any(|task| !has_ended(task.standing.state));
-                    assert!(open && count(TaskState::Failed) == 0, "it can still succeed");
-                    let unattended = count(TaskState::Running) == 0;
-                    assert!(!(job.cancel_requested && unattended), "it ends when nobody is at it");
-                }
-            }
-        }
-        for pipeline in self.jobs.iter().filter(|job| !job.members.is_empty()) {
-            let states = pipeline.members.iter().map(|member| self.jobs[*member].state);
-            let all = states.clone().all(|state| state == JobState::Succeeded);
-            assert_eq!(pipeline.state == JobState::Succeeded, all && !pipeline.was_ended_early());
-            if pipeline.state == JobState::Failed {
-                assert!(states.clone().any(|state| state == JobState::Failed));
-            }
-            if !pipeline.state.is_final() && !pipeline.cancel_requested {
-                assert!(states.clone().any(|state| !state.is_final()), "it ends with its members");
-            }
-        }
-    }
-
-    /// Checks the laws between two moments, one step apart.
-    fn check_since(&self, before: &Self) {
-        for (now, before) in self.tasks.iter().zip(&before.tasks) {
-            let (now, before) = (now.standing, before.standing);
-            if has_ended(before.state) {
-                assert_eq!(now, before, "final states never change");
-            }
-            let is_claimed = before.state == TaskState::Queued && now.state == TaskState::Running;
-            let raised = now.epoch.0 - before.epoch.0;
-            assert_eq!(raised, i64::from(is_claimed), "a claim and nothing else raises the epoch");
-            if before.state == TaskState::Running && now.state != TaskState::Running {
-                assert!(!now.is_held_at(before.epoch), "who gave a task back has lost it");
-            }
-        }
-        for (now, before) in self.jobs.iter().zip(&before.jobs) {
-            assert!(!before.state.is_final() || now.state == before.state, "as with tasks");
-        }
-    }
-}
-
-impl Job {
-    /// Whether it ended before its members: a cancelled pipeline may leave members that succeed
-    /// later.
-    fn was_ended_early(&self) -> bool {
-        self.state == JobState::Cancelled
     }
 }
 
@@ -475,22 +316,6 @@ fn id(job: usize) -> JobId {
 
 fn index(job: JobId) -> usize {
     usize::try_from(job.0).unwrap()
-}
-
-/// Xorshift: a few random bits per step, the same in every run.
-struct Dice(u64);
-
-impl Dice {
-    fn below(&mut self, bound: usize) -> usize {
-        self.0 ^= self.0 << 13;
-        self.0 ^= self.0 >> 7;
-        self.0 ^= self.0 << 17;
-        usize::try_from(self.0 >> 33).unwrap() % bound
-    }
-
-    fn stage(&mut self) -> u32 {
-        u32::try_from(self.below(3)).unwrap()
-    }
 }
 
 #[test]

@@ -180,6 +180,7 @@ macro_rules! all_laws {
             retention:
                 jobs_that_failed_go_by_themselves_when_nothing_depends_on_them,
                 old_checkpoints_go_unless_somebody_uses_them,
+                an_open_job_keeps_the_checkpoints_of_its_training_and_of_no_other,
                 old_logs_go_and_their_attempts_stay;
             takeover:
                 shards_of_a_job_that_failed_are_there_for_the_next,

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use serde_json::json;
 use spec::Digest;
-use store::{JobState, Need, Retry};
+use store::{Item, JobState, Need, Retry};
 
 use super::trash::{checkpoint, finished, is_there, work};
 use super::{Fixture, LONG, evaluate, pipeline, simulate, train};
@@ -88,6 +88,42 @@ pub async fn old_checkpoints_go_unless_somebody_uses_them(f: Fixture) {
     let left = f.store.checkpoints_of_job(trained).await.unwrap();
     assert_eq!(left.iter().map(|checkpoint| checkpoint.step).collect::<Vec<_>>(), [20, 30, 60, 70]);
     assert_eq!(f.store.outdated(keep(2)).await.unwrap(), []);
+}
+
+pub async fn an_open_job_keeps_the_checkpoints_of_its_training_and_of_no_other(f: Fixture) {
+    let mut trained = Vec::new();
+    for seed in [1, 2] {
+        let data = simulate(seed);
+        f.submit_one(data.clone()).await;
+        work(&f).await;
+        let training = train(&data, vec![]);
+        let job = f.submit_one(training.clone()).await;
+        let task = f.must_claim().await;
+        for step in [10, 20, 30] {
+            checkpoint(&f, &task, step, step == 30).await;
+        }
+        f.store.complete(task.fence, None).await.unwrap();
+        trained.push((job, data, training));
+    }
+    let keep = store::Retention { checkpoints: Some(1), ..store::Retention::default() };
+    let outdated = async || f.store.outdated(keep).await.unwrap();
+    assert_eq!(outdated().await.len(), 4, "nobody uses any");
+    let checkpoints = f.store.checkpoints_of_job(trained[1].0).await.unwrap();
+    let of_the_other: Vec<Item> =
+        checkpoints[..2].iter().map(|checkpoint| checkpoint.id.into()).collect();
+
+    let (job, data, training) = &trained[0];
+    let reader = f.submit_one(evaluate(data, training, vec![])).await;
+    let items =
+        async || outdated().await.into_iter().map(|outdated| outdated.item).collect::<Vec<Item>>();
+    assert_eq!(items().await, of_the_other, "it reads the first training");
+    f.store.cancel(reader).await.unwrap();
+    assert_eq!(outdated().await.len(), 4);
+    let needs = vec![Need::Existing(*job)];
+    let waiting = f.submit_one(evaluate(data, training, needs)).await;
+    assert_eq!(items().await, of_the_other, "it needs the first training");
+    f.store.cancel(waiting).await.unwrap();
+    assert_eq!(outdated().await.len(), 4);
 }
 
 pub async fn old_logs_go_and_their_attempts_stay(f: Fixture) {

@@ -1,0 +1,52 @@
+use serde::{Deserialize, Serialize};
+
+use crate::{PredictorInfo, PredictorKind, PredictorSummary, Report};
+
+/// The key result of an evaluation: the best checkpoint, the best file of predictions and the best
+/// baseline, in distribution. Predictors that see the future are left out.
+///
+/// The last task of an evaluation has it as its result, so that lists of evaluations read no
+/// reports.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Headline {
+    /// The group of cells that the errors are means over. Empty for an evaluation without cells.
+    pub group: String,
+    pub best: Vec<MeanError>,
+}
+
+/// The RMSE of a predictor, a mean over scenarios.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct MeanError {
+    pub predictor: String,
+    pub rmse_deg: f64,
+}
+
+/// The result of an evaluation's last task.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct EvaluationResult {
+    pub headline: Headline,
+}
+
+impl Headline {
+    pub fn of(report: &Report) -> Self {
+        let Some(group) = report.groups.first() else { return Self::default() };
+        let best = |kind: PredictorKind| {
+            let of_kind = |rmse: &&PredictorSummary| {
+                let of_kind = |info: &&PredictorInfo| info.kind == kind && !info.sees_the_future();
+                report.predictors.iter().filter(of_kind).any(|info| info.name == rmse.predictor)
+            };
+            group
+                .rmse_deg
+                .iter()
+                .filter(of_kind)
+                .min_by(|a, b| a.interval.mean.total_cmp(&b.interval.mean))
+        };
+        let kinds =
+            [PredictorKind::Checkpoint, PredictorKind::Predictions, PredictorKind::Baseline];
+        let best = kinds.into_iter().filter_map(best).map(|rmse| MeanError {
+            predictor: rmse.predictor.clone(),
+            rmse_deg: rmse.interval.mean,
+        });
+        Self { group: group.name.clone(), best: best.collect() }
+    }
+}
