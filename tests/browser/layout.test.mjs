@@ -123,6 +123,20 @@ for (const colorScheme of ["light", "dark"]) {
   }
 }
 
+test("on a phone figures are as wide as their labels need, and columns stay apart", async () => {
+  const page = await browser.newPage({ viewport: { width: 390, height: 844 } });
+  for (const [path, figure] of [[pages.run, "figure svg"], [pages.evaluation, "figure img"]]) {
+    await page.goto(product.url + path);
+    assert.ok((await page.locator(figure).first().boundingBox()).width >= 680, path);
+  }
+  await page.goto(product.url);
+  // Regression: a narrow table with fixed columns wrote the kind of a job over its state.
+  const overfull = await page.locator(".experiment td").evaluateAll((cells) =>
+    cells.filter((cell) => cell.scrollWidth > cell.clientWidth + 1).map((cell) => cell.innerText));
+  assert.deepEqual(overfull, []);
+  await page.close();
+});
+
 test("figures follow the dark theme", async () => {
   for (const [colorScheme, isLight] of [["light", true], ["dark", false]]) {
     const context = await browser.newContext({ colorScheme, viewport: { width: 1440, height: 900 } });

@@ -359,7 +359,7 @@ async fn a_file_that_does_not_answer_every_scenario_is_refused_where_it_is_read(
         ("text.csv", text, ["recording \"arm 0\"", "trajectory and sample, \"7/0\""]),
         ("twice.csv", twice, ["recording \"2\" twice", "each once"]),
         ("swapped.csv", swapped, ["step 40 of trajectory 5", "a prediction begins at step 40"]),
-        ("without.csv", without, ["without a prediction of trajectory 1", "0 to 5; 1 of them"]),
+        ("without.csv", without, ["without a prediction of trajectory 1", "0 to 5; 1 missing"]),
     ] {
         let dataset = laboratory.imported(name, &recordings).await;
         let failure = laboratory.failure(dataset, &json!({})).await;

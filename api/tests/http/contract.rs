@@ -74,8 +74,11 @@ impl Asked {
                 .find(|(_, parameter)| parameter["name"] == key)
                 .unwrap_or_else(|| panic!("{name}: {key} is not documented"));
             if let Ok(value @ (Value::Number(_) | Value::Bool(_))) = serde_json::from_str(value) {
-                let is_text = parameter["schema"].to_string().contains("string");
-                let value = if is_text { value.to_string().into() } else { value };
+                let schema = parameter["schema"].to_string();
+                let value =
+                    if schema.contains("string") { value.to_string().into() } else { value };
+                // A parameter that may be repeated is a list.
+                let value = if schema.contains("array") { json!([value]) } else { value };
                 check(
                     &format!("{place}/parameters/{i}"),
                     parameter,

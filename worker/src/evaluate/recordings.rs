@@ -90,7 +90,7 @@ impl Answers {
         if let Some(first) = lacking.first() {
             let value = format!("a file without a prediction of trajectory {first}");
             let allowed = format!(
-                "a prediction of each trajectory of the cell, {} to {}; {} trajectories have none",
+                "a prediction of each trajectory of the cell, {} to {}; {} missing",
                 wanted.start,
                 wanted.end.saturating_sub(1),
                 lacking.len()
@@ -173,7 +173,7 @@ mod tests {
         };
         let missing = refusal(0..4, 1);
         assert!(
-            missing.contains("of trajectory 1: ") && missing.contains("0 to 3; 2 of"),
+            missing.contains("of trajectory 1: ") && missing.contains("0 to 3; 2 missing"),
             "{missing}"
         );
         assert!(refusal(4..6, 3).starts_with("2 samples of trajectory 4: 3 or more"));
