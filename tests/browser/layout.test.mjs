@@ -64,7 +64,8 @@ async function eachPage(options, look) {
 /** Unfolds operations with parameters, a body and a file, and asks one of them. */
 async function unfoldOperations(page) {
   await page.locator(".opblock").first().waitFor();
-  for (const operation of ["/v1/jobs", "/v1/datasets", "/v1/presets"]) {
+  // Swagger UI takes seconds to unfold each.
+  for (const operation of ["/v1/datasets", "/v1/presets"]) {
     const blocks = page.locator(".opblock", { has: page.locator(`[data-path="${operation}"]`) });
     for (const block of await blocks.all()) {
       await block.locator(".opblock-summary-control").click();
