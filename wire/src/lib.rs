@@ -1,8 +1,8 @@
 //! The answers of the HTTP API and the reports of jobs. They are declared once, here.
 //!
 //! The server writes these types, the command line reads them, and the OpenAPI document is
-//! generated from them. There is one file per resource. The only computations here are the wording of
-//! sentences that the server, its page and the command line share, and the headline of a report.
+//! generated from them. There is one file per resource. The only computations here are the wording
+//! of sentences that the server, its page and the command line share, and the headline of a report.
 //!
 //! Ids are those of the database. Times are RFC 3339 in UTC. Lists are newest first unless they are
 //! sorted. `next` is the `cursor` of the following page, and `null` on the last one. In attempts

@@ -13,10 +13,10 @@ use sqlx::{Connection, PgConnection, PgPool, Postgres};
 use crate::Access;
 
 /// A connection that was unused for this long is tested before it is used.
-const ASKED_AFTER: Duration = Duration::from_millis(200);
+const TESTED_AFTER: Duration = Duration::from_millis(200);
 
-/// At most one connection. It counts as one of the pool's, and requests that wait for the pool do not
-/// get it. So workers keep one, and servers do not.
+/// At most one connection. It counts as one of the pool's, but an operation that waits for the pool
+/// does not get it. So workers keep one, and servers do not.
 #[derive(Clone, Debug)]
 pub(super) struct KeptConnection {
     slot: Arc<Slot>,
@@ -84,5 +84,5 @@ impl KeptConnection {
 
 /// Whether a connection still works. One that was used a moment ago is not tested.
 pub(super) async fn is_alive(connection: &mut PgConnection, idle_for: Duration) -> bool {
-    idle_for < ASKED_AFTER || connection.ping().await.is_ok()
+    idle_for < TESTED_AFTER || connection.ping().await.is_ok()
 }
