@@ -10,14 +10,14 @@ use crate::{Range, SpecError, Violation};
 
 /// A spec, or a part of one, that can check its own values.
 pub(crate) trait Check {
-    fn check(&self, report: &mut Report);
+    fn check(&self, violations: &mut Violations);
 }
 
 /// The violations found so far and the path of the part being checked.
 #[derive(Default)]
-pub(crate) struct Report {
+pub(crate) struct Violations {
     path: Vec<String>,
-    violations: Vec<Violation>,
+    found: Vec<Violation>,
     /// The bounds of checked values, if they are collected.
     bounds: Option<Vec<Bound>>,
 }
@@ -42,17 +42,17 @@ pub(crate) enum Bounded {
     Length,
 }
 
-impl Report {
+impl Violations {
     pub fn finish(self) -> Result<(), SpecError> {
-        if self.violations.is_empty() {
+        if self.found.is_empty() {
             Ok(())
         } else {
-            Err(SpecError { violations: self.violations })
+            Err(SpecError { violations: self.found })
         }
     }
 
-    /// A report that collects all bounds of the checks.
-    pub fn of_bounds() -> Self {
+    /// Also collects the bounds of checked values.
+    pub fn with_bounds() -> Self {
         Self { bounds: Some(Vec::new()), ..Self::default() }
     }
 
@@ -61,7 +61,7 @@ impl Report {
     }
 
     pub fn count(&self) -> usize {
-        self.violations.len()
+        self.found.len()
     }
 
     /// Checks `part`. Its fields are reported as `field.…`.
@@ -71,8 +71,8 @@ impl Report {
         self.path.pop();
     }
 
-    pub fn violation(&mut self, field: &str, value: impl Display, allowed: impl Into<String>) {
-        self.violations.push(Violation {
+    pub fn add(&mut self, field: &str, value: impl Display, allowed: impl Into<String>) {
+        self.found.push(Violation {
             field: self.path_to(field),
             value: value.to_string(),
             allowed: allowed.into(),
@@ -116,7 +116,7 @@ impl Report {
     pub fn below_one(&mut self, field: &str, share: f64) {
         self.note(field, Bounded::ValueBelow, [&0.0, &1.0]);
         if !(0.0..1.0).contains(&share) {
-            self.violation(field, share, "0 to below 1");
+            self.add(field, share, "0 to below 1");
         }
     }
 
@@ -128,7 +128,7 @@ impl Report {
     ) {
         // NaN lies in no interval, so this refuses it too.
         if !allowed.contains(&value) {
-            self.violation(field, value, format!("{} to {}", allowed.start(), allowed.end()));
+            self.add(field, value, format!("{} to {}", allowed.start(), allowed.end()));
         }
     }
 
@@ -142,7 +142,7 @@ impl Report {
     pub fn one_per_joint(&mut self, field: &str, values: &[f64], joints: usize) {
         if values.len() != joints {
             let allowed = format!("{joints} numbers, one for each joint of the robot");
-            self.violation(field, format!("{} numbers", values.len()), allowed);
+            self.add(field, format!("{} numbers", values.len()), allowed);
         }
     }
 
@@ -151,7 +151,7 @@ impl Report {
         self.within(&format!("{field}[0]"), range.min, allowed.clone());
         self.within(&format!("{field}[1]"), range.max, allowed.clone());
         if range.min > range.max {
-            self.violation(
+            self.add(
                 field,
                 format!("[{}, {}]", range.min, range.max),
                 "[min, max] with min not above max",
@@ -163,7 +163,7 @@ impl Report {
     pub fn no_duplicates<T: PartialEq + Debug>(&mut self, field: &str, items: &[T]) {
         let repeated = |(i, item): &(usize, &T)| items[..*i].contains(*item);
         if let Some((_, twice)) = items.iter().enumerate().find(repeated) {
-            self.violation(field, format!("{twice:?} twice"), "each once");
+            self.add(field, format!("{twice:?} twice"), "each once");
         }
     }
 

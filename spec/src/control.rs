@@ -6,7 +6,7 @@ use std::iter;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use crate::check::{Check, Report};
+use crate::check::{Check, Violations};
 use crate::kind::KindSpec;
 use crate::{
     Bootstrap, CheckpointRef, DataSource, DataSpec, Doubt, Execution, Gravity, JointDescription,
@@ -273,7 +273,7 @@ impl ControlSpec {
         data: &DataSpec,
         trainings: &[Training<'_>],
     ) -> Result<(), SpecError> {
-        let mut report = Report::default();
+        let mut violations = Violations::default();
         let Some(simulation) = data.simulation() else {
             return Err(SpecError::one(
                 "data",
@@ -282,60 +282,60 @@ impl ControlSpec {
             ));
         };
         let robot = simulation.robot.description();
-        self.path.check_robot(robot, &mut report);
-        report.one_per_joint("planner.noise_nm", &self.planner.noise_nm, robot.joints.len());
+        self.path.check_robot(robot, &mut violations);
+        violations.one_per_joint("planner.noise_nm", &self.planner.noise_nm, robot.joints.len());
         let strongest = robot.joints.iter().map(|joint| joint.torque_nm).fold(0.0, f64::max);
         for (i, noise) in self.planner.noise_nm.iter().enumerate() {
             if *noise > strongest {
                 let allowed = format!("at most {strongest}, the largest torque of any joint");
-                report.violation(&format!("planner.noise_nm[{i}]"), noise, allowed);
+                violations.add(&format!("planner.noise_nm[{i}]"), noise, allowed);
             }
         }
         if u64::from(self.robots) > simulation.trajectories {
             let allowed = format!("at most the data's trajectories, {}", simulation.trajectories);
-            report.violation("robots", self.robots, allowed);
+            violations.add("robots", self.robots, allowed);
         }
         if self.context > simulation.samples {
             let allowed = format!("at most the data's samples, which are {}", simulation.samples);
-            report.violation("context", self.context, allowed);
+            violations.add("context", self.context, allowed);
         }
         if simulation.robot.gravity == Gravity::Compensated {
             let allowed = "off or on: a plan holds all torques that act";
-            report.violation("data.robot.gravity", "compensated", allowed);
+            violations.add("data.robot.gravity", "compensated", allowed);
         }
         let steps = self.duration_s * simulation.rate_hz;
         if !(0.5..=MAX_STEPS).contains(&steps) {
             let allowed = format!("1 to {MAX_STEPS} samples at {} Hz", simulation.rate_hz);
-            report.violation("duration_s", self.duration_s, allowed);
+            violations.add("duration_s", self.duration_s, allowed);
         }
         for (i, training) in trainings.iter().enumerate() {
             let field = format!("checkpoints[{i}]");
             let context = training.spec.context;
             if context != self.context {
                 let asked = format!("context {}, as this job asks", self.context);
-                report.violation(&field, format!("trained with context {context}"), asked);
+                violations.add(&field, format!("trained with context {context}"), asked);
             }
             let rate_hz = training.data.rate_hz();
             if (rate_hz - simulation.rate_hz).abs() > f64::EPSILON {
                 let asked = format!("rate_hz {}, as the data has", simulation.rate_hz);
-                report.violation(&field, format!("trained with rate_hz {rate_hz}"), asked);
+                violations.add(&field, format!("trained with rate_hz {rate_hz}"), asked);
             }
             let joints = training.data.joints();
             if joints != robot.joints.len() {
                 let asked = format!("{} joints, as the data's robots have", robot.joints.len());
-                report.violation(&field, format!("trained with {joints} joints"), asked);
+                violations.add(&field, format!("trained with {joints} joints"), asked);
             }
             let foreseen = training.data.samples().saturating_sub(context);
             if self.planner.horizon > foreseen {
                 let allowed = format!("at most {foreseen}, the horizon of {field}");
-                report.violation("planner.horizon", self.planner.horizon, allowed);
+                violations.add("planner.horizon", self.planner.horizon, allowed);
             }
             if training.spec.normalization == Normalization::PaperLeaky {
                 let allowed = "one that does not need the future that it predicts";
-                report.violation(&field, "trained with normalization paper-leaky", allowed);
+                violations.add(&field, "trained with normalization paper-leaky", allowed);
             }
         }
-        report.finish()
+        violations.finish()
     }
 }
 
@@ -379,80 +379,80 @@ fn replace_usual(list: &mut Vec<f64>, usual: &[f64], fitting: Vec<f64>) {
 }
 
 impl Check for ControlSpec {
-    fn check(&self, report: &mut Report) {
-        report.part("data", &self.data);
+    fn check(&self, violations: &mut Violations) {
+        violations.part("data", &self.data);
         if self.checkpoints.is_empty() && self.baselines.is_empty() {
-            report.violation("checkpoints", "[]", "at least one checkpoint or baseline");
+            violations.add("checkpoints", "[]", "at least one checkpoint or baseline");
         }
-        report.length("checkpoints", self.checkpoints.len(), 0..=20);
-        report.no_duplicates("checkpoints", &self.checkpoints);
-        report.no_duplicates("baselines", &self.baselines);
-        report.within("robots", self.robots, 1..=100);
-        report.within("context", self.context, 2..=9_999);
-        report.within("duration_s", self.duration_s, 0.01..=600.0);
-        report.part("path", &self.path);
-        report.part("planner", &self.planner);
-        report.seed("seed", self.seed);
-        report.within("bootstrap.resamples", self.bootstrap.resamples, 100..=100_000);
-        report.seed("bootstrap.seed", self.bootstrap.seed);
-        report.part("execution", &self.execution);
+        violations.length("checkpoints", self.checkpoints.len(), 0..=20);
+        violations.no_duplicates("checkpoints", &self.checkpoints);
+        violations.no_duplicates("baselines", &self.baselines);
+        violations.within("robots", self.robots, 1..=100);
+        violations.within("context", self.context, 2..=9_999);
+        violations.within("duration_s", self.duration_s, 0.01..=600.0);
+        violations.part("path", &self.path);
+        violations.part("planner", &self.planner);
+        violations.seed("seed", self.seed);
+        violations.within("bootstrap.resamples", self.bootstrap.resamples, 100..=100_000);
+        violations.seed("bootstrap.seed", self.bootstrap.seed);
+        violations.part("execution", &self.execution);
     }
 }
 
 impl ControlPath {
     /// Checks that an arm can follow the path from any start.
-    fn check_robot(&self, robot: &RobotDescription, report: &mut Report) {
+    fn check_robot(&self, robot: &RobotDescription, violations: &mut Violations) {
         let joints = robot.joints.len();
         let (field, displacement) = match self {
             Self::Swing(Swing { amplitude_rad, frequency_hz }) => {
-                report.one_per_joint("path.swing.frequency_hz", frequency_hz, joints);
+                violations.one_per_joint("path.swing.frequency_hz", frequency_hz, joints);
                 ("path.swing.amplitude_rad", amplitude_rad)
             }
             Self::PointToPoint(PointToPoint { displacement_rad, .. }) => {
                 ("path.point-to-point.displacement_rad", displacement_rad)
             }
         };
-        report.one_per_joint(field, displacement, joints);
+        violations.one_per_joint(field, displacement, joints);
         for (i, (value, joint)) in displacement.iter().zip(&robot.joints).enumerate() {
             let free = free(joint);
             if *value > free {
                 let allowed = format!(
                     "0 to {free:.4}, which keeps the joint within its limits from any start"
                 );
-                report.violation(&format!("{field}[{i}]"), value, allowed);
+                violations.add(&format!("{field}[{i}]"), value, allowed);
             }
         }
     }
 }
 
 impl Check for ControlPath {
-    fn check(&self, report: &mut Report) {
+    fn check(&self, violations: &mut Violations) {
         match self {
             Self::Swing(Swing { amplitude_rad, frequency_hz }) => {
-                report.all_within("swing.amplitude_rad", amplitude_rad, &(0.0..=100.0));
-                report.all_within("swing.frequency_hz", frequency_hz, &(0.001..=100.0));
+                violations.all_within("swing.amplitude_rad", amplitude_rad, &(0.0..=100.0));
+                violations.all_within("swing.frequency_hz", frequency_hz, &(0.001..=100.0));
             }
             Self::PointToPoint(PointToPoint { displacement_rad, duration_s }) => {
                 let field = "point-to-point.displacement_rad";
-                report.all_within(field, displacement_rad, &(0.0..=100.0));
-                report.within("point-to-point.duration_s", *duration_s, 0.01..=600.0);
+                violations.all_within(field, displacement_rad, &(0.0..=100.0));
+                violations.within("point-to-point.duration_s", *duration_s, 0.01..=600.0);
             }
         }
     }
 }
 
 impl Check for Planner {
-    fn check(&self, report: &mut Report) {
-        report.within("samples", self.samples, 2..=1024);
-        report.within("iterations", self.iterations, 1..=20);
-        report.within("horizon", self.horizon, 1..=1000);
+    fn check(&self, violations: &mut Violations) {
+        violations.within("samples", self.samples, 2..=1024);
+        violations.within("iterations", self.iterations, 1..=20);
+        violations.within("horizon", self.horizon, 1..=1000);
         let horizon = self.horizon.clamp(1, 1000);
-        report.within("replan_every", self.replan_every, 1..=horizon);
-        report.within("knot_every", self.knot_every, 1..=horizon);
-        report.all_within("noise_nm", &self.noise_nm, &(0.001..=1e5));
-        report.within("noise_decay", self.noise_decay, 0.01..=1.0);
-        report.within("temperature", self.temperature, 1e-4..=1e4);
-        report.within("effort_rad2_nm2", self.effort_rad2_nm2, 0.0..=1.0);
+        violations.within("replan_every", self.replan_every, 1..=horizon);
+        violations.within("knot_every", self.knot_every, 1..=horizon);
+        violations.all_within("noise_nm", &self.noise_nm, &(0.001..=1e5));
+        violations.within("noise_decay", self.noise_decay, 0.01..=1.0);
+        violations.within("temperature", self.temperature, 1e-4..=1e4);
+        violations.within("effort_rad2_nm2", self.effort_rad2_nm2, 0.0..=1.0);
     }
 }
 

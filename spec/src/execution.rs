@@ -1,7 +1,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use crate::check::{Check, Report};
+use crate::check::{Check, Violations};
 use crate::{Moment, Resources};
 
 /// How a job is executed. It cannot change any result, so it is not part of the digest.
@@ -42,12 +42,12 @@ impl Execution {
 }
 
 impl Check for Execution {
-    fn check(&self, report: &mut Report) {
-        report.within("priority", self.priority, -100..=100);
-        report.within("max_attempts", self.max_attempts, 1..=20);
+    fn check(&self, violations: &mut Violations) {
+        violations.within("priority", self.priority, -100..=100);
+        violations.within("max_attempts", self.max_attempts, 1..=20);
         if let Some(seconds) = self.time_limit_s {
-            report.within("time_limit_s", seconds, 1..=LONGEST_S);
+            violations.within("time_limit_s", seconds, 1..=LONGEST_S);
         }
-        report.part("resources", &self.resources);
+        violations.part("resources", &self.resources);
     }
 }

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
-use crate::check::{Check, Report};
+use crate::check::{Check, Violations};
 use crate::fields::shorten;
 use crate::kind::KindSpec;
 use crate::schema::{listed, nearest};
@@ -142,8 +142,8 @@ impl fmt::Display for JobKind {
 }
 
 impl Check for JobSpec {
-    fn check(&self, report: &mut Report) {
-        self.fields().check(report);
+    fn check(&self, violations: &mut Violations) {
+        self.fields().check(violations);
     }
 }
 

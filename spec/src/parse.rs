@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use crate::check::{Check, Report};
+use crate::check::{Check, Violations};
 use crate::{JobSpec, SpecError, read_json};
 
 /// Reads a spec: resolves `preset`, refuses unknown fields and checks every value.
@@ -13,17 +13,17 @@ pub fn parse(text: &[u8]) -> Result<JobSpec, SpecError> {
     let value: Value = read_json(text)
         .map_err(|fault| SpecError::one("", "", format!("not valid JSON: {fault}")))?;
     let spec = JobSpec::from_json(value)?;
-    let mut report = Report::default();
-    spec.check(&mut report);
-    check_outside_pipeline(&spec, &mut report);
-    report.finish()?;
+    let mut violations = Violations::default();
+    spec.check(&mut violations);
+    check_outside_pipeline(&spec, &mut violations);
+    violations.finish()?;
     Ok(spec)
 }
 
 /// Refuses references by name, because a job on its own has no siblings.
-fn check_outside_pipeline(spec: &JobSpec, report: &mut Report) {
+fn check_outside_pipeline(spec: &JobSpec, violations: &mut Violations) {
     for job in spec.named_jobs() {
         let allowed = format!("{}; {{\"job\": NAME}} only in a pipeline", job.product.names());
-        report.violation(&job.field, format!("{{\"job\": {:?}}}", job.name), allowed);
+        violations.add(&job.field, format!("{{\"job\": {:?}}}", job.name), allowed);
     }
 }

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
-use crate::check::{Check, Report};
+use crate::check::{Check, Violations};
 use crate::fields::{from_fields, shorten};
 use crate::kind::KindSpec;
 use crate::schema::nearest;
@@ -66,9 +66,9 @@ impl KindSpec for PipelineSpec {
             return Ok(Self { jobs, ..pipeline });
         }
         // The violations of readable members are reported together with those of unreadable ones.
-        let mut report = Report::default();
-        jobs.iter().for_each(|(name, job)| report.part(&format!("jobs.{name}"), &job.spec));
-        found.extend(report.finish().err().into_iter().flat_map(|error| error.violations));
+        let mut violations = Violations::default();
+        jobs.iter().for_each(|(name, job)| violations.part(&format!("jobs.{name}"), &job.spec));
+        found.extend(violations.finish().err().into_iter().flat_map(|error| error.violations));
         if let Err(error) = from_fields::<Self>(fields, Vec::new()) {
             found.extend(error.violations);
         }
@@ -151,47 +151,53 @@ impl PipelineSpec {
 }
 
 impl Check for PipelineSpec {
-    fn check(&self, report: &mut Report) {
-        report.length("name", self.name.len(), 1..=100);
+    fn check(&self, violations: &mut Violations) {
+        violations.length("name", self.name.len(), 1..=100);
         if self.jobs.is_empty() || self.jobs.len() > MAX_MEMBERS {
-            report.violation("jobs", format!("{} jobs", self.jobs.len()), "1 to 200 jobs");
+            violations.add("jobs", format!("{} jobs", self.jobs.len()), "1 to 200 jobs");
         }
-        let known_violations = report.count();
+        let known_violations = violations.count();
         for (name, member) in &self.jobs {
             let path = format!("jobs.{name}");
             if !is_job_name(name) {
-                report.violation(
+                violations.add(
                     &path,
                     format!("{name:?}"),
                     "a name of 1 to 60 lower-case letters, digits and dashes",
                 );
             }
             if member.spec.kind() == JobKind::Pipeline {
-                report.violation(&format!("{path}.kind"), "pipeline", "any other kind of job");
+                violations.add(&format!("{path}.kind"), "pipeline", "any other kind of job");
                 continue;
             }
-            report.part(&path, &member.spec);
-            self.check_references(&path, member, report);
+            violations.part(&path, &member.spec);
+            self.check_references(&path, member, violations);
         }
-        if report.count() == known_violations && self.order().is_none() {
-            report.violation("jobs", "circular", "jobs that do not need each other in a circle");
+        if violations.count() == known_violations && self.order().is_none() {
+            violations.add("jobs", "circular", "jobs that do not need each other in a circle");
         }
     }
 }
 
 impl PipelineSpec {
-    fn check_references(&self, path: &str, member: &PipelineMember, report: &mut Report) {
+    fn check_references(&self, path: &str, member: &PipelineMember, violations: &mut Violations) {
         for need in &member.needs {
-            self.check_reference(&format!("{path}.needs"), need, JobKind::ALL, report);
+            self.check_reference(&format!("{path}.needs"), need, JobKind::ALL, violations);
         }
         for job in member.spec.named_jobs() {
             let field = format!("{path}.{}.job", job.field);
-            self.check_reference(&field, &job.name, &JobKind::making(job.product), report);
+            self.check_reference(&field, &job.name, &JobKind::making(job.product), violations);
         }
     }
 
     /// Checks that `name` is a job of one of `kinds`.
-    fn check_reference(&self, field: &str, name: &str, kinds: &[JobKind], report: &mut Report) {
+    fn check_reference(
+        &self,
+        field: &str,
+        name: &str,
+        kinds: &[JobKind],
+        violations: &mut Violations,
+    ) {
         let fits = |job: &PipelineMember| kinds.contains(&job.spec.kind());
         if self.jobs.get(name).is_some_and(fits) {
             return;
@@ -206,7 +212,7 @@ impl PipelineSpec {
         let fitting = self.jobs.iter().filter(|(_, job)| fits(job));
         let names: Vec<&str> = fitting.map(|(name, _)| name.as_str()).collect();
         let allowed = format!("a {kind}job of this pipeline: {}", names.join(", "));
-        report.violation(field, format!("{name:?}"), allowed);
+        violations.add(field, format!("{name:?}"), allowed);
     }
 }
 

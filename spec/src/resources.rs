@@ -4,7 +4,7 @@ use std::fmt;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use crate::check::{Check, Report};
+use crate::check::{Check, Violations};
 
 /// Resources that the tasks of a job need, or that a worker offers. A worker takes a task if it
 /// offers at least as much of every resource, and all tags.
@@ -94,20 +94,20 @@ impl fmt::Display for Resources {
 }
 
 impl Check for Resources {
-    fn check(&self, report: &mut Report) {
+    fn check(&self, violations: &mut Violations) {
         if let Some(cpus) = self.cpus {
-            report.within("cpus", cpus, Self::CPUS);
+            violations.within("cpus", cpus, Self::CPUS);
         }
-        report.within("gpus", self.gpus, Self::GPUS);
+        violations.within("gpus", self.gpus, Self::GPUS);
         if let Some(memory) = self.memory_gb {
-            report.within("memory_gb", memory, Self::MEMORY_GB);
+            violations.within("memory_gb", memory, Self::MEMORY_GB);
         }
         if self.tags.len() > MAX_TAGS {
-            report.violation("tags", format!("{} tags", self.tags.len()), "at most 16 tags");
+            violations.add("tags", format!("{} tags", self.tags.len()), "at most 16 tags");
         }
         for tag in self.tags.iter().filter(|tag| !Self::is_tag(tag)) {
             let allowed = "names of 1 to 60 lower-case letters, digits and dashes";
-            report.violation("tags", format!("{tag:?}"), allowed);
+            violations.add("tags", format!("{tag:?}"), allowed);
         }
     }
 }

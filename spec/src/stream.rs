@@ -2,7 +2,7 @@
 
 use serde_json::{Map, Value};
 
-use crate::check::{Check, Report};
+use crate::check::{Check, Violations};
 use crate::fields::shorten;
 use crate::{DataSource, MAX_TRAJECTORIES, SpecError, Violation, preset, simulate};
 
@@ -40,11 +40,11 @@ fn resolve_fields(stream: &mut Map<String, Value>) -> Result<(), SpecError> {
 }
 
 impl Check for DataSource {
-    fn check(&self, report: &mut Report) {
+    fn check(&self, violations: &mut Violations) {
         let Self::Stream(stream) = self else { return };
-        report.part("stream", stream.as_ref());
+        violations.part("stream", stream.as_ref());
         if !stream.execution.is_default() {
-            report.violation(
+            violations.add(
                 "stream.execution",
                 "given",
                 "left out: a stream is not a job of its own",

@@ -1,7 +1,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use crate::check::{Check, Report};
+use crate::check::{Check, Violations};
 use crate::kind::KindSpec;
 use crate::{DataSource, Execution, Reference};
 
@@ -26,10 +26,10 @@ impl KindSpec for VerifySpec {
 }
 
 impl Check for VerifySpec {
-    fn check(&self, report: &mut Report) {
+    fn check(&self, violations: &mut Violations) {
         if let DataSource::Stream(_) = self.data {
-            report.violation("data", "a stream", r#"{"dataset": ID} or {"digest": HEX}"#);
+            violations.add("data", "a stream", r#"{"dataset": ID} or {"digest": HEX}"#);
         }
-        report.part("execution", &self.execution);
+        violations.part("execution", &self.execution);
     }
 }

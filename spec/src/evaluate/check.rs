@@ -2,7 +2,7 @@
 
 use super::spec::EvaluateSpec;
 use crate::MAX_POSITION_NOISE_RAD;
-use crate::check::{Check, Report};
+use crate::check::{Check, Violations};
 
 /// Largest number of samples of one predictor per scenario.
 const MAX_SAMPLES: u32 = 256;
@@ -11,53 +11,53 @@ const MAX_SAMPLES: u32 = 256;
 const MAX_LEVELS: usize = 10;
 
 impl Check for EvaluateSpec {
-    fn check(&self, report: &mut Report) {
-        report.part("data", &self.data);
+    fn check(&self, violations: &mut Violations) {
+        violations.part("data", &self.data);
         if self.checkpoints.is_empty() && self.baselines.is_empty() && self.predictions.is_empty() {
             let allowed = "at least one checkpoint, baseline or file of predictions";
-            report.violation("checkpoints", "[]", allowed);
+            violations.add("checkpoints", "[]", allowed);
         }
-        report.length("checkpoints", self.checkpoints.len(), 0..=50);
+        violations.length("checkpoints", self.checkpoints.len(), 0..=50);
         if let Some(twice) = first_repeated(&self.checkpoints) {
-            report.violation("checkpoints", format!("{twice:?} twice"), "each once");
+            violations.add("checkpoints", format!("{twice:?} twice"), "each once");
         }
         if let Some(twice) = first_repeated(&self.baselines) {
-            report.violation("baselines", format!("{twice:?} twice"), "each once");
+            violations.add("baselines", format!("{twice:?} twice"), "each once");
         }
-        self.check_predictions(report);
-        report.within("context", self.context, 1..=9_999);
+        self.check_predictions(violations);
+        violations.within("context", self.context, 1..=9_999);
         if let Some(horizon) = self.horizon {
-            report.within("horizon", horizon, 1..=9_999);
+            violations.within("horizon", horizon, 1..=9_999);
         }
         if let Some(rounds) = self.rounds {
-            report.within("rounds", rounds, 0..=1000);
+            violations.within("rounds", rounds, 0..=1000);
             if rounds == 0 && self.starts_shifted() {
                 let allowed =
                     "1 to 1000 where a sampler starts shifted: its first window starts cold";
-                report.violation("rounds", rounds, allowed);
+                violations.add("rounds", rounds, allowed);
             }
         }
         if let Some(scenarios) = self.scenarios {
-            report.within("scenarios", scenarios, 1..=10_000);
+            violations.within("scenarios", scenarios, 1..=10_000);
         }
-        report.length("samplers", self.samplers.len(), 0..=50);
+        violations.length("samplers", self.samplers.len(), 0..=50);
         for (i, sampler) in self.samplers.iter().enumerate() {
-            report.part(&format!("samplers[{i}]"), sampler);
+            violations.part(&format!("samplers[{i}]"), sampler);
         }
-        report.within("samples", self.samples, 1..=MAX_SAMPLES);
-        report.length("position_noise_rad", self.position_noise_rad.len(), 1..=MAX_LEVELS);
+        violations.within("samples", self.samples, 1..=MAX_SAMPLES);
+        violations.length("position_noise_rad", self.position_noise_rad.len(), 1..=MAX_LEVELS);
         let allowed = 0.0..=MAX_POSITION_NOISE_RAD;
-        report.all_within("position_noise_rad", &self.position_noise_rad, &allowed);
+        violations.all_within("position_noise_rad", &self.position_noise_rad, &allowed);
         if let Some(twice) = first_repeated(&self.position_noise_rad) {
-            report.violation("position_noise_rad", format!("{twice} twice"), "each once");
+            violations.add("position_noise_rad", format!("{twice} twice"), "each once");
         }
-        report.seed("seed", self.seed);
+        violations.seed("seed", self.seed);
         if let Some(latency) = &self.latency {
-            report.within("latency.repeats", latency.repeats, 20..=10_000);
+            violations.within("latency.repeats", latency.repeats, 20..=10_000);
         }
-        report.within("bootstrap.resamples", self.bootstrap.resamples, 100..=100_000);
-        report.seed("bootstrap.seed", self.bootstrap.seed);
-        report.part("execution", &self.execution);
+        violations.within("bootstrap.resamples", self.bootstrap.resamples, 100..=100_000);
+        violations.seed("bootstrap.seed", self.bootstrap.seed);
+        violations.part("execution", &self.execution);
     }
 }
 

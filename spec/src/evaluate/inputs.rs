@@ -3,7 +3,7 @@
 use super::check::first_repeated;
 use super::sampler::{SamplingRun, Start};
 use super::spec::EvaluateSpec;
-use crate::check::Report;
+use crate::check::Violations;
 use crate::{DataSpec, Length, Lengths, SpecError, TrainSpec, Training};
 
 impl EvaluateSpec {
@@ -17,9 +17,9 @@ impl EvaluateSpec {
         trainings: &[Training<'_>],
         predictions: &[&DataSpec],
     ) -> Result<(), SpecError> {
-        let mut report = Report::default();
-        let horizon = self.check_length(data.samples(), &mut report);
-        self.check_files(data, horizon, predictions, &mut report);
+        let mut violations = Violations::default();
+        let horizon = self.check_length(data.samples(), &mut violations);
+        self.check_files(data, horizon, predictions, &mut violations);
         for (i, training) in trainings.iter().enumerate() {
             let field = format!("checkpoints[{i}]");
             let lengths = training.spec.model.lengths();
@@ -29,7 +29,7 @@ impl EvaluateSpec {
                         (Lengths::From(_), "context" | "samples") => "answers as the nearest",
                         _ => "trained with",
                     };
-                    report.violation(
+                    violations.add(
                         &field,
                         format!("{says} {what} {found}"),
                         format!("{what} {asked}, as this evaluation asks"),
@@ -45,20 +45,20 @@ impl EvaluateSpec {
             }
             same("rate_hz", training.data.rate_hz(), data.rate_hz());
             same("joints", training.data.joints() as f64, data.joints() as f64);
-            self.check_runs(&field, training.spec, &mut report);
+            self.check_runs(&field, training.spec, &mut violations);
         }
         for (i, sampler) in self.samplers.iter().enumerate() {
             if !trainings.iter().any(|training| sampler.suits(&training.spec.model)) {
                 let value = sampler.kind.map_or("given".to_owned(), |kind| kind.to_string());
                 let allowed = "one that some checkpoint can be sampled with";
-                report.violation(&format!("samplers[{i}]"), value, allowed);
+                violations.add(&format!("samplers[{i}]"), value, allowed);
             }
         }
-        report.finish()
+        violations.finish()
     }
 
     /// The horizon, if the trajectories are long enough.
-    fn check_length(&self, samples: u32, report: &mut Report) -> Option<u32> {
+    fn check_length(&self, samples: u32, violations: &mut Violations) -> Option<u32> {
         let rounds = self.rounds();
         let horizon = self.horizon(samples).max(1);
         let needed = [self.context, rounds, horizon].into_iter().fold(0, u32::saturating_add);
@@ -81,12 +81,12 @@ impl EvaluateSpec {
              {horizon} of horizon need {needed}",
             self.context
         );
-        report.violation(field, value, allowed);
+        violations.add(field, value, allowed);
         None
     }
 
     /// Checks that a training's denoiser supports the requested samplers.
-    fn check_runs(&self, checkpoint: &str, training: &TrainSpec, report: &mut Report) {
+    fn check_runs(&self, checkpoint: &str, training: &TrainSpec, violations: &mut Violations) {
         let Some(generation) = training.model.generation() else { return };
         let runs = self.sampling_runs(&training.model);
         for run in &runs {
@@ -94,7 +94,7 @@ impl EvaluateSpec {
             if run.start != Start::Cold && run.steps > most {
                 let limit = generation.limit_of_warm_steps();
                 let value = format!("{}, for {checkpoint}", run.steps);
-                report.violation(
+                violations.add(
                     "samplers.steps",
                     value,
                     format!("at most {limit}, which is {most}"),
@@ -104,13 +104,13 @@ impl EvaluateSpec {
                 for violation in error.violations {
                     let field = violation.field.replace("sampler.", "samplers.");
                     let value = format!("{}, for {checkpoint}", violation.value);
-                    report.violation(&field, value, violation.allowed);
+                    violations.add(&field, value, violation.allowed);
                 }
             }
         }
         let names: Vec<String> = runs.iter().map(SamplingRun::name).collect();
         if let Some(twice) = first_repeated(&names) {
-            report.violation(
+            violations.add(
                 "samplers",
                 format!("{twice} twice"),
                 format!("each once for {checkpoint}"),

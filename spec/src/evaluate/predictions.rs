@@ -5,7 +5,7 @@ use utoipa::ToSchema;
 
 use super::check::first_repeated;
 use super::spec::{Baseline, EvaluateSpec};
-use crate::check::{Check, Report};
+use crate::check::{Check, Violations};
 use crate::{DataSource, DataSpec, ImportSpec, ModelSpec, Split};
 
 /// Files of predictions in one evaluation, at most.
@@ -27,16 +27,16 @@ pub struct FilePredictions {
 }
 
 impl Check for FilePredictions {
-    fn check(&self, report: &mut Report) {
+    fn check(&self, violations: &mut Violations) {
         let is_allowed = |c: char| c.is_ascii_alphanumeric() || matches!(c, '.' | '_' | '-');
         let name = format!("{:?}", self.name);
         if !(1..=MAX_NAME).contains(&self.name.len()) || !self.name.chars().all(is_allowed) {
-            report.violation("name", name, "1 to 60 letters, digits, '.', '_' and '-'");
+            violations.add("name", name, "1 to 60 letters, digits, '.', '_' and '-'");
         } else if let Some(taken) = reserved(&self.name) {
-            report.violation("name", name, format!("another name than that of a {taken}"));
+            violations.add("name", name, format!("another name than that of a {taken}"));
         }
         if matches!(self.data, DataSource::Stream(_)) {
-            report.violation("data", "a stream", "the dataset that an import of the file made");
+            violations.add("data", "a stream", "the dataset that an import of the file made");
         }
     }
 }
@@ -52,10 +52,10 @@ fn reserved(name: &str) -> Option<&'static str> {
 
 impl EvaluateSpec {
     /// Checks everything about files of predictions that needs nothing but this spec.
-    pub(super) fn check_predictions(&self, report: &mut Report) {
-        report.length("predictions", self.predictions.len(), 0..=MAX_FILES);
+    pub(super) fn check_predictions(&self, violations: &mut Violations) {
+        violations.length("predictions", self.predictions.len(), 0..=MAX_FILES);
         for (i, predictions) in self.predictions.iter().enumerate() {
-            report.part(&format!("predictions[{i}]"), predictions);
+            violations.part(&format!("predictions[{i}]"), predictions);
         }
         if self.predictions.is_empty() {
             return;
@@ -63,17 +63,17 @@ impl EvaluateSpec {
         let names: Vec<&str> =
             self.predictions.iter().map(|prediction| prediction.name.as_str()).collect();
         if let Some(twice) = first_repeated(&names) {
-            report.violation("predictions", format!("{twice:?} twice"), "each name once");
+            violations.add("predictions", format!("{twice:?} twice"), "each name once");
         }
         if matches!(self.data, DataSource::Stream(_)) {
             let allowed = "with predictions: a dataset, whose contexts the model was given";
-            report.violation("data", "a stream", allowed);
+            violations.add("data", "a stream", allowed);
         }
         if self.position_noise_rad != [0.0] {
             let value = format!("{:?}", self.position_noise_rad);
             let allowed = "[0.0] with predictions: a file answers the contexts of the dataset, not those with other \
                            noise";
-            report.violation("position_noise_rad", value, allowed);
+            violations.add("position_noise_rad", value, allowed);
         }
     }
 
@@ -83,20 +83,20 @@ impl EvaluateSpec {
         data: &DataSpec,
         horizon: Option<u32>,
         files: &[&DataSpec],
-        report: &mut Report,
+        violations: &mut Violations,
     ) {
         for (i, file) in files.iter().enumerate() {
             let field = format!("predictions[{i}].data");
             let DataSpec::Import(import) = file else {
                 let allowed = "an import of a file of predictions";
-                report.violation(&field, "a simulation", allowed);
+                violations.add(&field, "a simulation", allowed);
                 continue;
             };
-            check_import(&field, import, report);
+            check_import(&field, import, violations);
             let mut same = |what: &str, found: f64, asked: f64| {
                 if (found - asked).abs() > f64::EPSILON {
                     let allowed = format!("{what} {asked}, as this evaluation has");
-                    report.violation(&field, format!("an import with {what} {found}"), allowed);
+                    violations.add(&field, format!("an import with {what} {found}"), allowed);
                 }
             };
             same("joints", file.joints() as f64, data.joints() as f64);
@@ -109,13 +109,13 @@ impl EvaluateSpec {
 }
 
 /// Whether each trajectory of an import has a name of its own.
-fn check_import(field: &str, import: &ImportSpec, report: &mut Report) {
+fn check_import(field: &str, import: &ImportSpec, violations: &mut Violations) {
     if import.columns.recording.is_none() {
         let allowed = "a column that names the trajectory, or trajectory and sample, of each row";
-        report.violation(field, "an import without columns.recording", allowed);
+        violations.add(field, "an import without columns.recording", allowed);
     }
     if import.split != Split::Whole {
         let allowed = "split \"whole\": a recording is one prediction";
-        report.violation(field, "an import with split \"windows\"", allowed);
+        violations.add(field, "an import with split \"windows\"", allowed);
     }
 }

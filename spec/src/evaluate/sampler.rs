@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::spec::EvaluateSpec;
-use crate::check::{Check, Report};
+use crate::check::{Check, Violations};
 use crate::{ModelSpec, SamplerKind, SamplerSpec, Spacing};
 
 /// A sampler for each denoiser, flows included, that supports its kind. It is used once for each
@@ -149,19 +149,19 @@ impl EvaluationSampler {
 }
 
 impl Check for EvaluationSampler {
-    fn check(&self, report: &mut Report) {
+    fn check(&self, violations: &mut Violations) {
         if let Some(steps) = &self.steps {
             let each = steps.each();
-            report.length("steps", each.len(), 1..=100);
+            violations.length("steps", each.len(), 1..=100);
             for &steps in each {
-                report.within("steps", steps, 1..=10_000);
+                violations.within("steps", steps, 1..=10_000);
             }
             if each.windows(2).any(|pair| pair[0] >= pair[1]) {
-                report.violation("steps", format!("{each:?}"), "numbers in rising order");
+                violations.add("steps", format!("{each:?}"), "numbers in rising order");
             }
         }
         if let Some(eta) = self.eta {
-            report.within("eta", eta, 0.0..=1.0);
+            violations.within("eta", eta, 0.0..=1.0);
         }
     }
 }

@@ -2,69 +2,69 @@
 
 use super::spec::{ImportColumns, ImportRanges, ImportSpec, Resampling, Split};
 use crate::MAX_POSITION_NOISE_RAD;
-use crate::check::{Check, Report};
+use crate::check::{Check, Violations};
 
 impl Check for ImportSpec {
-    fn check(&self, report: &mut Report) {
+    fn check(&self, violations: &mut Violations) {
         if let Some(robot) = &self.robot {
-            report.part("robot", robot);
+            violations.part("robot", robot);
         }
-        self.check_columns(report);
-        self.check_ranges(report);
+        self.check_columns(violations);
+        self.check_ranges(violations);
         let noise = 0.0..=MAX_POSITION_NOISE_RAD;
-        report.within("position_noise_rad", self.position_noise_rad, noise);
-        report.within("rate_hz", self.rate_hz, 1.0..=1000.0);
-        report.within("max_gap_s", self.max_gap_s, 0.001..=1.0);
-        report.within("samples", self.samples, 2..=10_000);
+        violations.within("position_noise_rad", self.position_noise_rad, noise);
+        violations.within("rate_hz", self.rate_hz, 1.0..=1000.0);
+        violations.within("max_gap_s", self.max_gap_s, 0.001..=1.0);
+        violations.within("samples", self.samples, 2..=10_000);
         if let Split::Windows { stride } = self.split {
-            report.within("split.stride", stride, 1..=1_000_000);
+            violations.within("split.stride", stride, 1..=1_000_000);
         }
         if self.resampling == Resampling::Linear && self.columns.time.is_none() {
-            report.violation("columns.time", "missing", "a column, which resampling needs");
+            violations.add("columns.time", "missing", "a column, which resampling needs");
         }
-        report.part("execution", &self.execution);
+        violations.part("execution", &self.execution);
     }
 }
 
 impl ImportSpec {
-    fn check_columns(&self, report: &mut Report) {
+    fn check_columns(&self, violations: &mut Violations) {
         let joints = self.joints();
         let ImportColumns { u, q, qd, .. } = &self.columns;
-        let before = report.count();
+        let before = violations.count();
         for (quantity, names) in [("u", Some(u)), ("q", Some(q)), ("qd", qd.as_ref())] {
             if let Some(names) = names.filter(|names| names.len() != joints) {
                 let found = format!("{} columns", names.len());
                 let allowed = format!("{joints} columns, one for each joint of the robot");
-                report.violation(&format!("columns.{quantity}"), found, allowed);
+                violations.add(&format!("columns.{quantity}"), found, allowed);
             }
         }
-        if report.count() == before {
-            report.part("columns", &self.columns);
+        if violations.count() == before {
+            violations.part("columns", &self.columns);
         }
     }
 
-    fn check_ranges(&self, report: &mut Report) {
+    fn check_ranges(&self, violations: &mut Violations) {
         let ImportRanges { u_nm, q_rad, qd_rad_s } = self.ranges;
         for (quantity, range) in [("u_nm", u_nm), ("q_rad", q_rad), ("qd_rad_s", qd_rad_s)] {
             let field = format!("ranges.{quantity}");
             match range {
-                Some(range) => report.interval(&field, range, &(-1e6..=1e6)),
+                Some(range) => violations.interval(&field, range, &(-1e6..=1e6)),
                 None if self.robot.is_some() => {}
-                None => report.violation(&field, "null", "[min, max] where no robot is given"),
+                None => violations.add(&field, "null", "[min, max] where no robot is given"),
             }
         }
     }
 }
 
 impl Check for ImportColumns {
-    fn check(&self, report: &mut Report) {
+    fn check(&self, violations: &mut Violations) {
         let named = self.named();
         for (i, (field, name)) in named.iter().enumerate() {
             if name.is_empty() || name.len() > 200 {
-                report.violation(field, format!("{name:?}"), "a name of 1 to 200 bytes");
+                violations.add(field, format!("{name:?}"), "a name of 1 to 200 bytes");
             }
             if let Some((other, _)) = named[..i].iter().find(|(_, earlier)| earlier == name) {
-                report.violation(
+                violations.add(
                     field,
                     format!("{name:?}"),
                     format!("another column than {other}"),

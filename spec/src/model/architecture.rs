@@ -2,7 +2,7 @@ use super::diffusion::SamplerSpec;
 use super::lengths::Lengths;
 use super::residual::Residual;
 use super::sampling::Generation;
-use crate::check::{Check, Report};
+use crate::check::{Check, Violations};
 
 /// The spec of one architecture: its sizes, its defaults, and the facts that jobs need to know
 /// about it. [`Check`] checks the sizes.
@@ -40,5 +40,5 @@ pub(super) trait ArchitectureSpec: Check {
     }
 
     /// Checks the model's own options that are not sizes.
-    fn report_options(&self, _report: &mut Report) {}
+    fn report_options(&self, _violations: &mut Violations) {}
 }

@@ -6,7 +6,7 @@ use super::diffusion::{DiffusionSpec, SamplerSpec};
 use super::residual::Residual;
 use super::sampling::Generation;
 use super::sizes::check_unet;
-use crate::check::{Check, Report};
+use crate::check::{Check, Violations};
 
 /// U-Net that removes noise from y, given u (Chi et al. 2023; the paper's CDCNN).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -40,8 +40,8 @@ pub enum Conditioning {
 }
 
 impl Check for CdcnnSpec {
-    fn check(&self, report: &mut Report) {
-        check_unet(report, self.embedding, &self.widths);
+    fn check(&self, violations: &mut Violations) {
+        check_unet(violations, self.embedding, &self.widths);
     }
 }
 

@@ -7,7 +7,7 @@ use super::loss::PointLoss;
 use super::residual::Residual;
 use super::sampling::Generation;
 use super::sizes::{check_transformer, four, is_one, one};
-use crate::check::{Check, Report};
+use crate::check::{Check, Violations};
 
 /// Transformer that removes noise from y, given u through an encoder (Chi et al. 2023; the paper's
 /// CDT).
@@ -66,13 +66,13 @@ impl Objective {
 }
 
 impl Check for CdtSpec {
-    fn check(&self, report: &mut Report) {
+    fn check(&self, violations: &mut Violations) {
         let layers =
             [("encoder_layers", self.encoder_layers), ("decoder_layers", self.decoder_layers)];
-        check_transformer(report, self.d_model, self.heads, &layers, self.mlp_ratio);
-        report.within("patch", self.patch, 1..=1000);
+        check_transformer(violations, self.d_model, self.heads, &layers, self.mlp_ratio);
+        violations.within("patch", self.patch, 1..=1000);
         if !self.d_model.is_multiple_of(2) {
-            report.violation("d_model", self.d_model, "a multiple of 2, for sine and cosine");
+            violations.add("d_model", self.d_model, "a multiple of 2, for sine and cosine");
         }
     }
 }
@@ -104,14 +104,14 @@ impl ArchitectureSpec for CdtSpec {
         }
     }
 
-    fn report_options(&self, report: &mut Report) {
+    fn report_options(&self, violations: &mut Violations) {
         let shares = [("dropout", self.dropout), ("embedding_dropout", self.embedding_dropout)];
         for (field, share) in shares {
-            report.below_one(field, share);
+            violations.below_one(field, share);
         }
         if self.loss != PointLoss::MeanSquare && self.objective != Objective::Regression {
             let allowed = "mean-square, unless objective is regression";
-            report.violation("loss", "root-mean-square", allowed);
+            violations.add("loss", "root-mean-square", allowed);
         }
     }
 }

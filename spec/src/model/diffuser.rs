@@ -6,7 +6,7 @@ use super::diffusion::{DiffusionSpec, SamplerSpec};
 use super::residual::Residual;
 use super::sampling::Generation;
 use super::sizes::check_width;
-use crate::check::{Check, Report};
+use crate::check::{Check, Violations};
 
 /// Temporal U-Net that removes noise from u and y of a whole trajectory at once. At every step the
 /// known values replace its output (Janner et al. 2022).
@@ -50,13 +50,13 @@ const fn weights() -> [f64; 2] {
 }
 
 impl Check for DiffuserSpec {
-    fn check(&self, report: &mut Report) {
-        check_width(report, "width", self.width);
-        report.length("multipliers.length", self.multipliers.len(), 1..=8);
+    fn check(&self, violations: &mut Violations) {
+        check_width(violations, "width", self.width);
+        violations.length("multipliers.length", self.multipliers.len(), 1..=8);
         for (i, &multiplier) in self.multipliers.iter().enumerate() {
-            report.within(&format!("multipliers[{i}]"), multiplier, 1..=64);
+            violations.within(&format!("multipliers[{i}]"), multiplier, 1..=64);
         }
-        report.all_within("weights", &self.weights, &(1e-6..=1e6));
+        violations.all_within("weights", &self.weights, &(1e-6..=1e6));
     }
 }
 

@@ -3,7 +3,7 @@ use std::fmt;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use crate::check::{Check, Report};
+use crate::check::{Check, Violations};
 
 /// How noise is added, and what a model is trained to predict from it. The defaults are the
 /// paper's.
@@ -141,26 +141,26 @@ impl Default for SamplerSpec {
 }
 
 impl Check for DiffusionSpec {
-    fn check(&self, report: &mut Report) {
-        report.within("steps", self.steps, 1..=10_000);
+    fn check(&self, violations: &mut Violations) {
+        violations.within("steps", self.steps, 1..=10_000);
         if let Some(clip) = self.clip {
-            report.within("clip", clip, 1.0..=1e6);
+            violations.within("clip", clip, 1.0..=1e6);
         }
     }
 }
 
 impl Check for SamplerSpec {
-    fn check(&self, report: &mut Report) {
+    fn check(&self, violations: &mut Violations) {
         if let Some(steps) = self.steps {
-            report.within("steps", steps, 1..=10_000);
+            violations.within("steps", steps, 1..=10_000);
         }
-        report.within("eta", self.eta, 0.0..=1.0);
+        violations.within("eta", self.eta, 0.0..=1.0);
         if self.kind != SamplerKind::Ddim && self.eta != 0.0 {
-            report.violation("eta", self.eta, "0 unless kind is ddim");
+            violations.add("eta", self.eta, "0 unless kind is ddim");
         }
         if self.kind.is_of_flow() && self.spacing != Spacing::Trailing {
             let value = format!("{:?}", self.spacing).to_lowercase();
-            report.violation("spacing", value, "trailing for the samplers of a flow");
+            violations.add("spacing", value, "trailing for the samplers of a flow");
         }
     }
 }

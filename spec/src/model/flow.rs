@@ -6,7 +6,7 @@ use super::diffusion::{SamplerKind, SamplerSpec};
 use super::residual::{DampedIntegrator, Residual};
 use super::sampling::Generation;
 use super::sizes::check_unet;
-use crate::check::{Check, Report};
+use crate::check::{Check, Violations};
 
 /// Number of times at which a flow is trained, evenly from 1 / `FLOW_LEVELS` to 1.
 pub const FLOW_LEVELS: u32 = 1000;
@@ -76,8 +76,8 @@ impl FlowSpec {
 }
 
 impl Check for FlowSpec {
-    fn check(&self, report: &mut Report) {
-        check_unet(report, self.embedding, &self.widths);
+    fn check(&self, violations: &mut Violations) {
+        check_unet(violations, self.embedding, &self.widths);
     }
 }
 
@@ -98,7 +98,7 @@ impl ArchitectureSpec for FlowSpec {
         Some(&self.sampler)
     }
 
-    fn report_options(&self, report: &mut Report) {
-        report.within("warm_start_time", self.warm_start_time, 0.001..=1.0);
+    fn report_options(&self, violations: &mut Violations) {
+        violations.within("warm_start_time", self.warm_start_time, 0.001..=1.0);
     }
 }

@@ -4,7 +4,7 @@ use utoipa::ToSchema;
 use super::architecture::ArchitectureSpec;
 use super::lengths::Lengths;
 use super::residual::Residual;
-use crate::check::{Check, Report};
+use crate::check::{Check, Violations};
 
 /// The equations of motion of an arm with joints, learned from many robots. The masses, forces,
 /// damping and friction of each robot are fitted to its own context (after deep Lagrangian
@@ -57,12 +57,12 @@ mod defaults {
 }
 
 impl Check for LagrangianSpec {
-    fn check(&self, report: &mut Report) {
-        report.within("width", self.width, 1..=4096);
-        report.within("layers", self.layers, 1..=16);
-        report.within("points", self.points, 1..=1000);
-        report.within("particles", self.particles, 1..=64);
-        report.within("forces", self.forces, 0..=64);
+    fn check(&self, violations: &mut Violations) {
+        violations.within("width", self.width, 1..=4096);
+        violations.within("layers", self.layers, 1..=16);
+        violations.within("points", self.points, 1..=1000);
+        violations.within("particles", self.particles, 1..=64);
+        violations.within("forces", self.forces, 0..=64);
     }
 }
 

@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::SpecError;
-use crate::check::{Check, Report};
+use crate::check::{Check, Violations};
 
 pub use cdcnn::{CdcnnSpec, Conditioning};
 pub use cdt::{CdtSpec, Objective};
@@ -124,15 +124,15 @@ impl ModelSpec {
     /// # Errors
     /// Every violation, with fields as `sampler.…`.
     pub fn check_sampler(&self, sampler: &SamplerSpec) -> Result<(), SpecError> {
-        let mut report = Report::default();
+        let mut violations = Violations::default();
         match self.generation() {
-            Some(generation) => generation.report_sampler(sampler, &mut report),
+            Some(generation) => generation.report_sampler(sampler, &mut violations),
             None => {
                 let allowed = "none, for a model that answers in one pass";
-                report.violation("sampler", sampler.kind, allowed);
+                violations.add("sampler", sampler.kind, allowed);
             }
         }
-        report.finish()
+        violations.finish()
     }
 
     /// Checks everything except the sizes. The code that builds the model checks these against its
@@ -141,26 +141,26 @@ impl ModelSpec {
     /// # Errors
     /// Every violation.
     pub fn check_options(&self) -> Result<(), SpecError> {
-        let mut report = Report::default();
-        self.report_options(&mut report);
-        report.finish()
+        let mut violations = Violations::default();
+        self.report_options(&mut violations);
+        violations.finish()
     }
 
-    fn report_options(&self, report: &mut Report) {
+    fn report_options(&self, violations: &mut Violations) {
         if let Some(Generation::Diffusion(diffusion)) = self.generation() {
-            report.part("diffusion", diffusion);
+            violations.part("diffusion", diffusion);
         }
         if let (Some(generation), Some(sampler)) = (self.generation(), self.sampler()) {
-            generation.report_sampler(sampler, report);
+            generation.report_sampler(sampler, violations);
         }
-        report.part("residual", &self.residual());
-        self.spec().report_options(report);
+        violations.part("residual", &self.residual());
+        self.spec().report_options(violations);
     }
 }
 
 impl Check for ModelSpec {
-    fn check(&self, report: &mut Report) {
-        self.spec().check(report);
-        self.report_options(report);
+    fn check(&self, violations: &mut Violations) {
+        self.spec().check(violations);
+        self.report_options(violations);
     }
 }

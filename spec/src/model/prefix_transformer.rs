@@ -5,7 +5,7 @@ use super::architecture::ArchitectureSpec;
 use super::lengths::Lengths;
 use super::residual::{DampedIntegrator, Residual};
 use super::sizes::{check_transformer, four};
-use crate::check::{Check, Report};
+use crate::check::{Check, Violations};
 
 /// Transformer with one sequence of tokens over the whole trajectory. Attention is bidirectional in
 /// the context and causal in the horizon (a prefix language model, Raffel et al. 2020). It predicts
@@ -43,15 +43,15 @@ fn lagged_integrator() -> Residual {
 }
 
 impl Check for PrefixTransformerSpec {
-    fn check(&self, report: &mut Report) {
+    fn check(&self, violations: &mut Violations) {
         let layers = [("layers", self.layers)];
-        check_transformer(report, self.d_model, self.heads, &layers, self.mlp_ratio);
-        report.within("patch", self.patch, 1..=1000);
+        check_transformer(violations, self.d_model, self.heads, &layers, self.mlp_ratio);
+        violations.within("patch", self.patch, 1..=1000);
         if let Some(least) = self.least_context {
-            report.within("least_context", least, 3..=9_999);
+            violations.within("least_context", least, 3..=9_999);
             if self.patch > 0 && !least.is_multiple_of(self.patch) {
                 let allowed = format!("a multiple of patch, which is {}", self.patch);
-                report.violation("least_context", least, allowed);
+                violations.add("least_context", least, allowed);
             }
         }
     }
@@ -74,9 +74,9 @@ impl ArchitectureSpec for PrefixTransformerSpec {
         self.least_context.map_or(Lengths::Trained, Lengths::From)
     }
 
-    fn report_options(&self, report: &mut Report) {
+    fn report_options(&self, violations: &mut Violations) {
         if self.residual.is_none() {
-            report.violation("residual", "none", "integrator or lagged-integrator");
+            violations.add("residual", "none", "integrator or lagged-integrator");
         }
     }
 }

@@ -1,7 +1,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use crate::check::{Check, Report};
+use crate::check::{Check, Violations};
 
 /// The path that a model's prediction is added to.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -88,12 +88,12 @@ impl Residual {
 }
 
 impl Check for Residual {
-    fn check(&self, report: &mut Report) {
+    fn check(&self, violations: &mut Violations) {
         let (field, integrator) = match self {
             Self::None => return,
             Self::Integrator(integrator) => ("integrator.damping", integrator),
             Self::LaggedIntegrator(integrator) => ("lagged-integrator.damping", integrator),
         };
-        report.within(field, integrator.damping, 1e-3..=1e6);
+        violations.within(field, integrator.damping, 1e-3..=1e6);
     }
 }

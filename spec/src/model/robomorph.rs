@@ -5,7 +5,7 @@ use super::architecture::ArchitectureSpec;
 use super::loss::PointLoss;
 use super::residual::Residual;
 use super::sizes::{check_transformer, four, one};
-use crate::check::{Check, Report};
+use crate::check::{Check, Violations};
 
 /// Encoder-decoder Transformer that predicts the horizon in one pass (Bazzi et al. 2024).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -70,11 +70,11 @@ impl Head {
 }
 
 impl Check for RoboMorphSpec {
-    fn check(&self, report: &mut Report) {
+    fn check(&self, violations: &mut Violations) {
         let layers =
             [("encoder_layers", self.encoder_layers), ("decoder_layers", self.decoder_layers)];
-        check_transformer(report, self.d_model, self.heads, &layers, self.mlp_ratio);
-        report.within("patch", self.patch, 1..=1000);
+        check_transformer(violations, self.d_model, self.heads, &layers, self.mlp_ratio);
+        violations.within("patch", self.patch, 1..=1000);
     }
 }
 
@@ -87,9 +87,9 @@ impl ArchitectureSpec for RoboMorphSpec {
         self.residual
     }
 
-    fn report_options(&self, report: &mut Report) {
+    fn report_options(&self, violations: &mut Violations) {
         if self.loss != PointLoss::MeanSquare && self.head != Head::Point {
-            report.violation("loss", "root-mean-square", "mean-square, with a gaussian head");
+            violations.add("loss", "root-mean-square", "mean-square, with a gaussian head");
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use super::diffusion::{DiffusionSpec, SamplerKind, SamplerSpec};
 use super::flow::{FLOW_LEVELS, FLOW_STEPS, FlowSpec};
-use crate::check::Report;
+use crate::check::Violations;
 
 /// How such a model was trained to generate them.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -46,8 +46,8 @@ impl Generation<'_> {
         }
     }
 
-    pub(super) fn report_sampler(&self, sampler: &SamplerSpec, report: &mut Report) {
-        report.part("sampler", sampler);
+    pub(super) fn report_sampler(&self, sampler: &SamplerSpec, violations: &mut Violations) {
+        violations.part("sampler", sampler);
         let kinds = self.samplers();
         if !kinds.contains(&sampler.kind) {
             let kinds: Vec<String> = kinds.iter().map(ToString::to_string).collect();
@@ -56,7 +56,7 @@ impl Generation<'_> {
                 Self::Flow(_) => "is a flow",
             };
             let allowed = format!("{} of a model that {model}", kinds.join(", "));
-            report.violation("sampler.kind", sampler.kind, allowed);
+            violations.add("sampler.kind", sampler.kind, allowed);
         }
         let (most, limit) = match self {
             Self::Diffusion(diffusion) => (diffusion.steps, "diffusion.steps, which is "),
@@ -65,7 +65,7 @@ impl Generation<'_> {
         if let Some(steps) = sampler.steps
             && steps > most
         {
-            report.violation("sampler.steps", steps, format!("at most {limit}{most}"));
+            violations.add("sampler.steps", steps, format!("at most {limit}{most}"));
         }
     }
 }

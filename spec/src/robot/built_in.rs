@@ -100,7 +100,7 @@ impl<'de> Deserialize<'de> for RobotModel {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::check::{Check, Report};
+    use crate::check::{Check, Violations};
     use crate::{InitialState, Randomization};
 
     #[test]
@@ -115,9 +115,9 @@ mod tests {
         let known: Vec<&str> = BUILT_IN.iter().map(|robot| robot.name).collect();
         assert_eq!(names, known);
         for robot in BUILT_IN.iter() {
-            let mut report = Report::default();
-            robot.description.check(&mut report);
-            assert_eq!(report.finish().err(), None, "{}", robot.name);
+            let mut violations = Violations::default();
+            robot.description.check(&mut violations);
+            assert_eq!(violations.finish().err(), None, "{}", robot.name);
         }
     }
 

@@ -3,28 +3,28 @@
 use super::description::{BodyDescription, HandDescription, JointDescription, JointFriction};
 use super::description::{MAX_JOINTS, Randomization, RobotDescription};
 use super::initial_state::InitialState;
-use crate::check::{Check, Report};
+use crate::check::{Check, Violations};
 
 const LENGTH_M: std::ops::RangeInclusive<f64> = -10.0..=10.0;
 const FRACTION: std::ops::RangeInclusive<f64> = 0.0..=0.9;
 const NAME: std::ops::RangeInclusive<usize> = 1..=200;
 
 impl Check for RobotDescription {
-    fn check(&self, report: &mut Report) {
-        report.length("name.length", self.name.len(), NAME);
+    fn check(&self, violations: &mut Violations) {
+        violations.length("name.length", self.name.len(), NAME);
         if !(1..=MAX_JOINTS).contains(&self.joints.len()) {
             let allowed = format!("1 to {MAX_JOINTS} joints");
-            report.violation("joints", format!("{} joints", self.joints.len()), allowed);
+            violations.add("joints", format!("{} joints", self.joints.len()), allowed);
         }
         for (i, joint) in self.joints.iter().enumerate() {
-            report.part(&format!("joints[{i}]"), joint);
+            violations.part(&format!("joints[{i}]"), joint);
         }
         let names = self.per_joint(|joint| &joint.name);
-        report.no_duplicates("joints.name", &names);
-        report.part("hand", &self.hand);
-        report.part("randomization", &self.randomization);
-        report.part("initial_state", &self.initial_state);
-        report.one_per_joint(
+        violations.no_duplicates("joints.name", &names);
+        violations.part("hand", &self.hand);
+        violations.part("randomization", &self.randomization);
+        violations.part("initial_state", &self.initial_state);
+        violations.one_per_joint(
             "initial_state.center_rad",
             &self.initial_state.center_rad,
             self.joints.len(),
@@ -33,83 +33,83 @@ impl Check for RobotDescription {
 }
 
 impl Check for JointDescription {
-    fn check(&self, report: &mut Report) {
-        report.length("name.length", self.name.len(), NAME);
-        report.within("a_m", self.a_m, LENGTH_M);
-        report.within("alpha_deg", self.alpha_deg, -360.0..=360.0);
-        report.within("d_m", self.d_m, LENGTH_M);
-        report.interval("position_rad", self.position_rad, &(-100.0..=100.0));
+    fn check(&self, violations: &mut Violations) {
+        violations.length("name.length", self.name.len(), NAME);
+        violations.within("a_m", self.a_m, LENGTH_M);
+        violations.within("alpha_deg", self.alpha_deg, -360.0..=360.0);
+        violations.within("d_m", self.d_m, LENGTH_M);
+        violations.interval("position_rad", self.position_rad, &(-100.0..=100.0));
         if self.position_rad.max - self.position_rad.min < 1e-3 {
             let range = self.position_rad.max - self.position_rad.min;
-            report.violation("position_rad", format!("{range} rad wide"), "at least 0.001 rad");
+            violations.add("position_rad", format!("{range} rad wide"), "at least 0.001 rad");
         }
-        report.within("velocity_rad_s", self.velocity_rad_s, 1e-3..=1000.0);
-        report.within("torque_nm", self.torque_nm, 1e-3..=1e5);
-        report.within("damping_nm_s_rad", self.damping_nm_s_rad, 0.0..=1000.0);
-        report.within("armature_kg_m2", self.armature_kg_m2, 0.0..=10.0);
-        report.within("multisine_divisor", self.multisine_divisor, 0.01..=100.0);
+        violations.within("velocity_rad_s", self.velocity_rad_s, 1e-3..=1000.0);
+        violations.within("torque_nm", self.torque_nm, 1e-3..=1e5);
+        violations.within("damping_nm_s_rad", self.damping_nm_s_rad, 0.0..=1000.0);
+        violations.within("armature_kg_m2", self.armature_kg_m2, 0.0..=10.0);
+        violations.within("multisine_divisor", self.multisine_divisor, 0.01..=100.0);
         if let Some(inertia) = self.least_inertia_kg_m2 {
-            report.within("least_inertia_kg_m2", inertia, 1e-9..=1e4);
+            violations.within("least_inertia_kg_m2", inertia, 1e-9..=1e4);
         }
         if let Some(friction) = &self.friction {
-            report.part("friction", friction);
+            violations.part("friction", friction);
         }
-        report.part("link", &self.link);
+        violations.part("link", &self.link);
     }
 }
 
 impl Check for JointFriction {
-    fn check(&self, report: &mut Report) {
-        report.within("phi1_nm", self.phi1_nm, 0.0..=100.0);
-        report.within("phi2_s_rad", self.phi2_s_rad, 0.0..=1000.0);
-        report.within("phi3_rad_s", self.phi3_rad_s, -10.0..=10.0);
+    fn check(&self, violations: &mut Violations) {
+        violations.within("phi1_nm", self.phi1_nm, 0.0..=100.0);
+        violations.within("phi2_s_rad", self.phi2_s_rad, 0.0..=1000.0);
+        violations.within("phi3_rad_s", self.phi3_rad_s, -10.0..=10.0);
     }
 }
 
 impl Check for HandDescription {
-    fn check(&self, report: &mut Report) {
-        report.length("contents.length", self.contents.len(), 0..=200);
-        report.within("flange_m", self.flange_m, LENGTH_M);
-        report.within("yaw_deg", self.yaw_deg, -360.0..=360.0);
-        report.length("bodies", self.bodies.len(), 0..=16);
+    fn check(&self, violations: &mut Violations) {
+        violations.length("contents.length", self.contents.len(), 0..=200);
+        violations.within("flange_m", self.flange_m, LENGTH_M);
+        violations.within("yaw_deg", self.yaw_deg, -360.0..=360.0);
+        violations.length("bodies", self.bodies.len(), 0..=16);
         for (i, body) in self.bodies.iter().enumerate() {
-            report.length(&format!("bodies[{i}].name.length"), body.name.len(), NAME);
-            report.all_within(&format!("bodies[{i}].position_m"), &body.position_m, &LENGTH_M);
-            report.part(&format!("bodies[{i}].body"), &body.body);
+            violations.length(&format!("bodies[{i}].name.length"), body.name.len(), NAME);
+            violations.all_within(&format!("bodies[{i}].position_m"), &body.position_m, &LENGTH_M);
+            violations.part(&format!("bodies[{i}].body"), &body.body);
         }
     }
 }
 
 impl Check for Randomization {
-    fn check(&self, report: &mut Report) {
-        report.within("mass_fraction", self.mass_fraction, FRACTION);
-        report.within("com_fraction", self.com_fraction, FRACTION);
-        report.within("inertia_fraction", self.inertia_fraction, FRACTION);
-        report.within("damping_fraction", self.damping_fraction, FRACTION);
-        report.within("armature_fraction", self.armature_fraction, FRACTION);
-        report.within("geometry_fraction", self.geometry_fraction, 0.0..=0.5);
+    fn check(&self, violations: &mut Violations) {
+        violations.within("mass_fraction", self.mass_fraction, FRACTION);
+        violations.within("com_fraction", self.com_fraction, FRACTION);
+        violations.within("inertia_fraction", self.inertia_fraction, FRACTION);
+        violations.within("damping_fraction", self.damping_fraction, FRACTION);
+        violations.within("armature_fraction", self.armature_fraction, FRACTION);
+        violations.within("geometry_fraction", self.geometry_fraction, 0.0..=0.5);
     }
 }
 
 impl Check for InitialState {
-    fn check(&self, report: &mut Report) {
-        report.interval("joint1_scale", self.joint1_scale, &(0.0..=1.0));
-        report.all_within("center_rad", &self.center_rad, &(-4.0..=4.0));
-        report.within("spread_rad", self.spread_rad, 0.0..=3.0);
-        report.interval("velocity_scale", self.velocity_scale, &(0.0..=10.0));
-        report.within("joint1_velocity_rad_s", self.joint1_velocity_rad_s, 0.0..=10.0);
-        report.within("velocity_rad_s", self.velocity_rad_s, 0.0..=10.0);
+    fn check(&self, violations: &mut Violations) {
+        violations.interval("joint1_scale", self.joint1_scale, &(0.0..=1.0));
+        violations.all_within("center_rad", &self.center_rad, &(-4.0..=4.0));
+        violations.within("spread_rad", self.spread_rad, 0.0..=3.0);
+        violations.interval("velocity_scale", self.velocity_scale, &(0.0..=10.0));
+        violations.within("joint1_velocity_rad_s", self.joint1_velocity_rad_s, 0.0..=10.0);
+        violations.within("velocity_rad_s", self.velocity_rad_s, 0.0..=10.0);
     }
 }
 
 impl Check for BodyDescription {
-    fn check(&self, report: &mut Report) {
-        let before = report.count();
-        report.within("mass_kg", self.mass_kg, 1e-6..=1e4);
-        report.all_within("center_m", &self.center_m, &LENGTH_M);
-        report.all_within("inertia_kg_m2", &self.inertia_kg_m2, &(-1e4..=1e4));
-        if report.count() == before && !self.nearest_physical && !self.has_second_moments() {
-            report.violation(
+    fn check(&self, violations: &mut Violations) {
+        let before = violations.count();
+        violations.within("mass_kg", self.mass_kg, 1e-6..=1e4);
+        violations.all_within("center_m", &self.center_m, &LENGTH_M);
+        violations.all_within("inertia_kg_m2", &self.inertia_kg_m2, &(-1e4..=1e4));
+        if violations.count() == before && !self.nearest_physical && !self.has_second_moments() {
+            violations.add(
                 "inertia_kg_m2",
                 format!("{:?}", self.inertia_kg_m2),
                 "[xx, xy, xz, yy, yz, zz] of a body: positive definite, no principal moment above the sum of \

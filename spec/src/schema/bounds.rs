@@ -9,7 +9,7 @@ use serde_json::Value;
 
 use super::{Components, referred};
 use crate::JobSpec;
-use crate::check::{Bound, Bounded, Check, Report};
+use crate::check::{Bound, Bounded, Check, Violations};
 
 const SPECIMENS: [&str; 4] = [
     include_str!("../../specimens/jobs.json"),
@@ -25,9 +25,9 @@ pub(super) fn add(components: &mut Components) {
     let mut widest: BTreeMap<(String, &'static str), Value> = BTreeMap::new();
     for spec in specimens() {
         let root = format!("/{}", root_of(&spec));
-        let mut report = Report::of_bounds();
-        spec.check(&mut report);
-        for bound in report.into_bounds() {
+        let mut violations = Violations::with_bounds();
+        spec.check(&mut violations);
+        for bound in violations.into_bounds() {
             for place in places(&schemas, &root, &bound) {
                 note(&mut widest, &place, &bound, &schemas);
             }

@@ -5,7 +5,7 @@ use super::integrator::Integrator;
 use super::robot_spec::{Friction, Payload, RobotSpec};
 use super::spec::{MAX_TRAJECTORIES, Rejection, SimulateSpec};
 use crate::RobotModel;
-use crate::check::{Check, Report};
+use crate::check::{Check, Violations};
 
 /// The largest number of frequencies of a grid.
 const MAX_GRID: usize = 200;
@@ -13,30 +13,31 @@ const TORQUE_NM: std::ops::RangeInclusive<f64> = -1000.0..=1000.0;
 const FACTOR: std::ops::RangeInclusive<f64> = 0.01..=100.0;
 
 impl Check for SimulateSpec {
-    fn check(&self, report: &mut Report) {
-        report.within("trajectories", self.trajectories, 1..=MAX_TRAJECTORIES);
-        report.seed("seed", self.seed);
-        report.within("samples", self.samples, 2..=10_000);
-        report.within("rate_hz", self.rate_hz, 1.0..=1000.0);
-        report.within("shard_trajectories", self.shard_trajectories, 1..=100_000);
-        report.part("excitation", &self.excitation);
-        report.part("robot", &self.robot);
-        report.part("initial_state", &self.initial_state);
-        report.part("observations", &self.observations);
-        report.part("rejection", &self.rejection);
-        report.part("integrator", &self.integrator);
-        report.part("execution", &self.execution);
+    fn check(&self, violations: &mut Violations) {
+        violations.within("trajectories", self.trajectories, 1..=MAX_TRAJECTORIES);
+        violations.seed("seed", self.seed);
+        violations.within("samples", self.samples, 2..=10_000);
+        violations.within("rate_hz", self.rate_hz, 1.0..=1000.0);
+        violations.within("shard_trajectories", self.shard_trajectories, 1..=100_000);
+        violations.part("excitation", &self.excitation);
+        violations.part("robot", &self.robot);
+        violations.part("initial_state", &self.initial_state);
+        violations.part("observations", &self.observations);
+        violations.part("rejection", &self.rejection);
+        violations.part("integrator", &self.integrator);
+        violations.part("execution", &self.execution);
         let joints = self.joints();
-        report.one_per_joint("initial_state.center_rad", &self.initial_state.center_rad, joints);
+        let center = &self.initial_state.center_rad;
+        violations.one_per_joint("initial_state.center_rad", center, joints);
         if let Some(multisine) = &self.excitation.multisine {
             let field = "excitation.multisine.torque_divisor";
-            report.one_per_joint(field, &multisine.torque_divisor, joints);
+            violations.one_per_joint(field, &multisine.torque_divisor, joints);
         }
-        self.check_nyquist(report);
-        self.check_stability(report);
+        self.check_nyquist(violations);
+        self.check_stability(violations);
         let grid = self.excitation.grid();
         if !grid.is_empty() && !self.trajectories.is_multiple_of(grid.len() as u64) {
-            report.violation(
+            violations.add(
                 "trajectories",
                 self.trajectories,
                 format!("a multiple of {}, the number of grid frequencies", grid.len()),
@@ -47,11 +48,11 @@ impl Check for SimulateSpec {
 
 impl SimulateSpec {
     /// Refuses components above half the rate, because torques are held between samples.
-    fn check_nyquist(&self, report: &mut Report) {
+    fn check_nyquist(&self, violations: &mut Violations) {
         let nyquist = self.rate_hz / 2.0;
         let mut check = |field: &str, highest: f64| {
             if highest > nyquist {
-                report.violation(
+                violations.add(
                     field,
                     format!("up to {highest} Hz with its multiples"),
                     format!("at most {nyquist} Hz, half of rate_hz"),
@@ -67,7 +68,7 @@ impl SimulateSpec {
         if let Some(steps) = &self.excitation.steps {
             let shortest = steps.hold_periods.min / steps.frequency_hz.support().max;
             if shortest * self.rate_hz < 1.0 {
-                report.violation(
+                violations.add(
                     "excitation.steps.hold_periods",
                     format!("down to {shortest} s"),
                     format!("at least {} s, the time between two samples", 1.0 / self.rate_hz),
@@ -78,26 +79,26 @@ impl SimulateSpec {
 }
 
 impl Check for Excitation {
-    fn check(&self, report: &mut Report) {
-        report.within("chirp_fraction", self.chirp_fraction, 0.0..=1.0);
+    fn check(&self, violations: &mut Violations) {
+        violations.within("chirp_fraction", self.chirp_fraction, 0.0..=1.0);
         let families: Vec<(Family, &Frequency)> = Family::ALL
             .into_iter()
             .filter_map(|family| Some((family, self.frequency_hz(family)?)))
             .collect();
         if families.is_empty() {
-            report.violation("chirp", "missing", "chirp, multisine, both, or steps");
+            violations.add("chirp", "missing", "chirp, multisine, both, or steps");
         }
         for (family, frequency) in &families {
-            check_frequency(frequency, &family.to_string(), report);
+            check_frequency(frequency, &family.to_string(), violations);
         }
         if let Some(chirp) = &self.chirp {
-            report.part("chirp", chirp);
+            violations.part("chirp", chirp);
         }
         if let Some(multisine) = &self.multisine {
-            report.part("multisine", multisine);
+            violations.part("multisine", multisine);
         }
         if let Some(steps) = &self.steps {
-            report.part("steps", steps);
+            violations.part("steps", steps);
         }
         let is_grid = |frequency: &Frequency| matches!(frequency, Frequency::Grid(_));
         let grids = families.iter().filter(|(_, frequency)| is_grid(frequency));
@@ -105,48 +106,48 @@ impl Check for Excitation {
             for (family, _) in grids {
                 let field = format!("{family}.frequency_hz.grid");
                 let allowed = "a grid only when there is one family, or all have one";
-                report.violation(&field, "a grid", allowed);
+                violations.add(&field, "a grid", allowed);
             }
             if self.steps.is_some() && families.len() > 1 {
                 let allowed = "no other family, or a grid for each";
-                report.violation("steps", "beside another family", allowed);
+                violations.add("steps", "beside another family", allowed);
             }
         }
     }
 }
 
-fn check_frequency(frequency: &Frequency, family: &str, report: &mut Report) {
+fn check_frequency(frequency: &Frequency, family: &str, violations: &mut Violations) {
     let field = format!("{family}.frequency_hz");
     let allowed = 0.001..=500.0;
     match frequency {
-        Frequency::Fixed(value) => report.within(&format!("{field}.fixed"), *value, allowed),
+        Frequency::Fixed(value) => violations.within(&format!("{field}.fixed"), *value, allowed),
         Frequency::Uniform(range) => {
-            report.interval(&format!("{field}.uniform"), *range, &allowed);
+            violations.interval(&format!("{field}.uniform"), *range, &allowed);
         }
         Frequency::Grid(grid) => {
             let field = format!("{field}.grid");
-            report.all_within(&field, grid, &allowed);
+            violations.all_within(&field, grid, &allowed);
             if grid.is_empty() || grid.len() > MAX_GRID {
-                report.violation(&field, format!("{} values", grid.len()), "1 to 200 frequencies");
+                violations.add(&field, format!("{} values", grid.len()), "1 to 200 frequencies");
             }
             if grid.windows(2).any(|pair| pair[0] >= pair[1]) {
-                report.violation(&field, "unordered", "frequencies in rising order");
+                violations.add(&field, "unordered", "frequencies in rising order");
             }
         }
     }
 }
 
 impl Check for Chirp {
-    fn check(&self, report: &mut Report) {
-        report.interval("amplitude_nm", self.amplitude_nm, &TORQUE_NM);
-        report.interval("offset_nm", self.offset_nm, &TORQUE_NM);
-        report.interval("phase_rad", self.phase_rad, &(-10.0..=10.0));
-        report.within("modulation_depth", self.modulation_depth, 0.0..=1.0);
-        report.within("torque_divisor", self.torque_divisor, FACTOR);
-        report.within("band_split_hz", self.band_split_hz, 0.0..=500.0);
+    fn check(&self, violations: &mut Violations) {
+        violations.interval("amplitude_nm", self.amplitude_nm, &TORQUE_NM);
+        violations.interval("offset_nm", self.offset_nm, &TORQUE_NM);
+        violations.interval("phase_rad", self.phase_rad, &(-10.0..=10.0));
+        violations.within("modulation_depth", self.modulation_depth, 0.0..=1.0);
+        violations.within("torque_divisor", self.torque_divisor, FACTOR);
+        violations.within("band_split_hz", self.band_split_hz, 0.0..=500.0);
         for (name, band) in [("low_band", self.low_band), ("high_band", self.high_band)] {
-            report.interval(&format!("{name}.f1"), band.f1, &FACTOR);
-            report.interval(&format!("{name}.f2"), band.f2, &FACTOR);
+            violations.interval(&format!("{name}.f1"), band.f1, &FACTOR);
+            violations.interval(&format!("{name}.f2"), band.f2, &FACTOR);
         }
     }
 }
@@ -159,11 +160,11 @@ impl Chirp {
 }
 
 impl Check for Multisine {
-    fn check(&self, report: &mut Report) {
-        report.interval("amplitude_nm_per_hz", self.amplitude_nm_per_hz, &TORQUE_NM);
-        report.interval("base", self.base, &FACTOR);
-        report.all_within("multiples", &self.multiples, &FACTOR);
-        report.all_within("torque_divisor", &self.torque_divisor, &FACTOR);
+    fn check(&self, violations: &mut Violations) {
+        violations.interval("amplitude_nm_per_hz", self.amplitude_nm_per_hz, &TORQUE_NM);
+        violations.interval("base", self.base, &FACTOR);
+        violations.all_within("multiples", &self.multiples, &FACTOR);
+        violations.all_within("torque_divisor", &self.torque_divisor, &FACTOR);
     }
 }
 
@@ -175,79 +176,79 @@ impl Multisine {
 }
 
 impl Check for Steps {
-    fn check(&self, report: &mut Report) {
-        report.interval("level_nm", self.level_nm, &TORQUE_NM);
-        report.interval("hold_periods", self.hold_periods, &FACTOR);
+    fn check(&self, violations: &mut Violations) {
+        violations.interval("level_nm", self.level_nm, &TORQUE_NM);
+        violations.interval("hold_periods", self.hold_periods, &FACTOR);
     }
 }
 
 impl Check for RobotSpec {
-    fn check(&self, report: &mut Report) {
+    fn check(&self, violations: &mut Violations) {
         if let RobotModel::Described(description) = &self.model {
-            report.part("model", description.as_ref());
+            violations.part("model", description.as_ref());
         }
         let joints = self.joints();
-        report.one_per_joint("damping_nm_s_rad", &self.damping_nm_s_rad, joints);
-        report.one_per_joint("armature_kg_m2", &self.armature_kg_m2, joints);
+        violations.one_per_joint("damping_nm_s_rad", &self.damping_nm_s_rad, joints);
+        violations.one_per_joint("armature_kg_m2", &self.armature_kg_m2, joints);
         if let Some(friction) = &self.friction {
-            report.one_per_joint("friction.phi1_nm", &friction.phi1_nm, joints);
-            report.one_per_joint("friction.phi2_s_rad", &friction.phi2_s_rad, joints);
-            report.one_per_joint("friction.phi3_rad_s", &friction.phi3_rad_s, joints);
+            violations.one_per_joint("friction.phi1_nm", &friction.phi1_nm, joints);
+            violations.one_per_joint("friction.phi2_s_rad", &friction.phi2_s_rad, joints);
+            violations.one_per_joint("friction.phi3_rad_s", &friction.phi3_rad_s, joints);
         }
         let fraction = 0.0..=0.9;
-        report.within("mass_fraction", self.mass_fraction, fraction.clone());
-        report.within("com_fraction", self.com_fraction, fraction.clone());
-        report.within("inertia_fraction", self.inertia_fraction, fraction.clone());
-        report.within("damping_fraction", self.damping_fraction, fraction.clone());
-        report.within("armature_fraction", self.armature_fraction, fraction);
-        report.within("geometry_fraction", self.geometry_fraction, 0.0..=0.5);
-        report.all_within("damping_nm_s_rad", &self.damping_nm_s_rad, &(0.0..=1000.0));
-        report.all_within("armature_kg_m2", &self.armature_kg_m2, &(0.0..=10.0));
+        violations.within("mass_fraction", self.mass_fraction, fraction.clone());
+        violations.within("com_fraction", self.com_fraction, fraction.clone());
+        violations.within("inertia_fraction", self.inertia_fraction, fraction.clone());
+        violations.within("damping_fraction", self.damping_fraction, fraction.clone());
+        violations.within("armature_fraction", self.armature_fraction, fraction);
+        violations.within("geometry_fraction", self.geometry_fraction, 0.0..=0.5);
+        violations.all_within("damping_nm_s_rad", &self.damping_nm_s_rad, &(0.0..=1000.0));
+        violations.all_within("armature_kg_m2", &self.armature_kg_m2, &(0.0..=10.0));
         if let Some(friction) = &self.friction {
-            report.part("friction", friction);
+            violations.part("friction", friction);
         }
         if let Some(payload) = &self.payload {
-            report.part("payload", payload);
+            violations.part("payload", payload);
         }
     }
 }
 
 impl Check for Friction {
-    fn check(&self, report: &mut Report) {
-        report.all_within("phi1_nm", &self.phi1_nm, &(0.0..=100.0));
-        report.all_within("phi2_s_rad", &self.phi2_s_rad, &(0.0..=1000.0));
-        report.all_within("phi3_rad_s", &self.phi3_rad_s, &(-10.0..=10.0));
-        report.within("phi1_fraction", self.phi1_fraction, 0.0..=0.9);
+    fn check(&self, violations: &mut Violations) {
+        violations.all_within("phi1_nm", &self.phi1_nm, &(0.0..=100.0));
+        violations.all_within("phi2_s_rad", &self.phi2_s_rad, &(0.0..=1000.0));
+        violations.all_within("phi3_rad_s", &self.phi3_rad_s, &(-10.0..=10.0));
+        violations.within("phi1_fraction", self.phi1_fraction, 0.0..=0.9);
     }
 }
 
 impl Check for Payload {
-    fn check(&self, report: &mut Report) {
-        report.interval("mass_kg", self.mass_kg, &(0.0..=50.0));
+    fn check(&self, violations: &mut Violations) {
+        violations.interval("mass_kg", self.mass_kg, &(0.0..=50.0));
         for (axis, range) in ["x", "y", "z"].into_iter().zip(self.center_m) {
-            report.interval(&format!("center_m.{axis}"), range, &(-1.0..=1.0));
+            violations.interval(&format!("center_m.{axis}"), range, &(-1.0..=1.0));
         }
-        report.interval("radius_m", self.radius_m, &(0.001..=1.0));
+        violations.interval("radius_m", self.radius_m, &(0.001..=1.0));
     }
 }
 
 impl Check for Rejection {
-    fn check(&self, report: &mut Report) {
+    fn check(&self, violations: &mut Violations) {
         if let Some(margin) = self.position_margin_rad {
-            report.within("position_margin_rad", margin, 0.0..=1.0);
+            violations.within("position_margin_rad", margin, 0.0..=1.0);
         }
-        report.within("max_draws", self.max_draws, 1..=100_000);
+        violations.within("max_draws", self.max_draws, 1..=100_000);
     }
 }
 
 impl Check for Integrator {
-    fn check(&self, report: &mut Report) {
+    fn check(&self, violations: &mut Violations) {
         match self {
             Self::Extrapolated { order, substeps } => {
-                report.within("order", *order, 1..=4);
-                report.within("substeps", *substeps, 1..=64);
+                violations.within("order", *order, 1..=4);
+                violations.within("substeps", *substeps, 1..=64);
             }
-            Self::Rk4 { substeps } => report.within("substeps", *substeps, 1..=64),
+            Self::Rk4 { substeps } => violations.within("substeps", *substeps, 1..=64),
             Self::Reference => {}
         }
     }

@@ -12,7 +12,7 @@ use utoipa::ToSchema;
 use super::integrator::Integrator;
 use super::robot_spec::{Gravity, RobotSpec};
 use super::spec::SimulateSpec;
-use crate::check::Report;
+use crate::check::Violations;
 
 /// A warning about a value that is allowed. A reader of the results should know about it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -182,7 +182,7 @@ impl SimulateSpec {
     }
 
     /// Refuses explicit damping with step sizes at which even the nominal arm diverges.
-    pub(super) fn check_stability(&self, report: &mut Report) {
+    pub(super) fn check_stability(&self, violations: &mut Violations) {
         let Integrator::Rk4 { substeps } = self.integrator else { return };
         let (joint, rate) = self.robot.fastest_decay(Draw::Nominal);
         if rate / (self.rate_hz * f64::from(substeps)) <= RUNGE_KUTTA_LIMIT {
@@ -194,7 +194,7 @@ impl SimulateSpec {
         } else {
             "{\"scheme\": \"extrapolated\"}".to_owned()
         };
-        report.violation(
+        violations.add(
             "integrator.substeps",
             substeps,
             format!(

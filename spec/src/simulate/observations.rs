@@ -1,7 +1,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use crate::check::{Check, Report};
+use crate::check::{Check, Violations};
 
 /// Additional recorded quantities, besides torques and joint positions, and measurement noise.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -52,11 +52,11 @@ impl Observations {
 }
 
 impl Check for Observations {
-    fn check(&self, report: &mut Report) {
+    fn check(&self, violations: &mut Violations) {
         let position = 0.0..=MAX_POSITION_NOISE_RAD;
-        report.within("position_noise_rad", self.position_noise_rad, position.clone());
-        report.within("position_resolution_rad", self.position_resolution_rad, position);
-        report.within("torque_noise_nm", self.torque_noise_nm, 0.0..=MAX_TORQUE_NOISE_NM);
+        violations.within("position_noise_rad", self.position_noise_rad, position.clone());
+        violations.within("position_resolution_rad", self.position_resolution_rad, position);
+        violations.within("torque_noise_nm", self.torque_noise_nm, 0.0..=MAX_TORQUE_NOISE_NM);
     }
 }
 

@@ -1,7 +1,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use crate::check::{Check, Report};
+use crate::check::{Check, Violations};
 
 /// A metric of every validation. Lower is better.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -43,8 +43,8 @@ impl Default for EarlyStopSpec {
 }
 
 impl Check for EarlyStopSpec {
-    fn check(&self, report: &mut Report) {
-        report.within("patience", self.patience, 1..=1_000_000);
-        report.within("min_delta", self.min_delta, 0.0..=1e9);
+    fn check(&self, violations: &mut Violations) {
+        violations.within("patience", self.patience, 1..=1_000_000);
+        violations.within("min_delta", self.min_delta, 0.0..=1e9);
     }
 }

@@ -1,7 +1,7 @@
 //! Checks that a training fits its data, and splits off the validation trajectories.
 
 use super::TrainSpec;
-use crate::check::Report;
+use crate::check::Violations;
 use crate::{DataSource, DataSpec, SpecError};
 
 impl TrainSpec {
@@ -25,13 +25,13 @@ impl TrainSpec {
     /// # Errors
     /// Names each field that does not fit `data`, with both numbers.
     pub fn check_data(&self, data: &DataSpec) -> Result<(), SpecError> {
-        let mut report = Report::default();
+        let mut violations = Violations::default();
         if let Some(weights) = &self.loss_weights {
-            report.one_per_joint("loss_weights", weights, data.joints());
+            violations.one_per_joint("loss_weights", weights, data.joints());
         }
         let samples = data.samples();
         if self.context >= samples {
-            report.violation(
+            violations.add(
                 "context",
                 self.context,
                 format!("less than the data's samples, which are {samples}"),
@@ -39,7 +39,7 @@ impl TrainSpec {
         } else {
             let (horizon, patch) = (samples - self.context, self.model.patch());
             if !horizon.is_multiple_of(patch) {
-                report.violation(
+                violations.add(
                     "model.patch",
                     patch,
                     format!("a divisor of the horizon, which is {horizon} samples"),
@@ -48,7 +48,7 @@ impl TrainSpec {
         }
         let stride = self.model.stride();
         if !samples.is_multiple_of(stride) {
-            report.violation(
+            violations.add(
                 "model",
                 format!("a U-Net of stride {stride}"),
                 format!("one whose stride divides the data's samples, which are {samples}"),
@@ -57,9 +57,9 @@ impl TrainSpec {
         if let (Some(all), false) =
             (data.trajectories(), matches!(self.data, DataSource::Stream(_)))
         {
-            self.check_count(all, &mut report);
+            self.check_count(all, &mut violations);
         }
-        report.finish()
+        violations.finish()
     }
 
     /// Checks data whose number of trajectories [`DataSpec::trajectories`] did not know.
@@ -68,14 +68,14 @@ impl TrainSpec {
     /// When a batch needs more trajectories than there are for training, or early stopping has no
     /// validation trajectories.
     pub fn check_trajectories(&self, all: u64) -> Result<(), SpecError> {
-        let mut report = Report::default();
-        self.check_count(all, &mut report);
-        report.finish()
+        let mut violations = Violations::default();
+        self.check_count(all, &mut violations);
+        violations.finish()
     }
 
-    fn check_count(&self, all: u64, report: &mut Report) {
+    fn check_count(&self, all: u64, violations: &mut Violations) {
         if self.early_stop.is_some() && self.validation_part(all) == 0 {
-            report.violation(
+            violations.add(
                 "validation_fraction",
                 self.validation_fraction,
                 format!(
@@ -86,7 +86,7 @@ impl TrainSpec {
         }
         let trained = self.training_trajectories(all);
         if u64::from(self.batch_size) > trained {
-            report.violation(
+            violations.add(
                 "batch_size",
                 self.batch_size,
                 format!("at most the number of training trajectories, which is {trained}"),

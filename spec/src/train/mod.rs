@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
-use crate::check::{Check, Report};
+use crate::check::{Check, Violations};
 use crate::fields::from_fields;
 use crate::kind::KindSpec;
 use crate::{
@@ -178,9 +178,9 @@ impl Default for EmaSpec {
 }
 
 impl Check for EmaSpec {
-    fn check(&self, report: &mut Report) {
-        report.within("decay", self.decay, 0.0..=0.999_999);
-        report.within("power", self.power, 0.1..=2.0);
+    fn check(&self, violations: &mut Violations) {
+        violations.within("decay", self.decay, 0.0..=0.999_999);
+        violations.within("power", self.power, 0.1..=2.0);
     }
 }
 
@@ -256,53 +256,53 @@ impl KindSpec for TrainSpec {
 }
 
 impl Check for TrainSpec {
-    fn check(&self, report: &mut Report) {
-        report.part("data", &self.data);
+    fn check(&self, violations: &mut Violations) {
+        violations.part("data", &self.data);
         if let DataSource::Stream(stream) = &self.data
             && !stream.excitation.grid().is_empty()
         {
-            report.violation(
+            violations.add(
                 "data.stream.excitation",
                 "a frequency grid",
                 "fixed or uniform frequencies, since a training stream has no last robot",
             );
         }
-        report.part("model", &self.model);
+        violations.part("model", &self.model);
         if self.model.is_physical() && self.normalization != Normalization::None {
             let allowed = "none, for a model that computes in N·m and rad";
-            report.violation("normalization", self.normalization.name(), allowed);
+            violations.add("normalization", self.normalization.name(), allowed);
         }
-        report.within("context", self.context, 1..=9_999);
-        report.part("optimizer", &self.optimizer);
-        report.within("batch_size", self.batch_size, 1..=4096);
-        report.within("gradient_accumulation", self.gradient_accumulation, 1..=4096);
+        violations.within("context", self.context, 1..=9_999);
+        violations.part("optimizer", &self.optimizer);
+        violations.within("batch_size", self.batch_size, 1..=4096);
+        violations.within("gradient_accumulation", self.gradient_accumulation, 1..=4096);
         if self.gradient_accumulation > 0
             && !self.batch_size.is_multiple_of(self.gradient_accumulation)
         {
-            report.violation(
+            violations.add(
                 "gradient_accumulation",
                 self.gradient_accumulation,
                 format!("a divisor of batch_size, which is {}", self.batch_size),
             );
         }
         if let Some(ema) = &self.ema {
-            report.part("ema", ema);
+            violations.part("ema", ema);
         }
         if let Some(weights) = &self.loss_weights {
-            report.all_within("loss_weights", weights, &(0.0..=1e6));
+            violations.all_within("loss_weights", weights, &(0.0..=1e6));
             if weights.iter().all(|&weight| weight == 0.0) {
-                report.violation("loss_weights", "0 for every joint", "one above 0 at least");
+                violations.add("loss_weights", "0 for every joint", "one above 0 at least");
             }
         }
-        report.within("steps", self.steps, 1..=10_000_000);
-        report.seed("seed", self.seed);
-        report.within("validation_fraction", self.validation_fraction, 0.0..=0.5);
-        self.check_validation(report);
-        self.check_checkpoints(report);
-        report.part("execution", &self.execution);
+        violations.within("steps", self.steps, 1..=10_000_000);
+        violations.seed("seed", self.seed);
+        violations.within("validation_fraction", self.validation_fraction, 0.0..=0.5);
+        self.check_validation(violations);
+        self.check_checkpoints(violations);
+        violations.part("execution", &self.execution);
         let patch = self.model.patch();
         if patch > 0 && !self.context.is_multiple_of(patch) {
-            report.violation(
+            violations.add(
                 "context",
                 self.context,
                 format!("a multiple of model.patch, which is {patch}"),
@@ -312,10 +312,10 @@ impl Check for TrainSpec {
             && least > self.context
         {
             let allowed = format!("at most context, which is {}", self.context);
-            report.violation("model.least_context", least, allowed);
+            violations.add("model.least_context", least, allowed);
         }
         if self.optimizer.warmup_steps > self.steps {
-            report.violation(
+            violations.add(
                 "optimizer.warmup_steps",
                 self.optimizer.warmup_steps,
                 format!("at most steps, which is {}", self.steps),
@@ -325,43 +325,43 @@ impl Check for TrainSpec {
 }
 
 impl TrainSpec {
-    fn check_validation(&self, report: &mut Report) {
-        report.within("validate_every_steps", self.validate_every_steps, 1..=10_000_000);
-        report.within("validation_trajectories", self.validation_trajectories, 1..=100_000);
-        report.within("sampled_trajectories", self.sampled_trajectories, 1..=100_000);
+    fn check_validation(&self, violations: &mut Violations) {
+        violations.within("validate_every_steps", self.validate_every_steps, 1..=10_000_000);
+        violations.within("validation_trajectories", self.validation_trajectories, 1..=100_000);
+        violations.within("sampled_trajectories", self.sampled_trajectories, 1..=100_000);
         if let Some(early_stop) = &self.early_stop {
-            report.part("early_stop", early_stop);
+            violations.part("early_stop", early_stop);
             if self.validation_fraction == 0.0 {
                 let allowed = "above 0 with early_stop, which needs validations";
-                report.violation("validation_fraction", self.validation_fraction, allowed);
+                violations.add("validation_fraction", self.validation_fraction, allowed);
             }
         }
     }
 
-    fn check_checkpoints(&self, report: &mut Report) {
+    fn check_checkpoints(&self, violations: &mut Violations) {
         if let Some(steps) = self.checkpoint_every_steps {
-            report.within("checkpoint_every_steps", steps, 1..=10_000_000);
+            violations.within("checkpoint_every_steps", steps, 1..=10_000_000);
         }
         if let Some(seconds) = self.checkpoint_every_seconds {
-            report.within("checkpoint_every_seconds", seconds, 1..=1_000_000);
+            violations.within("checkpoint_every_seconds", seconds, 1..=1_000_000);
         }
         if self.checkpoint_every_steps.is_none() && self.checkpoint_every_seconds.is_none() {
             let allowed = "a number, here or in checkpoint_every_seconds";
-            report.violation("checkpoint_every_steps", "null", allowed);
+            violations.add("checkpoint_every_steps", "null", allowed);
         }
-        report.within("keep_checkpoints", self.keep_checkpoints, 1..=1000);
+        violations.within("keep_checkpoints", self.keep_checkpoints, 1..=1000);
     }
 }
 
 impl Check for OptimizerSpec {
-    fn check(&self, report: &mut Report) {
-        report.within("learning_rate", self.learning_rate, 1e-9..=1.0);
-        report.within("final_learning_rate_ratio", self.final_learning_rate_ratio, 0.0..=1.0);
-        report.all_within("betas", &self.betas, &(0.0..=0.999_999));
-        report.within("epsilon", self.epsilon, 1e-12..=0.1);
-        report.within("weight_decay", self.weight_decay, 0.0..=1.0);
+    fn check(&self, violations: &mut Violations) {
+        violations.within("learning_rate", self.learning_rate, 1e-9..=1.0);
+        violations.within("final_learning_rate_ratio", self.final_learning_rate_ratio, 0.0..=1.0);
+        violations.all_within("betas", &self.betas, &(0.0..=0.999_999));
+        violations.within("epsilon", self.epsilon, 1e-12..=0.1);
+        violations.within("weight_decay", self.weight_decay, 0.0..=1.0);
         if let Some(norm) = self.gradient_clip_norm {
-            report.within("gradient_clip_norm", norm, 1e-6..=1e6);
+            violations.within("gradient_clip_norm", norm, 1e-6..=1e6);
         }
     }
 }
