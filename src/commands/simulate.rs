@@ -8,7 +8,7 @@ use spec::{JobSpec, SimulateSpec};
 use worker::DatasetFolder;
 
 use crate::commands::submit::{MAX_SPEC_BYTES, read_json};
-use crate::progress::{self, measure};
+use crate::progress::{self, ProgressCallback, measure};
 
 #[derive(Debug, Args)]
 pub struct Arguments {
@@ -32,7 +32,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     }
     compute_with(arguments.threads)?;
     let mut folder = DatasetFolder::begin(&arguments.out, &spec)?;
-    let work = move |report: progress::Report<'_>| folder.complete(report).map(|()| folder);
+    let work = move |progress: ProgressCallback<'_>| folder.complete(progress).map(|()| folder);
     let folder = progress::follow_own("simulate", spec.trajectories, work).await??;
     let description = folder.description();
     let bytes: u64 =

@@ -9,7 +9,7 @@ use worker::{DatasetFolder, Verified};
 use crate::arguments::{OutputArguments, ServerArguments};
 use crate::commands::simulate::compute_with;
 use crate::commands::watch;
-use crate::progress::{self, measure};
+use crate::progress::{self, ProgressCallback, measure};
 
 #[derive(Debug, Args)]
 pub struct Arguments {
@@ -66,7 +66,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
 async fn verify_folder(dir: &Path) -> anyhow::Result<ExitCode> {
     let folder = DatasetFolder::open(dir)?;
     let trajectories = folder.spec().trajectories;
-    let work = move |report: progress::Report<'_>| folder.verify(report);
+    let work = move |progress: ProgressCallback<'_>| folder.verify(progress);
     let verified = progress::follow_own("verify", trajectories, work).await??;
     let Verified { shards, trajectories, by_other_versions } = verified;
     for note in &by_other_versions {

@@ -18,7 +18,7 @@ use crate::client::{Client, ClientError, Events};
 use bars::Bars;
 use lines::Lines;
 pub use own_parts::{Part, follow_parts};
-pub use own_work::{Report, follow_own};
+pub use own_work::{ProgressCallback, follow_own};
 use rate::Rate;
 use row::Row;
 

@@ -14,7 +14,7 @@ use super::{Display, POLL_EVERY};
 use crate::server::Interrupts;
 
 /// A callback that gets the amount of finished work, and breaks when the work has to stop.
-pub type Report<'a> = &'a (dyn Fn(u64) -> ControlFlow<()> + Sync);
+pub type ProgressCallback<'a> = &'a (dyn Fn(u64) -> ControlFlow<()> + Sync);
 
 /// Does `work` on a thread of its own, and shows its progress out of `total` trajectories. The
 /// first interrupt asks it to stop, and the second ends the process.
@@ -24,7 +24,7 @@ pub type Report<'a> = &'a (dyn Fn(u64) -> ControlFlow<()> + Sync);
 pub async fn follow_own<T, E>(
     name: &str,
     total: u64,
-    work: impl FnOnce(Report<'_>) -> Result<T, E> + Send + 'static,
+    work: impl FnOnce(ProgressCallback<'_>) -> Result<T, E> + Send + 'static,
 ) -> anyhow::Result<Result<T, E>>
 where
     T: Send + 'static,
