@@ -14,7 +14,7 @@ use tungstenite::{Message, WebSocket, client};
 use super::isa;
 use super::measurement::{Goal, Measurement};
 use super::serving::Serving;
-use super::wanted::{Peers, Report, Wanted};
+use super::wanted::{BenchmarkResults, Peers, Wanted};
 use crate::{process, product};
 
 /// Numbers of network passes per prediction.
@@ -35,7 +35,7 @@ const CONTEXT: usize = 320;
 const ONE_PASS: &str = "robomorph";
 const DENOISERS: [&str; 3] = ["cdt", "diffuser", "cdcnn"];
 
-pub(super) fn run(wanted: Wanted) -> anyhow::Result<Report> {
+pub(super) fn run(wanted: Wanted) -> anyhow::Result<BenchmarkResults> {
     if wanted.peers == Peers::Measured {
         eprintln!("no other program serves such predictions: nothing to compare with");
     }
@@ -91,7 +91,7 @@ pub(super) fn run(wanted: Wanted) -> anyhow::Result<Report> {
             .to_owned(),
         "steps within 16.7 ms: from the p99 of loops with 1 and 10 steps".to_owned(),
     ];
-    Ok(Report { notes, measurements })
+    Ok(BenchmarkResults { notes, measurements })
 }
 
 /// Trains for one step, which leaves a checkpoint.

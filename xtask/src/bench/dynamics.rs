@@ -17,7 +17,7 @@ use statistics::median;
 use tempfile::TempDir;
 
 use super::measurement::{Goal, Measurement, Peer};
-use super::wanted::{Peers, Report, Wanted};
+use super::wanted::{BenchmarkResults, Peers, Wanted};
 use super::{million, peak};
 use crate::{machine, peers, product};
 
@@ -48,7 +48,7 @@ pub(super) fn spec(trajectories: u64) -> Value {
     })
 }
 
-pub(super) fn run(wanted: Wanted) -> anyhow::Result<Report> {
+pub(super) fn run(wanted: Wanted) -> anyhow::Result<BenchmarkResults> {
     let rates = product::build_example("rates")?;
     let torqued = product::build()?;
     let folder = tempfile::tempdir()?;
@@ -71,7 +71,7 @@ pub(super) fn run(wanted: Wanted) -> anyhow::Result<Report> {
     let accuracy = peers.as_ref().map(|peers| &peers.accuracy);
     let mut measurements = compare(&rounds, accuracy)?;
     measurements.extend(million::run(&torqued)?);
-    Ok(Report { notes: notes(&rounds, accuracy), measurements })
+    Ok(BenchmarkResults { notes: notes(&rounds, accuracy), measurements })
 }
 
 /// Rates that `dynamics/examples/rates.rs` prints.

@@ -2,7 +2,7 @@
 
 use super::measurement::{Goal, Measurement};
 use super::networks::{self, Network, Rounds, Subject, Twin};
-use super::wanted::{Report, Wanted};
+use super::wanted::{BenchmarkResults, Wanted};
 
 const SUBJECT: Subject = Subject {
     name: "inference",
@@ -11,7 +11,7 @@ const SUBJECT: Subject = Subject {
     paper: Rounds { count: 3, steps: 1 },
 };
 
-pub(super) fn run(wanted: Wanted) -> anyhow::Result<Report> {
+pub(super) fn run(wanted: Wanted) -> anyhow::Result<BenchmarkResults> {
     networks::run(&SUBJECT, wanted, rows)
 }
 

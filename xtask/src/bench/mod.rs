@@ -27,7 +27,7 @@ use clap::builder::PossibleValuesParser;
 use simd::InstructionSet;
 
 use crate::machine;
-use wanted::{Peers, Report, Size, Wanted};
+use wanted::{BenchmarkResults, Peers, Size, Wanted};
 
 #[derive(Debug, Args)]
 pub struct Arguments {
@@ -55,7 +55,7 @@ pub struct Arguments {
 struct Benchmark {
     name: &'static str,
     about: &'static str,
-    run: fn(Wanted) -> anyhow::Result<Report>,
+    run: fn(Wanted) -> anyhow::Result<BenchmarkResults>,
 }
 
 const ALL: [Benchmark; 10] = [
@@ -126,7 +126,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     eprintln!("{}: {}", benchmark.name, benchmark.about);
     let peers = if arguments.peers { Peers::Measured } else { Peers::LeftOut };
     let machine = machine::description();
-    let Report { notes, measurements } = (benchmark.run)(Wanted { peers, size: arguments.size })?;
+    let wanted = Wanted { peers, size: arguments.size };
+    let BenchmarkResults { notes, measurements } = (benchmark.run)(wanted)?;
     println!("{}\n{machine}", command_line(arguments));
     for note in notes {
         println!("{note}");

@@ -12,7 +12,7 @@ use statistics::median;
 
 use super::measurement::Peer;
 use super::peak;
-use super::wanted::{Peers, Report, Size, Wanted};
+use super::wanted::{BenchmarkResults, Peers, Size, Wanted};
 use crate::places::repository;
 use crate::{peers, product};
 
@@ -114,7 +114,7 @@ pub(super) fn run(
     subject: &Subject,
     wanted: Wanted,
     table: fn(&Network) -> Vec<super::measurement::Measurement>,
-) -> anyhow::Result<Report> {
+) -> anyhow::Result<BenchmarkResults> {
     let example = product::build_example("model_rates")?;
     let python = match wanted.peers {
         Peers::LeftOut => None,
@@ -155,7 +155,7 @@ pub(super) fn run(
         }
         notes.push(format!("{name}: medians of {count} x {steps} steps, after a first one each"));
     }
-    Ok(Report { notes, measurements })
+    Ok(BenchmarkResults { notes, measurements })
 }
 
 struct Bench<'a> {

@@ -4,7 +4,7 @@
 use serde::Deserialize;
 
 use super::measurement::Measurement;
-use super::wanted::{Peers, Report, Wanted};
+use super::wanted::{BenchmarkResults, Peers, Wanted};
 use crate::places::target;
 use crate::product;
 
@@ -27,7 +27,7 @@ struct Places {
     bucket: Rates,
 }
 
-pub(super) fn run(wanted: Wanted) -> anyhow::Result<Report> {
+pub(super) fn run(wanted: Wanted) -> anyhow::Result<BenchmarkResults> {
     if wanted.peers == Peers::Measured {
         eprintln!("a folder is what a bucket is compared with");
     }
@@ -46,7 +46,7 @@ pub(super) fn run(wanted: Wanted) -> anyhow::Result<Report> {
         ]
         .map(|(what, rate)| Measurement::alone(format!("{place}, {what}"), rate, "MB/s", None))
     };
-    Ok(Report {
+    Ok(BenchmarkResults {
         notes: vec![
             format!(
                 "{OBJECTS} objects of {MEGABYTES} MB one after the other, each synced to the disk"

@@ -12,13 +12,13 @@ use statistics::median;
 
 use super::dynamics::answer;
 use super::measurement::{Measurement, Peer};
-use super::wanted::{Peers, Report, Wanted};
+use super::wanted::{BenchmarkResults, Peers, Wanted};
 use crate::places::target;
 use crate::{peers, product};
 
 const ROUNDS: usize = 5;
 
-pub(super) fn run(wanted: Wanted) -> anyhow::Result<Report> {
+pub(super) fn run(wanted: Wanted) -> anyhow::Result<BenchmarkResults> {
     let example = product::build_example("parquet_rates")?;
     let torqued = product::build()?;
     let python = match wanted.peers {
@@ -46,7 +46,7 @@ pub(super) fn run(wanted: Wanted) -> anyhow::Result<Report> {
         format!("simulated: {simulation}"),
         format!("medians of {ROUNDS} rounds, one thread each"),
     ];
-    Ok(Report { notes, measurements: compare(&rounds) })
+    Ok(BenchmarkResults { notes, measurements: compare(&rounds) })
 }
 
 /// The output of `store/examples/parquet_rates.rs`.

@@ -9,7 +9,7 @@ use serde::Deserialize;
 
 use super::measurement::{Goal, Measurement};
 use super::serving::Serving;
-use super::wanted::{Peers, Report, Wanted};
+use super::wanted::{BenchmarkResults, Peers, Wanted};
 use crate::{process, product};
 
 /// The whole quickstart on two cores without a GPU, in seconds.
@@ -17,7 +17,7 @@ const GOAL_FIRST: Goal = Goal::AtMost(300.0);
 /// A second run, which has nothing to compute.
 const GOAL_SECOND: Goal = Goal::AtMost(10.0);
 
-pub(super) fn run(wanted: Wanted) -> anyhow::Result<Report> {
+pub(super) fn run(wanted: Wanted) -> anyhow::Result<BenchmarkResults> {
     if wanted.peers == Peers::Measured {
         eprintln!("no other program does what the quickstart does: nothing to compare with");
     }
@@ -31,7 +31,7 @@ pub(super) fn run(wanted: Wanted) -> anyhow::Result<Report> {
         .collect();
     measurements.push(Measurement::alone("first run", first, "s", Some(GOAL_FIRST)));
     measurements.push(Measurement::alone("second run", second, "s", Some(GOAL_SECOND)));
-    Ok(Report { notes: Vec::new(), measurements })
+    Ok(BenchmarkResults { notes: Vec::new(), measurements })
 }
 
 /// Seconds that one quickstart takes, from start to exit.

@@ -14,7 +14,7 @@ use super::measurement::Measurement;
 use super::queue::cluster::Cluster;
 use super::queue::program::{Program, QueueLocation};
 use super::queue::workers::Workers;
-use super::wanted::{Report, Wanted};
+use super::wanted::{BenchmarkResults, Wanted};
 use crate::places::target;
 use crate::product;
 
@@ -28,7 +28,7 @@ const PATIENCE: Duration = Duration::from_secs(300);
 /// Mean durations of simulated tasks, s.
 const TASK_SECONDS: [f64; 4] = [0.1, 1.0, 10.0, 600.0];
 
-pub(super) fn run(_: Wanted) -> anyhow::Result<Report> {
+pub(super) fn run(_: Wanted) -> anyhow::Result<BenchmarkResults> {
     let ours = Program::new(product::build_example("queue_rates")?, []);
     let folder = tempfile::Builder::new().prefix("bench-scale-").tempdir_in(target())?;
     let mut cluster = Cluster::start(&ours)?;
@@ -77,7 +77,7 @@ pub(super) fn run(_: Wanted) -> anyhow::Result<Report> {
             ),
         ]);
     }
-    Ok(Report {
+    Ok(BenchmarkResults {
         notes: vec![
             format!("{JOBS} jobs, {WORKERS} workers in four processes, PostgreSQL on the same cores"),
             "simulated: lengths are exponential, the queue hands out one task at a time as fast as measured".to_owned(),

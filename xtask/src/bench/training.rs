@@ -4,7 +4,7 @@
 use super::isa;
 use super::measurement::{Goal, Measurement};
 use super::networks::{self, Network, Rounds, Subject, Twin};
-use super::wanted::{Report, Wanted};
+use super::wanted::{BenchmarkResults, Wanted};
 
 const SUBJECT: Subject = Subject {
     name: "training",
@@ -16,7 +16,7 @@ const SUBJECT: Subject = Subject {
 /// Ratio to the memory of eager PyTorch.
 const MEMORY: Goal = Goal::AtMost(0.6);
 
-pub(super) fn run(wanted: Wanted) -> anyhow::Result<Report> {
+pub(super) fn run(wanted: Wanted) -> anyhow::Result<BenchmarkResults> {
     networks::run(&SUBJECT, wanted, rows)
 }
 

@@ -5,7 +5,7 @@ use clap::ValueEnum;
 use super::measurement::Measurement;
 
 /// The results of a benchmark.
-pub struct Report {
+pub struct BenchmarkResults {
     /// Programs, their versions and the machine.
     pub notes: Vec<String>,
     pub measurements: Vec<Measurement>,

@@ -19,7 +19,7 @@ use self::mlflow::MlflowServer;
 use super::measurement::{Goal, Measurement, Peer};
 use super::queue::program::{Program, QueueLocation, SQLITE};
 use super::serving::Serving;
-use super::wanted::{Peers, Report, Wanted};
+use super::wanted::{BenchmarkResults, Peers, Wanted};
 use crate::places::target;
 use crate::{peers, product};
 
@@ -40,7 +40,7 @@ const ASKED: usize = 40;
 const GOAL_RATE: Goal = Goal::AtLeast(50.0);
 const GOAL_MS: Goal = Goal::AtMost(100.0);
 
-pub(super) fn run(wanted: Wanted) -> anyhow::Result<Report> {
+pub(super) fn run(wanted: Wanted) -> anyhow::Result<BenchmarkResults> {
     let torqued = product::build()?;
     let recorder = Program::new(product::build_example("queue_rates")?, []);
     let version = match wanted.peers {
@@ -64,7 +64,7 @@ pub(super) fn run(wanted: Wanted) -> anyhow::Result<Report> {
             BATCHES_OF_MLFLOW * BATCH,
         ));
     }
-    Ok(Report { notes, measurements })
+    Ok(BenchmarkResults { notes, measurements })
 }
 
 fn folder() -> anyhow::Result<tempfile::TempDir> {

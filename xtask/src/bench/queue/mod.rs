@@ -18,7 +18,7 @@ use std::time::{Duration, Instant};
 use statistics::measured_quantile;
 
 use super::measurement::{Goal, Measurement, Peer};
-use super::wanted::{Peers, Report, Wanted};
+use super::wanted::{BenchmarkResults, Peers, Wanted};
 use crate::places::target;
 use crate::{peers, product};
 use cluster::Cluster;
@@ -87,7 +87,7 @@ struct ComparedQueue {
     waits: bool,
 }
 
-pub(super) fn run(wanted: Wanted) -> anyhow::Result<Report> {
+pub(super) fn run(wanted: Wanted) -> anyhow::Result<BenchmarkResults> {
     let ours = Program::new(product::build_example("queue_rates")?, []);
     let folder = tempfile::Builder::new().prefix("bench-queue-").tempdir_in(target())?;
     let postgres = Cluster::start(&ours)?;
@@ -111,7 +111,7 @@ pub(super) fn run(wanted: Wanted) -> anyhow::Result<Report> {
         notes.push("apalis looks into SQLite every 50 ms; PostgreSQL notifies it".to_owned());
         notes.push("Graphile Worker keeps 500 tasks in each process (localQueue)".to_owned());
     }
-    Ok(Report { notes, measurements })
+    Ok(BenchmarkResults { notes, measurements })
 }
 
 fn rivals(database: &Database) -> anyhow::Result<Vec<ComparedQueue>> {
