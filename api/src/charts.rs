@@ -1,7 +1,7 @@
 //! The figures that the server draws.
 
 use figures::{Axis, Figure, FigureError, Point, Series, Size};
-use store::SeriesPoint;
+use store::CurvePoint;
 use wire::Summary;
 
 use crate::app::trajectories::StoredTrajectory;
@@ -10,8 +10,8 @@ use crate::app::trajectories::StoredTrajectory;
 const PANEL: Size = Size { width: 760, height: 300 };
 
 /// Training and validation loss over optimizer steps.
-pub fn loss_figure(training: &[SeriesPoint], validation: &[SeriesPoint]) -> Figure {
-    let points = |of: &[SeriesPoint]| -> Vec<Point> {
+pub fn loss_figure(training: &[CurvePoint], validation: &[CurvePoint]) -> Figure {
+    let points = |of: &[CurvePoint]| -> Vec<Point> {
         of.iter().map(|point| Point::new(step(point.step), point.value)).collect()
     };
     Figure {

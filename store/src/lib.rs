@@ -117,7 +117,7 @@ pub use leases::{ClaimedTask, Fence, Lease, Look, Progress};
 pub use listing::{Direction, Key, Listed, Listing, Position, Sort};
 pub use location::{DatabaseUrl, Location};
 pub use logs::{LogChunk, LogFilter, LogPage, NewLogChunk};
-pub use metrics::{Metric, Series, SeriesPoint};
+pub use metrics::{CurvePoint, Metric, MetricCurve};
 pub use objects::{
     Fingerprint, ObjectBytes, ObjectWriter, ObjectsUrl, Patience, RemoteObjects, S3Options,
     SignedFor, StoredObject, measure_file, path as object_path,

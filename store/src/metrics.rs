@@ -22,16 +22,16 @@ pub struct Metric {
 
 /// A metric over steps, downsampled for drawing.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Series {
+pub struct MetricCurve {
     pub key: String,
     /// Sorted by step.
-    pub points: Vec<SeriesPoint>,
+    pub points: Vec<CurvePoint>,
     /// Number of points recorded.
     pub recorded: u64,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SeriesPoint {
+pub struct CurvePoint {
     pub step: u64,
     pub time: Timestamp,
     pub value: f64,
@@ -95,7 +95,7 @@ impl Store {
     pub async fn latest_metrics(
         &self,
         runs: &[RunId],
-    ) -> Result<Vec<(RunId, String, SeriesPoint)>, StoreError> {
+    ) -> Result<Vec<(RunId, String, CurvePoint)>, StoreError> {
         sql!(self.database(), "reading the latest metrics", latest_metrics(runs))
     }
 
@@ -108,7 +108,7 @@ impl Store {
         &self,
         runs: &[RunId],
         key: &str,
-    ) -> Result<Vec<(RunId, SeriesPoint)>, StoreError> {
+    ) -> Result<Vec<(RunId, CurvePoint)>, StoreError> {
         sql!(self.database(), "reading the latest metrics", latest_values(runs, key))
     }
 
@@ -123,7 +123,7 @@ impl Store {
         key: &str,
         skipped: u64,
         limit: u32,
-    ) -> Result<Vec<SeriesPoint>, StoreError> {
+    ) -> Result<Vec<CurvePoint>, StoreError> {
         sql!(self.database(), "reading a metric", points_after(run, key, skipped, limit))
     }
 
@@ -135,7 +135,12 @@ impl Store {
     /// # Errors
     /// When the database fails. A key that was never recorded has no points.
     #[boxed]
-    pub async fn series(&self, run: RunId, key: &str, points: u32) -> Result<Series, StoreError> {
+    pub async fn metric_curve(
+        &self,
+        run: RunId,
+        key: &str,
+        points: u32,
+    ) -> Result<MetricCurve, StoreError> {
         const OPERATION: &str = "reading a metric";
         let (recorded, spans) = sql!(self.database(), OPERATION, recorded_points(run, key))?;
         let ranges = (points / 2).max(1);
@@ -146,6 +151,6 @@ impl Store {
         } else {
             sql!(self.database(), OPERATION, extreme_points(run, key, ranges))?
         };
-        Ok(Series { key: key.to_owned(), points, recorded })
+        Ok(MetricCurve { key: key.to_owned(), points, recorded })
     }
 }

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, HashMap};
 
 use figures::Figure;
-use store::{Listed, RunId, SeriesPoint};
+use store::{CurvePoint, Listed, RunId};
 use wire::{Artifact, LatestMetric, Metric, MetricPoint, Run, Runs};
 
 use crate::app::App;
@@ -26,14 +26,14 @@ impl App {
 
     pub async fn metric(&self, run: i64, key: &str, points: u32) -> Result<Metric, ApiError> {
         let run = self.store.run(RunId(run)).await?.id;
-        let series = self.store.series(run, key, points).await?;
-        if series.points.is_empty() {
+        let curve = self.store.metric_curve(run, key, points).await?;
+        if curve.points.is_empty() {
             return Err(ApiError::not_found("metric", format!("{key:?} of run {run}")));
         }
         Ok(Metric {
-            key: series.key,
-            points: series.points.iter().map(point).collect(),
-            recorded: series.recorded,
+            key: curve.key,
+            points: curve.points.iter().map(point).collect(),
+            recorded: curve.recorded,
         })
     }
 
@@ -59,8 +59,8 @@ impl App {
     /// A figure of the training and validation loss so far.
     pub async fn loss_figure(&self, run: i64) -> Result<Figure, ApiError> {
         let run = self.store.run(RunId(run)).await?.id;
-        let training = self.store.series(run, "train/loss", POINTS_DEFAULT).await?;
-        let validation = self.store.series(run, "validation/loss", POINTS_DEFAULT).await?;
+        let training = self.store.metric_curve(run, "train/loss", POINTS_DEFAULT).await?;
+        let validation = self.store.metric_curve(run, "validation/loss", POINTS_DEFAULT).await?;
         Ok(loss_figure(&training.points, &validation.points))
     }
 
@@ -113,11 +113,11 @@ impl App {
     }
 }
 
-fn latest(point: &SeriesPoint) -> LatestMetric {
+fn latest(point: &CurvePoint) -> LatestMetric {
     LatestMetric { step: point.step, value: finite(point.value) }
 }
 
-fn point(point: &SeriesPoint) -> MetricPoint {
+fn point(point: &CurvePoint) -> MetricPoint {
     MetricPoint { step: point.step, time: point.time.to_string(), value: finite(point.value) }
 }
 

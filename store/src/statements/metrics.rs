@@ -3,7 +3,7 @@ use sqlx::{FromRow, QueryBuilder, Row};
 
 use super::rows::number;
 use super::{Database, Db, DbRow, Transaction, integer};
-use crate::{RunId, SeriesPoint};
+use crate::{CurvePoint, RunId};
 
 /// Rows per statement, with four values each. SQLite binds 32 766 values at most, PostgreSQL 65
 /// 535.
@@ -17,7 +17,7 @@ impl Database {
     pub async fn latest_metrics(
         &self,
         runs: &[RunId],
-    ) -> Result<Vec<(RunId, String, SeriesPoint)>, sqlx::Error> {
+    ) -> Result<Vec<(RunId, String, CurvePoint)>, sqlx::Error> {
         let rows = sqlx::query(concat!(
             "SELECT run, key, step, time, value FROM metric_latest \
              WHERE run IN ",
@@ -28,7 +28,7 @@ impl Database {
         .fetch_all(&self.reader)
         .await?;
         rows.iter()
-            .map(|row| Ok((row.try_get("run")?, row.try_get("key")?, SeriesPoint::from_row(row)?)))
+            .map(|row| Ok((row.try_get("run")?, row.try_get("key")?, CurvePoint::from_row(row)?)))
             .collect()
     }
 
@@ -36,7 +36,7 @@ impl Database {
         &self,
         runs: &[RunId],
         key: &str,
-    ) -> Result<Vec<(RunId, SeriesPoint)>, sqlx::Error> {
+    ) -> Result<Vec<(RunId, CurvePoint)>, sqlx::Error> {
         let rows = sqlx::query(concat!(
             "SELECT run, step, time, value FROM metric_latest \
              WHERE run IN ",
@@ -47,7 +47,7 @@ impl Database {
         .bind(key)
         .fetch_all(&self.reader)
         .await?;
-        rows.iter().map(|row| Ok((row.try_get("run")?, SeriesPoint::from_row(row)?))).collect()
+        rows.iter().map(|row| Ok((row.try_get("run")?, CurvePoint::from_row(row)?))).collect()
     }
 
     /// Number of points of a metric, and number of spans that have points.
@@ -64,7 +64,7 @@ impl Database {
     }
 
     /// Sorted by step.
-    pub async fn all_points(&self, run: RunId, key: &str) -> Result<Vec<SeriesPoint>, sqlx::Error> {
+    pub async fn all_points(&self, run: RunId, key: &str) -> Result<Vec<CurvePoint>, sqlx::Error> {
         sqlx::query_as(
             "SELECT step, time, value FROM metric WHERE run = $1 AND key = $2 ORDER BY step",
         )
@@ -81,7 +81,7 @@ impl Database {
         key: &str,
         skipped: u64,
         limit: u32,
-    ) -> Result<Vec<SeriesPoint>, sqlx::Error> {
+    ) -> Result<Vec<CurvePoint>, sqlx::Error> {
         sqlx::query_as(
             "SELECT step, time, value FROM metric WHERE run = $1 AND key = $2 ORDER BY step \
              LIMIT $3 OFFSET $4",
@@ -100,7 +100,7 @@ impl Database {
         run: RunId,
         key: &str,
         ranges: u32,
-    ) -> Result<Vec<SeriesPoint>, sqlx::Error> {
+    ) -> Result<Vec<CurvePoint>, sqlx::Error> {
         sqlx::query_as(
             "WITH bound AS MATERIALIZED (SELECT MIN(span) AS first, MAX(span) AS last \
                             FROM metric_extremes WHERE run = $1 AND key = $2), \
@@ -129,7 +129,7 @@ impl Database {
         run: RunId,
         key: &str,
         ranges: u32,
-    ) -> Result<Vec<SeriesPoint>, sqlx::Error> {
+    ) -> Result<Vec<CurvePoint>, sqlx::Error> {
         sqlx::query_as(
             "WITH bound AS MATERIALIZED (SELECT MIN(step) AS low, MAX(step) AS high FROM metric \
                             WHERE run = $1 AND key = $2), \
@@ -261,7 +261,7 @@ impl Transaction {
     }
 }
 
-impl FromRow<'_, DbRow> for SeriesPoint {
+impl FromRow<'_, DbRow> for CurvePoint {
     fn from_row(row: &DbRow) -> Result<Self, sqlx::Error> {
         // SQLite has no NaN. It is stored as NULL.
         let value: Option<f64> = row.try_get("value")?;

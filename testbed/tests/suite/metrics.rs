@@ -13,8 +13,8 @@ fn loss(step: u64, value: f64) -> Metric {
 }
 
 async fn points(f: &Fixture, run: RunId, most: u32) -> Vec<(u64, f64)> {
-    let series = f.store.series(run, "train/loss", most).await.unwrap();
-    series.points.iter().map(|point| (point.step, point.value)).collect()
+    let curve = f.store.metric_curve(run, "train/loss", most).await.unwrap();
+    curve.points.iter().map(|point| (point.step, point.value)).collect()
 }
 
 pub async fn a_step_that_is_taken_again_replaces_its_metrics(f: Fixture) {
@@ -53,11 +53,11 @@ pub async fn a_long_series_is_thinned_out_without_losing_its_extremes(f: Fixture
     metrics[4321].value = 1e6;
     metrics[1234].value = -1e6;
     f.store.record_metrics(fence, &metrics).await.unwrap();
-    let series = f.store.series(run, "train/loss", 100).await.unwrap();
-    assert_eq!(series.recorded, 10_000);
-    assert!(series.points.len() <= 100 && series.points.len() > 90, "{}", series.points.len());
-    assert!(series.points.is_sorted_by_key(|point| point.step));
-    let values: Vec<f64> = series.points.iter().map(|point| point.value).collect();
+    let curve = f.store.metric_curve(run, "train/loss", 100).await.unwrap();
+    assert_eq!(curve.recorded, 10_000);
+    assert!(curve.points.len() <= 100 && curve.points.len() > 90, "{}", curve.points.len());
+    assert!(curve.points.is_sorted_by_key(|point| point.step));
+    let values: Vec<f64> = curve.points.iter().map(|point| point.value).collect();
     assert!(values.contains(&1e6) && values.contains(&-1e6));
     assert_eq!(points(&f, run, 20_000).await.len(), 10_000);
 }
@@ -85,7 +85,7 @@ pub async fn a_long_series_shows_what_replaced_and_forgotten_points_have_left(f:
 
     f.store.record_metrics(fence, &[loss(4321, 0.0), loss(7000, 0.5)]).await.unwrap();
     f.store.delete_metrics_after(fence, 8500).await.unwrap();
-    let thinned = f.store.series(run, "train/loss", 100).await.unwrap();
+    let thinned = f.store.metric_curve(run, "train/loss", 100).await.unwrap();
     assert_eq!(thinned.recorded, 8501);
     assert!(thinned.points.len() > 90, "{}", thinned.points.len());
     assert!(thinned.points.iter().all(|point| point.step <= 8500));

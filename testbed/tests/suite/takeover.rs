@@ -61,8 +61,8 @@ pub async fn a_training_goes_on_where_one_that_failed_ended(f: Fixture) {
     assert_eq!(steps, [(2, false), (4, true), (6, false)]);
     f.store.take_over_metrics(task.fence, earlier[1].run, 4).await.unwrap();
     let run = task.run.unwrap();
-    let series = f.store.series(run, "train/loss", 100).await.unwrap();
-    assert_eq!(series.points.iter().map(|point| point.step).collect::<Vec<_>>(), [2, 4]);
+    let curve = f.store.metric_curve(run, "train/loss", 100).await.unwrap();
+    assert_eq!(curve.points.iter().map(|point| point.step).collect::<Vec<_>>(), [2, 4]);
     f.store.release(task.fence).await.unwrap();
 }
 

@@ -293,6 +293,6 @@ enum CheckpointRole {
 /// The recorded values of `metric`, by step.
 fn recorded(attempt: &Attempt, metric: ValidationMetric) -> Result<BTreeMap<u64, f64>, TaskError> {
     let Some(run) = attempt.task.run else { return Ok(BTreeMap::new()) };
-    let series = attempt.wait(attempt.store.series(run, metric.key(), u32::MAX))?;
-    Ok(series.points.into_iter().map(|point| (point.step, point.value)).collect())
+    let curve = attempt.wait(attempt.store.metric_curve(run, metric.key(), u32::MAX))?;
+    Ok(curve.points.into_iter().map(|point| (point.step, point.value)).collect())
 }

@@ -113,7 +113,7 @@ pub(super) fn info(run: &TrackedRun) -> RunInfo {
     }
 }
 
-pub(super) fn own_metric(key: String, point: &store::SeriesPoint) -> Metric {
+pub(super) fn own_metric(key: String, point: &store::CurvePoint) -> Metric {
     Metric {
         key,
         value: point.value,
