@@ -1,6 +1,6 @@
 //! The figures that the server draws.
 
-use figures::{Axis, Figure, FigureError, Point, Series, Size};
+use figures::{Axis, Curve, Figure, FigureError, Point, Size};
 use store::CurvePoint;
 use wire::Summary;
 
@@ -19,8 +19,8 @@ pub fn loss_figure(training: &[CurvePoint], validation: &[CurvePoint]) -> Figure
         x: Axis::linear("optimizer step"),
         y: Axis::log("loss"),
         series: vec![
-            Series::line("training", points(training)),
-            Series::line("validation", points(validation)).with_markers(),
+            Curve::line("training", points(training)),
+            Curve::line("validation", points(validation)).with_markers(),
         ],
         bands: Vec::new(),
     }
@@ -78,7 +78,7 @@ impl Panel {
             }
             let points = trajectory.times().zip(channel.values);
             let points = points.map(|(time, value)| Point::new(time, f64::from(*value))).collect();
-            series.push(Series::line(format!("{}{which}", self.called), points));
+            series.push(Curve::line(format!("{}{which}", self.called), points));
         }
         let x = Axis::linear("time").in_unit("s");
         Figure { title: self.title.to_owned(), x, y, series, bands: Vec::new() }
@@ -133,7 +133,7 @@ fn spectra(summary: &Summary) -> Vec<Figure> {
             title: title.to_owned(),
             x: Axis::log("frequency").in_unit("Hz"),
             y: Axis::log("density").in_unit(unit),
-            series: vec![Series::line(mean_of, points.collect())],
+            series: vec![Curve::line(mean_of, points.collect())],
             bands: Vec::new(),
         }
     };

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::{env, fs, io};
 
-use figures::{Axis, Band, Figure, Point, Series, Size};
+use figures::{Axis, Band, Curve, Figure, Point, Size};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let folder = env::args_os().nth(1).map(PathBuf::from);
@@ -44,14 +44,14 @@ fn loss() -> Figure {
         x: Axis::linear("optimizer step"),
         y: Axis::log("mean squared error"),
         series: vec![
-            Series::line("training", train.collect()),
-            Series::line("validation", validation.collect()).with_markers(),
+            Curve::line("training", train.collect()),
+            Curve::line("validation", validation.collect()).with_markers(),
         ],
         bands: Vec::new(),
     }
 }
 
-fn ten_predictors() -> Vec<Series> {
+fn ten_predictors() -> Vec<Curve> {
     let names = [
         "diffusion transformer",
         "transformer",
@@ -73,13 +73,13 @@ fn ten_predictors() -> Vec<Series> {
                 let y = level * (1.0 + frequency * 2.0) * (1.0 + 0.2 * jitter(i * 9 + k));
                 Point::with_interval(frequency, y, y * 0.86, y * 1.17)
             });
-            let series = Series::line(name, points.collect()).with_markers();
-            if (3..6).contains(&i) { series.dashed() } else { series }
+            let curve = Curve::line(name, points.collect()).with_markers();
+            if (3..6).contains(&i) { curve.dashed() } else { curve }
         })
         .collect()
 }
 
-fn error_over_frequency(series: Vec<Series>) -> Figure {
+fn error_over_frequency(series: Vec<Curve>) -> Figure {
     Figure {
         title: "Error over excitation frequency, multisine, context 400, horizon 600".to_owned(),
         x: Axis::log("excitation frequency").in_unit("Hz"),
@@ -91,7 +91,7 @@ fn error_over_frequency(series: Vec<Series>) -> Figure {
 
 fn ribbons() -> Figure {
     let series = ten_predictors().into_iter().take(3);
-    let lines = series.map(|series| Series { mark: figures::Mark::Line, ..series });
+    let lines = series.map(|curve| Curve { mark: figures::Mark::Line, ..curve });
     Figure {
         x: Axis::linear("excitation frequency").in_unit("Hz"),
         y: Axis::linear("RMSE of joint positions").in_unit("rad"),
@@ -104,7 +104,7 @@ fn ribbons() -> Figure {
 }
 
 fn one_frequency() -> Figure {
-    let single = |series: Series| Series { points: series.points[2..3].to_vec(), ..series };
+    let single = |curve: Curve| Curve { points: curve.points[2..3].to_vec(), ..curve };
     error_over_frequency(ten_predictors().into_iter().take(4).map(single).collect())
 }
 
@@ -115,7 +115,7 @@ fn hostile() -> Figure {
         title: "<script>alert('&')</script> \u{202E}\u{0} ]]>".to_owned(),
         x: Axis::linear("x \"quoted\" & <b>"),
         y: Axis::log("y"),
-        series: vec![Series::line("=HYPERLINK(\"x\"), <i>\nline", points)],
+        series: vec![Curve::line("=HYPERLINK(\"x\"), <i>\nline", points)],
         bands: vec![Band { from: f64::NEG_INFINITY, to: 1.5, label: "<&>".to_owned() }],
     }
 }

@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use crate::trace::Trace;
-use crate::{Axis, Figure, MARKERS_DRAWN, POINTS_DRAWN, Scale, Series, text};
+use crate::{Axis, Curve, Figure, MARKERS_DRAWN, POINTS_DRAWN, Scale, text};
 
 /// One paragraph with the axes, each series and its extent, the bands, and the points that are not
 /// drawn.
@@ -35,7 +35,7 @@ fn axis(axis: &Axis) -> String {
     format!("{}{scale}", axis.heading())
 }
 
-fn extent(series: &Series, trace: &Trace) -> String {
+fn extent(series: &Curve, trace: &Trace) -> String {
     let mut text = format!("{}: {}", series.name, text::counted(trace.drawable, "point"));
     let heights = || trace.dots().map(|dot| dot.y);
     if let (Some(first), Some(last)) = (trace.dots().next(), trace.dots().last()) {

@@ -20,7 +20,7 @@ pub struct Figure {
     /// The vertical axis.
     pub y: Axis,
     /// Drawn in this order, later ones on top. Colours and marker shapes follow the order.
-    pub series: Vec<Series>,
+    pub series: Vec<Curve>,
     /// Shaded ranges of x, behind everything else.
     pub bands: Vec<Band>,
 }
@@ -47,9 +47,9 @@ pub enum Scale {
     Log,
 }
 
-/// A named line through points.
+/// A series of a figure: a named line through points.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Series {
+pub struct Curve {
     /// Shown in the legend.
     pub name: String,
     /// Connected in this order; they are not sorted.
@@ -192,7 +192,7 @@ impl Axis {
     }
 }
 
-impl Series {
+impl Curve {
     /// An unbroken line without markers.
     #[must_use]
     pub fn line(name: impl Into<String>, points: Vec<Point>) -> Self {

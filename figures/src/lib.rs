@@ -32,8 +32,8 @@ mod ticks;
 mod trace;
 
 pub use figure::{
-    Axis, Band, Figure, FigureError, MARKERS_DRAWN, Mark, POINTS_DRAWN, Point, SERIES_ALLOWED,
-    Scale, Series, Size, Stroke,
+    Axis, Band, Curve, Figure, FigureError, MARKERS_DRAWN, Mark, POINTS_DRAWN, Point,
+    SERIES_ALLOWED, Scale, Size, Stroke,
 };
 pub use stack::stacked;
 pub use theme::style;

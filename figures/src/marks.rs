@@ -9,7 +9,7 @@ use crate::coordinate::subpixels;
 use crate::layout::{LEGEND_LINE, Layout, LegendEntry};
 use crate::theme::PALETTE;
 use crate::trace::Trace;
-use crate::{MARKERS_DRAWN, Mark, Series, Stroke};
+use crate::{Curve, MARKERS_DRAWN, Mark, Stroke};
 
 const LINE_WIDTH: f64 = 2.0;
 /// A line through more points than this is dense.
@@ -56,7 +56,7 @@ enum Shape {
 }
 
 impl Look {
-    pub(crate) fn new(index: usize, series: &Series, trace: &Trace) -> Self {
+    pub(crate) fn new(index: usize, series: &Curve, trace: &Trace) -> Self {
         // The cycle of shapes is shorter than that of colours, so a repeated colour gets a new
         // shape.
         let shapes = [Shape::Circle, Shape::Square, Shape::Triangle, Shape::Diamond];

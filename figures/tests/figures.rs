@@ -5,14 +5,14 @@
 use std::collections::BTreeSet;
 
 use figures::{
-    Axis, Band, Figure, FigureError, POINTS_DRAWN, Point, SERIES_ALLOWED, Scale, Series, Size,
+    Axis, Band, Curve, Figure, FigureError, POINTS_DRAWN, Point, SERIES_ALLOWED, Scale, Size,
 };
 use roxmltree::{Document, Node};
 
 /// Units of the drawing per CSS pixel.
 const SCALE: f64 = 4.0;
 
-fn figure(series: Vec<Series>) -> Figure {
+fn figure(series: Vec<Curve>) -> Figure {
     Figure {
         title: "Loss".to_owned(),
         x: Axis::linear("step"),
@@ -57,7 +57,7 @@ fn lines<'a, 'input>(document: &'a Document<'input>) -> Vec<Node<'a, 'input>> {
 
 #[test]
 fn a_drawing_is_one_accessible_stretching_element_without_anything_foreign() {
-    let drawn = svg(&figure(vec![Series::line("training", points(&[3.0, 2.0, 1.0]))]));
+    let drawn = svg(&figure(vec![Curve::line("training", points(&[3.0, 2.0, 1.0]))]));
     let document = Document::parse(&drawn).unwrap();
     let root = document.root_element();
     assert_eq!(root.attribute("role"), Some("img"));
@@ -88,7 +88,7 @@ fn a_drawing_is_one_accessible_stretching_element_without_anything_foreign() {
 #[test]
 fn every_colour_of_a_drawing_has_another_on_a_dark_page() {
     let series = |i: usize| {
-        let marked = Series::line(format!("series {i}"), points(&[3.0, 2.0, 1.0])).with_markers();
+        let marked = Curve::line(format!("series {i}"), points(&[3.0, 2.0, 1.0])).with_markers();
         if i.is_multiple_of(2) { marked.dashed() } else { marked }
     };
     let band = Band { from: 0.5, to: 1.5, label: "training".to_owned() };
@@ -114,7 +114,7 @@ fn every_colour_of_a_drawing_has_another_on_a_dark_page() {
 #[test]
 fn the_same_figure_gives_the_same_bytes() {
     let values: Vec<f64> = (0..5000).map(|i| f64::from(i).sin() + 2.0).collect();
-    let figure = figure(vec![Series::line("training", points(&values)).dashed()]);
+    let figure = figure(vec![Curve::line("training", points(&values)).dashed()]);
     assert_eq!(svg(&figure), svg(&figure.clone()));
 }
 
@@ -127,7 +127,7 @@ fn without_style(svg: &str) -> String {
 
 #[test]
 fn a_stack_holds_its_figures_one_below_the_other_as_they_are_alone() {
-    let figures = [1.0, 2.0].map(|y| figure(vec![Series::line("training", points(&[y, 3.0]))]));
+    let figures = [1.0, 2.0].map(|y| figure(vec![Curve::line("training", points(&[y, 3.0]))]));
     let drawn = figures::stacked("Two & more", &figures, Size::PAGE).unwrap();
     let document = Document::parse(&drawn).unwrap();
     let root = document.root_element();
@@ -146,7 +146,7 @@ fn a_stack_holds_its_figures_one_below_the_other_as_they_are_alone() {
     }
     // Labels of one figure need more space than those of the other.
     let figures =
-        [1.0, 1e-7].map(|y| figure(vec![Series::line("training", points(&[y, 3.0 * y]))]));
+        [1.0, 1e-7].map(|y| figure(vec![Curve::line("training", points(&[y, 3.0 * y]))]));
     let drawn = figures::stacked("", &figures, Size::PAGE).unwrap();
     let document = Document::parse(&drawn).unwrap();
     let panels = document.root_element().children().filter(|node| node.has_tag_name("svg"));
@@ -165,8 +165,8 @@ fn a_stack_holds_its_figures_one_below_the_other_as_they_are_alone() {
 #[test]
 fn axes_legend_and_title_are_written() {
     let drawn = svg(&figure(vec![
-        Series::line("training", points(&[3.0, 2.0, 1.0])),
-        Series::line("validation", points(&[4.0, 3.0, 2.0])),
+        Curve::line("training", points(&[3.0, 2.0, 1.0])),
+        Curve::line("validation", points(&[4.0, 3.0, 2.0])),
     ]));
     let texts = texts(&Document::parse(&drawn).unwrap());
     for expected in ["Loss", "step", "mean squared error (rad²)", "training", "validation", "0"] {
@@ -178,7 +178,7 @@ fn axes_legend_and_title_are_written() {
 #[test]
 fn a_low_axis_still_has_two_labels() {
     for (low, high) in [(-47.0, 35.0), (-35.0, 25.0), (0.9, 2.1), (-1e-4, 9e-4), (-99.0, 99.0)] {
-        let figure = figure(vec![Series::line("u", points(&[low, high]))]);
+        let figure = figure(vec![Curve::line("u", points(&[low, high]))]);
         let drawn = figure.to_svg(Size { width: 760, height: 200 }).unwrap();
         let document = Document::parse(&drawn).unwrap();
         // Labels of the vertical axis end at the axis.
@@ -190,7 +190,7 @@ fn a_low_axis_still_has_two_labels() {
 
 #[test]
 fn a_heading_that_is_too_long_keeps_its_unit() {
-    let series = vec![Series::line("a", points(&[1.0, 2.0]))];
+    let series = vec![Curve::line("a", points(&[1.0, 2.0]))];
     let y = Axis::linear("root mean squared error of the joint positions").in_unit("rad");
     let drawn = Figure { y, ..figure(series) }.to_svg(Size { width: 300, height: 220 }).unwrap();
     let texts = texts(&Document::parse(&drawn).unwrap());
@@ -200,7 +200,7 @@ fn a_heading_that_is_too_long_keeps_its_unit() {
 #[test]
 fn points_that_are_not_finite_break_the_line_and_are_told() {
     let values = [1.0, 2.0, f64::NAN, 3.0, 4.0, f64::INFINITY, f64::NEG_INFINITY, 1.0, 2.0];
-    let drawn = svg(&figure(vec![Series::line("training", points(&values))]));
+    let drawn = svg(&figure(vec![Curve::line("training", points(&values))]));
     assert!(!drawn.contains("NaN") && !drawn.contains("inf"));
     let document = Document::parse(&drawn).unwrap();
     assert_eq!(lines(&document).len(), 3);
@@ -209,7 +209,7 @@ fn points_that_are_not_finite_break_the_line_and_are_told() {
 
 #[test]
 fn zero_on_a_logarithmic_axis_is_left_out_and_told() {
-    let series = vec![Series::line("training", points(&[1.0, 0.1, 0.0, 0.01, -1.0]))];
+    let series = vec![Curve::line("training", points(&[1.0, 0.1, 0.0, 0.01, -1.0]))];
     let drawn = svg(&Figure { y: Axis::log("loss"), ..figure(series) });
     let document = Document::parse(&drawn).unwrap();
     assert_eq!(lines(&document).len(), 1);
@@ -218,7 +218,7 @@ fn zero_on_a_logarithmic_axis_is_left_out_and_told() {
 
 #[test]
 fn an_interval_below_a_logarithmic_axis_is_drawn_down_to_its_end() {
-    let series = Series::line("a", vec![Point::with_interval(1.0, 1.0, -1.0, 2.0)]).with_markers();
+    let series = Curve::line("a", vec![Point::with_interval(1.0, 1.0, -1.0, 2.0)]).with_markers();
     let drawn = svg(&Figure { y: Axis::log("loss"), ..figure(vec![series]) });
     let document = Document::parse(&drawn).unwrap();
     let clip = named(&document, "svg").nth(1).unwrap();
@@ -230,8 +230,8 @@ fn an_interval_below_a_logarithmic_axis_is_drawn_down_to_its_end() {
 fn a_figure_without_points_says_so() {
     let nothing = vec![
         figure(Vec::new()),
-        figure(vec![Series::line("training", Vec::new())]),
-        figure(vec![Series::line("training", points(&[f64::NAN]))]),
+        figure(vec![Curve::line("training", Vec::new())]),
+        figure(vec![Curve::line("training", points(&[f64::NAN]))]),
     ];
     for figure in nothing {
         let drawn = svg(&figure);
@@ -245,7 +245,7 @@ fn a_figure_without_points_says_so() {
 fn a_band_without_width_is_drawn_three_pixels_wide_and_named() {
     let bands = vec![Band { from: 1.0, to: 1.0, label: "in distribution".to_owned() }];
     for x in [Axis::linear("f"), Axis::log("f")] {
-        let series = vec![Series::line("a", points(&[1.0, 2.0, 3.0]))];
+        let series = vec![Curve::line("a", points(&[1.0, 2.0, 3.0]))];
         let drawn = svg(&Figure { bands: bands.clone(), x, ..figure(series) });
         let document = Document::parse(&drawn).unwrap();
         let band = named(&document, "rect").nth(1).unwrap();
@@ -261,7 +261,7 @@ fn a_band_with_infinite_ends_covers_the_plot_and_one_without_ends_is_not_drawn()
         Band { from: f64::NEG_INFINITY, to: f64::INFINITY, label: label.clone() },
         Band { from: f64::NAN, to: 1.0, label },
     ];
-    let series = vec![Series::line("a", points(&[1.0, 2.0]))];
+    let series = vec![Curve::line("a", points(&[1.0, 2.0]))];
     let drawn = svg(&Figure { bands, ..figure(series) });
     let document = Document::parse(&drawn).unwrap();
     let rects: Vec<Node> = named(&document, "rect").skip(1).collect();
@@ -274,7 +274,7 @@ fn a_band_with_infinite_ends_covers_the_plot_and_one_without_ends_is_not_drawn()
 fn the_legend_never_lies_on_the_plot() {
     let many = |count: usize| {
         (0..count)
-            .map(|i| Series::line(format!("predictor with number {i}"), points(&[1.0, 2.0])))
+            .map(|i| Curve::line(format!("predictor with number {i}"), points(&[1.0, 2.0])))
             .collect::<Vec<_>>()
     };
     for count in [1, 2, 6, SERIES_ALLOWED] {
@@ -303,7 +303,7 @@ fn the_legend_never_lies_on_the_plot() {
 #[test]
 fn hostile_text_stays_text() {
     let hostile = "</text><script>alert(\"&'\")</script>\u{0}\u{1b}\u{202E}\u{FFFE}";
-    let mut figure = figure(vec![Series::line(hostile, points(&[1.0, 2.0]))]);
+    let mut figure = figure(vec![Curve::line(hostile, points(&[1.0, 2.0]))]);
     figure.title = hostile.to_owned();
     figure.x = Axis::linear(hostile).in_unit(hostile);
     figure.bands.push(Band { from: 0.0, to: 1.0, label: hostile.to_owned() });
@@ -332,7 +332,7 @@ fn extreme_values_are_drawn_within_the_canvas() {
             let axis = Axis { scale, ..Axis::linear("v") };
             let across = values.iter().map(|v| Point::new(*v, *v)).collect();
             let figure =
-                Figure { x: axis.clone(), y: axis, ..figure(vec![Series::line("a", across)]) };
+                Figure { x: axis.clone(), y: axis, ..figure(vec![Curve::line("a", across)]) };
             let drawn = svg(&figure);
             assert!(!drawn.contains("NaN"), "{values:?}");
             for line in lines(&Document::parse(&drawn).unwrap()) {
@@ -350,7 +350,7 @@ fn extreme_values_are_drawn_within_the_canvas() {
 #[test]
 fn a_long_series_is_decimated_in_the_drawing_but_not_in_the_table() {
     let values: Vec<f64> = (0..50_000).map(|i| f64::from(i % 100)).collect();
-    let figure = figure(vec![Series::line("training", points(&values))]);
+    let figure = figure(vec![Curve::line("training", points(&values))]);
     let drawn = svg(&figure);
     let document = Document::parse(&drawn).unwrap();
     let vertices: usize = lines(&document)
@@ -366,8 +366,8 @@ fn a_long_series_is_decimated_in_the_drawing_but_not_in_the_table() {
 fn intervals_are_ribbons_of_lines_and_bars_of_markers() {
     let with_intervals =
         vec![Point::with_interval(1.0, 2.0, 1.5, 2.5), Point::with_interval(2.0, 3.0, 2.5, 3.5)];
-    let ribbon = svg(&figure(vec![Series::line("a", with_intervals.clone())]));
-    let bars = svg(&figure(vec![Series::line("a", with_intervals).with_markers()]));
+    let ribbon = svg(&figure(vec![Curve::line("a", with_intervals.clone())]));
+    let bars = svg(&figure(vec![Curve::line("a", with_intervals).with_markers()]));
     let count = |drawn: &str, tag: &'static str| {
         let document = Document::parse(drawn).unwrap();
         let data = named(&document, "svg").nth(1).unwrap();
@@ -379,7 +379,7 @@ fn intervals_are_ribbons_of_lines_and_bars_of_markers() {
 
 #[test]
 fn baselines_are_dashed() {
-    let series = Series::line("hold last", points(&[1.0, 2.0]));
+    let series = Curve::line("hold last", points(&[1.0, 2.0]));
     let dashes = |figure: &Figure| svg(figure).matches("stroke-dasharray").count();
     // One is on the plot, and one in the legend.
     assert_eq!(dashes(&figure(vec![series.clone().dashed()])), 2);
@@ -388,7 +388,7 @@ fn baselines_are_dashed() {
 
 #[test]
 fn what_is_outside_the_axis_range_is_clipped() {
-    let mut figure = figure(vec![Series::line("a", points(&[0.0, 1e9, 0.5]))]);
+    let mut figure = figure(vec![Curve::line("a", points(&[0.0, 1e9, 0.5]))]);
     figure.y.range = Some((0.0, 1.0));
     let drawn = svg(&figure);
     let document = Document::parse(&drawn).unwrap();
@@ -412,7 +412,7 @@ fn impossible_requests_are_refused_with_what_is_allowed() {
         tiny.to_string(),
         "a figure cannot be 10 x 10 px; allowed are 240 to 4096 x 200 to 4096 px"
     );
-    let crowd = vec![Series::line("a", Vec::new()); SERIES_ALLOWED + 1];
+    let crowd = vec![Curve::line("a", Vec::new()); SERIES_ALLOWED + 1];
     let refused = figure(crowd).to_svg(Size::PAGE).unwrap_err();
     assert_eq!(refused.to_string(), "a figure cannot have 33 series; at most 32 are allowed");
 }
@@ -420,7 +420,7 @@ fn impossible_requests_are_refused_with_what_is_allowed() {
 #[test]
 fn the_table_holds_every_number_as_it_is() {
     let figure = figure(vec![
-        Series::line(
+        Curve::line(
             "plain",
             vec![
                 Point::with_interval(1000.0, 0.1, 1e-7, 0.30000000000000004),
@@ -428,8 +428,8 @@ fn the_table_holds_every_number_as_it_is() {
                 Point::new(f64::INFINITY, f64::NEG_INFINITY),
             ],
         ),
-        Series::line("with, comma and \"quote\"", vec![Point::new(0.0, 1e300)]),
-        Series::line("=1+1", vec![Point::new(0.0, 1.0)]),
+        Curve::line("with, comma and \"quote\"", vec![Point::new(0.0, 1e300)]),
+        Curve::line("=1+1", vec![Point::new(0.0, 1.0)]),
     ]);
     assert_eq!(
         figure.to_csv(),

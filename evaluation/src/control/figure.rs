@@ -1,6 +1,6 @@
 //! Figures of robots that follow reference paths.
 
-use figures::{Axis, Figure, FigureError, Mark, Point, Series, Size, Stroke, stacked};
+use figures::{Axis, Curve, Figure, FigureError, Mark, Point, Size, Stroke, stacked};
 use wire::{ControlReport, PredictorKind};
 
 use super::trial::{RobotTrials, Trace};
@@ -22,7 +22,7 @@ pub fn tracking_figure(report: &ControlReport, robots: &[RobotTrials]) -> Figure
             let mean = at.iter().sum::<f64>() / at.len() as f64;
             Some(Point::new((step + 1) as f64 / report.rate_hz, mean))
         });
-        Series {
+        Curve {
             name: name.clone(),
             points: points.collect(),
             mark: Mark::Line,
@@ -63,11 +63,11 @@ pub fn robot_figure(
         let longest = traces.iter().map(|(_, trace)| &trace.path).max_by_key(|path| path.len());
         let path = longest.map(|path| {
             let points = over_time(&mut path.iter().map(|q| q[joint].to_degrees()));
-            Series::line("path", points).dashed()
+            Curve::line("path", points).dashed()
         });
         let followed = traces.iter().map(|(name, trace)| {
             let degrees = trace.positions.iter().map(|q| f64::from(q[joint]).to_degrees());
-            Series::line(name, over_time(&mut { degrees }))
+            Curve::line(name, over_time(&mut { degrees }))
         });
         Figure {
             title: format!("Joint {}", joint + 1),

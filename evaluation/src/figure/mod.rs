@@ -4,7 +4,7 @@ mod over_frequency;
 mod over_steps;
 mod prediction;
 
-use figures::{Axis, Figure, Mark, Point, SERIES_ALLOWED, Series, Stroke};
+use figures::{Axis, Curve, Figure, Mark, Point, SERIES_ALLOWED, Stroke};
 
 pub use over_frequency::{crps_figure, rmse_figure};
 pub use over_steps::{latency_figure, sampler_steps_figure};
@@ -33,7 +33,7 @@ pub fn calibration_figure(report: &Report, group: &GroupSummary) -> Figure {
         scores.calibration.iter().map(|at| Point::new(at.nominal, at.coverage)).collect()
     });
     let ideal = vec![Point::new(0.0, 0.0), Point::new(1.0, 1.0)];
-    series.push(Series::line("calibrated", ideal).dashed());
+    series.push(Curve::line("calibrated", ideal).dashed());
     let share = |label: &str| Axis { range: Some((0.0, 1.0)), ..Axis::linear(label) };
     Figure {
         title: format!("Calibration, {}", group.name),
@@ -51,13 +51,13 @@ fn of_predictors(
     report: &Report,
     scores: &[PredictorScores],
     points: impl Fn(&PredictorScores) -> Vec<Point>,
-) -> Vec<Series> {
+) -> Vec<Curve> {
     let found = drawn(report).filter_map(|info| {
         let scores = scores.iter().find(|scores| scores.predictor == info.name)?;
         Some(line(info, points(scores)))
     });
     // One place is kept for a diagonal.
-    found.filter(|series| !series.points.is_empty()).take(SERIES_ALLOWED - 1).collect()
+    found.filter(|curve| !curve.points.is_empty()).take(SERIES_ALLOWED - 1).collect()
 }
 
 fn drawn(report: &Report) -> impl Iterator<Item = &PredictorInfo> {
@@ -70,8 +70,8 @@ fn drawn(report: &Report) -> impl Iterator<Item = &PredictorInfo> {
 }
 
 /// Checkpoints and files of predictions are solid, baselines dashed.
-fn line(info: &PredictorInfo, points: Vec<Point>) -> Series {
-    Series {
+fn line(info: &PredictorInfo, points: Vec<Point>) -> Curve {
+    Curve {
         name: info.name.clone(),
         points,
         mark: Mark::LineAndMarkers,

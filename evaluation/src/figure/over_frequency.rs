@@ -1,4 +1,4 @@
-use figures::{Axis, Band, Figure, Point, SERIES_ALLOWED, Series};
+use figures::{Axis, Band, Curve, Figure, Point, SERIES_ALLOWED};
 use spec::Family;
 use wire::{CellSummary, Interval, PredictorInfo, Report, at_noise};
 
@@ -57,7 +57,7 @@ fn over_frequency(
         x: Axis::linear("Master frequency").in_unit("Hz"),
         y: Axis::log(label).in_unit("deg"),
         series: series
-            .filter(|series: &Series| !series.points.is_empty())
+            .filter(|curve: &Curve| !curve.points.is_empty())
             .take(SERIES_ALLOWED)
             .collect(),
         bands: bands.collect(),

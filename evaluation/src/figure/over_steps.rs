@@ -1,4 +1,4 @@
-use figures::{Axis, Figure, Point, SERIES_ALLOWED, Series};
+use figures::{Axis, Curve, Figure, Point, SERIES_ALLOWED};
 use wire::{GroupSummary, PredictorInfo, Report, SamplingInfo};
 
 use super::point;
@@ -40,14 +40,14 @@ const STEPS: &str = "Steps of the sampler";
 fn curves(
     report: &Report,
     at: impl Fn(&PredictorInfo, &SamplingInfo) -> Option<Point>,
-) -> Vec<Series> {
-    let mut curves: Vec<Series> = Vec::new();
+) -> Vec<Curve> {
+    let mut curves: Vec<Curve> = Vec::new();
     for info in &report.predictors {
         let Some(sampling) = &info.sampling else { continue };
         let Some(point) = at(info, sampling) else { continue };
         match curves.iter_mut().find(|curve| curve.name == sampling.curve) {
             Some(curve) => curve.points.push(point),
-            None => curves.push(Series::line(&sampling.curve, vec![point]).with_markers()),
+            None => curves.push(Curve::line(&sampling.curve, vec![point]).with_markers()),
         }
     }
     curves.truncate(SERIES_ALLOWED);

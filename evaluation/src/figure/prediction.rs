@@ -1,4 +1,4 @@
-use figures::{Axis, Band, Figure, Point, SERIES_ALLOWED, Series};
+use figures::{Axis, Band, Curve, Figure, Point, SERIES_ALLOWED};
 use series::SeriesView;
 use wire::{DrawnScenario, PredictorKind, ScenarioRank, at_noise};
 
@@ -42,14 +42,14 @@ pub fn prediction_figure(
     let time = |sample: usize| (sample as f64 - (context as f64 - 1.0)) / scenario.rate_hz();
     let truth = scenario.true_y(0).joint(joint).enumerate().skip(first);
     let truth = truth.map(|(sample, q)| Point::new(time(sample), f64::from(q).to_degrees()));
-    let mut series = vec![Series::line("truth", truth.collect())];
+    let mut series = vec![Curve::line("truth", truth.collect())];
     for answer in answers {
         let rmse_deg = answer.joint_rmse_deg(scenario, context)[joint];
         let positions = answer.positions.iter().skip(joint).step_by(joints).enumerate();
         let points = positions
             .map(|(step, q)| Point::new(time(context + step), f64::from(*q).to_degrees()))
             .collect();
-        let line = Series::line(format!("{}° {}", short(rmse_deg), answer.name), points);
+        let line = Curve::line(format!("{}° {}", short(rmse_deg), answer.name), points);
         let is_baseline = answer.kind == PredictorKind::Baseline;
         series.push(if is_baseline { line.dashed() } else { line });
     }
@@ -90,8 +90,8 @@ fn title(drawn: &DrawnScenario, model: &str) -> String {
 }
 
 /// The range of the truth and of the model with some room, where a baseline leaves it; otherwise the data decide.
-fn range(series: &[Series]) -> Option<(f64, f64)> {
-    let extent = |series: &[Series]| {
+fn range(series: &[Curve]) -> Option<(f64, f64)> {
+    let extent = |series: &[Curve]| {
         let values = series.iter().flat_map(|it| &it.points).map(|point| point.y);
         values.filter(|y| y.is_finite()).fold(None, |extent: Option<(f64, f64)>, y| {
             let (low, high) = extent.unwrap_or((y, y));
@@ -112,15 +112,15 @@ fn short(degrees: f64) -> String {
 
 #[cfg(test)]
 mod tests {
-    use series::{Series as Motion, Shape};
+    use series::{Series, Shape};
 
     use super::*;
 
     /// Two joints: the first stays, the second moves by 0.01 rad per sample.
-    fn motion() -> Motion {
+    fn motion() -> Series {
         let shape = Shape { robots: 1, samples: 10, joints: 2 };
         let y = (0..10_u8).flat_map(|sample| [0.0, f32::from(sample) * 0.01]).collect();
-        Motion::new(shape, 10.0, vec![0.0; 20], y).unwrap()
+        Series::new(shape, 10.0, vec![0.0; 20], y).unwrap()
     }
 
     fn drawn() -> DrawnScenario {

@@ -1,6 +1,6 @@
 //! The figures of the evaluations, and one over all training sets.
 
-use figures::{Axis, Figure, Point, Series, Size};
+use figures::{Axis, Curve, Figure, Point, Size};
 use spec::study_models;
 use wire::Interval;
 
@@ -43,14 +43,14 @@ fn over_training_sets(study: &Study, column: &Column) -> Figure {
             let low = low.max(0.1 * mean);
             Some(Point::with_interval(set as f64, mean, low, high))
         });
-        let series = Series::line(name, points.collect()).with_markers();
-        if BASELINES.contains(&name) { series.dashed() } else { series }
+        let curve = Curve::line(name, points.collect()).with_markers();
+        if BASELINES.contains(&name) { curve.dashed() } else { curve }
     });
     Figure {
         title: format!("RMSE, {}", column.title),
         x: Axis::linear("trained on D"),
         y: Axis::log("RMSE").in_unit("°"),
-        series: series.filter(|series| !series.points.is_empty()).collect(),
+        series: series.filter(|curve| !curve.points.is_empty()).collect(),
         bands: Vec::new(),
     }
 }
