@@ -6,7 +6,7 @@ use store::{Labels, Thing};
 use wire::{LabelChange, TextChange};
 
 use crate::app::App;
-use crate::app::questions::Violations;
+use crate::app::questions::RequestViolations;
 use crate::error::ApiError;
 use crate::limits::{NAME_CHARACTERS, NOTE_BYTES, TAG_CHARACTERS, TAGS};
 
@@ -65,7 +65,7 @@ pub fn submitted(
 
 fn check(change: &LabelChange) -> Result<(), ApiError> {
     let LabelChange { name, note, tags, add_tags, remove_tags } = change;
-    let mut violations = Violations::default();
+    let mut violations = RequestViolations::default();
     if let TextChange::Set(name) = name
         && !is_line(name, NAME_CHARACTERS)
     {

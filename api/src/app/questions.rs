@@ -39,9 +39,9 @@ pub fn read<T: DeserializeOwned + ToSchema>(bytes: &[u8]) -> Result<T, ApiError>
 
 /// Everything that is wrong with a request.
 #[derive(Default)]
-pub struct Violations(Vec<Violation>);
+pub struct RequestViolations(Vec<Violation>);
 
-impl Violations {
+impl RequestViolations {
     pub fn add(&mut self, field: impl Into<String>, value: impl Display, allowed: impl Display) {
         let (value, allowed) = (value.to_string(), allowed.to_string());
         self.0.push(Violation { field: field.into(), value, allowed });
@@ -134,7 +134,7 @@ pub fn answers_to(request: &PredictionRequest) -> usize {
 pub fn question(request: &PredictionRequest, about: &AboutModel) -> Result<Question, ApiError> {
     let PredictionRequest { scenarios, sampling, position_noise_rad } = request;
     let AboutModel { context, horizon, joints, rate_hz, .. } = *about;
-    let mut violations = Violations::default();
+    let mut violations = RequestViolations::default();
     let size = answers_to(request);
     let most = PREDICTED_POSITIONS / (horizon * joints);
     if !(1..=most).contains(&size) {

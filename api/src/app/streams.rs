@@ -13,7 +13,7 @@ use wire::{
 };
 
 use crate::app::predictions::{HeldModel, milliseconds};
-use crate::app::questions::{Violations, asked, noise_of_positions, read, series_of};
+use crate::app::questions::{RequestViolations, asked, noise_of_positions, read, series_of};
 use crate::error::ApiError;
 use crate::limits::REQUEST_TIMEOUT;
 use crate::live::{AboutModel, Answer, Lane, Previous, Question};
@@ -91,7 +91,7 @@ impl PredictionStream {
     async fn open(&mut self, settings: StreamSettings) -> Result<StreamReply, ApiError> {
         let about = self.held.model.about();
         let AboutModel { context, horizon, joints, .. } = *about;
-        let mut violations = Violations::default();
+        let mut violations = RequestViolations::default();
         violations.sampling(&settings.sampling, 1, about);
         violations.position_noise(settings.position_noise_rad);
         violations.finish()?;
@@ -113,7 +113,7 @@ impl PredictionStream {
     async fn step(&mut self, step: StreamStep, arrived: Instant) -> Result<StreamReply, ApiError> {
         let AboutModel { context, horizon, .. } = *self.held.model.about();
         let Some(settings) = self.settings.clone() else {
-            let mut violations = Violations::default();
+            let mut violations = RequestViolations::default();
             violations.add("step", "the first message", "after open");
             return Err(violations.finish().err().unwrap_or(ApiError::Internal));
         };
@@ -160,7 +160,7 @@ impl PredictionStream {
     }
 
     fn check(&self, step: &StreamStep, context: usize, horizon: usize) -> Result<(), ApiError> {
-        let mut violations = Violations::default();
+        let mut violations = RequestViolations::default();
         let joints = self.held.model.about().joints;
         let seen = step.u.len();
         if seen == 0 {

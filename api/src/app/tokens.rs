@@ -9,7 +9,7 @@ use crate::access::{
     ANYONE, Caller, Credentials, OWN_PROCESS, SERVERS_TOKEN, TokenLookup, credentials, secret,
 };
 use crate::app::App;
-use crate::app::questions::Violations;
+use crate::app::questions::RequestViolations;
 use crate::error::ApiError;
 use crate::limits::{TOKEN_LIFETIME_S, TOKEN_NAME_BYTES};
 
@@ -93,7 +93,7 @@ pub fn is_token_name(name: &str) -> bool {
 
 fn check(asked: &NewToken) -> Result<(), ApiError> {
     let NewToken { name, scope: _, expires_in_s } = asked;
-    let mut violations = Violations::default();
+    let mut violations = RequestViolations::default();
     if !is_token_name(name) {
         violations.add("name", name, TOKEN_NAMES);
     }
