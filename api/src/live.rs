@@ -31,7 +31,7 @@ pub trait LiveModel: Send + Sync {
     fn predict(
         &self,
         question: Question,
-        lane: Lane,
+        queue: LiveQueue,
     ) -> BoxFuture<'static, Result<Answer, LiveError>>;
 }
 
@@ -52,10 +52,10 @@ pub struct AboutModel {
     pub threads: usize,
 }
 
-/// A lane of predictions. Predictions of one lane are computed one after the other, and never wait
-/// for those of another lane.
+/// A queue of predictions. Those of one queue are computed one after the other, and never wait for
+/// those of the other queue.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Lane {
+pub enum LiveQueue {
     Requests,
     Streams,
 }

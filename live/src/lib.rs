@@ -1,8 +1,8 @@
 //! Predictions for waiting clients: models that stay loaded, and the threads that compute.
 
 mod cache;
-mod lane;
 mod loaded;
+mod queues;
 
 use std::num::NonZero;
 use std::sync::Arc;
@@ -15,8 +15,8 @@ use store::{Checkpoint, Store, StoredObject};
 use tokio::sync::{OnceCell, Semaphore};
 
 use cache::{Cache, Capacity};
-use lane::Lanes;
 use loaded::Loaded;
+use queues::LiveQueues;
 
 /// Number of models that are kept loaded.
 pub const LOADED_MODELS: usize = 8;
@@ -39,7 +39,7 @@ pub struct Live {
     options: Options,
     /// Opened when it is first needed.
     device: OnceCell<Device>,
-    lanes: Arc<Lanes>,
+    queues: Arc<LiveQueues>,
     models: Cache<[spec::Digest; 2], Loaded>,
     /// Only one model is loaded at a time, because loading takes several times its size in memory.
     loading: Semaphore,
@@ -49,13 +49,13 @@ impl Live {
     /// # Errors
     /// When the system cannot start the threads.
     pub fn new(store: Store, options: Options) -> Result<Self, rayon::ThreadPoolBuildError> {
-        let lanes = Arc::new(Lanes::new(options.threads)?);
+        let queues = Arc::new(LiveQueues::new(options.threads)?);
         let capacity = Capacity { count: LOADED_MODELS, bytes: options.loaded_bytes };
         Ok(Self {
             store,
             options,
             device: OnceCell::new(),
-            lanes,
+            queues,
             models: Cache::new(capacity),
             loading: Semaphore::new(1),
         })
@@ -87,7 +87,7 @@ impl Live {
             .await
             .map_err(|panic| unusable(panic.to_string()))?
             .map_err(|error| unusable(error.to_string()))?;
-        Ok(Loaded::new(model, self.options.device, Arc::clone(&self.lanes)))
+        Ok(Loaded::new(model, self.options.device, Arc::clone(&self.queues)))
     }
 }
 

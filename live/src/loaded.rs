@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use api::live::{AboutModel, Answer, Lane, LiveError, LiveModel, Question};
+use api::live::{AboutModel, Answer, LiveError, LiveModel, LiveQueue, Question};
 use futures::FutureExt;
 use futures::future::BoxFuture;
 use models::{
@@ -12,16 +12,16 @@ use models::{
 use spec::SpecError;
 use wire::Warning;
 
-use crate::lane::{Done, Lanes, Panic};
+use crate::queues::{Done, LiveQueues, Panic};
 
 pub struct Loaded {
     model: Arc<TrainedModel>,
     about: AboutModel,
-    lanes: Arc<Lanes>,
+    queues: Arc<LiveQueues>,
 }
 
 impl Loaded {
-    pub fn new(model: TrainedModel, device: DeviceKind, lanes: Arc<Lanes>) -> Self {
+    pub fn new(model: TrainedModel, device: DeviceKind, queues: Arc<LiveQueues>) -> Self {
         let about = AboutModel {
             context: model.context(),
             horizon: model.horizon(),
@@ -29,9 +29,9 @@ impl Loaded {
             rate_hz: model.rate_hz(),
             needs_future: model.needs_leak(),
             device: device.name().to_owned(),
-            threads: lanes.threads,
+            threads: queues.threads,
         };
-        Self { model: Arc::new(model), about, lanes }
+        Self { model: Arc::new(model), about, queues }
     }
 }
 
@@ -43,13 +43,13 @@ impl LiveModel for Loaded {
     fn predict(
         &self,
         question: Question,
-        lane: Lane,
+        queue: LiveQueue,
     ) -> BoxFuture<'static, Result<Answer, LiveError>> {
-        let (model, lanes) = (Arc::clone(&self.model), Arc::clone(&self.lanes));
+        let (model, queues) = (Arc::clone(&self.model), Arc::clone(&self.queues));
         async move {
             let samples = question.samples.unwrap_or(1);
             let work = move |interrupt: &Interrupt| ask(&model, question, interrupt);
-            let Done { result, queued, computed } = lanes.of(lane).run(work).await?;
+            let Done { result, queued, computed } = queues.of(queue).run(work).await?;
             let Predicted { positions, warnings } = result
                 .map_err(|Panic(reason)| LiveError::Failed { reason })?
                 .map_err(live_error)?;

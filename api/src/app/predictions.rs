@@ -14,7 +14,7 @@ use wire::{
 use crate::app::App;
 use crate::app::questions::{answers_to, question};
 use crate::error::ApiError;
-use crate::live::{Answer, Lane, LiveError, LiveModel};
+use crate::live::{Answer, LiveError, LiveModel, LiveQueue};
 
 /// A checkpoint's model, kept loaded for a request or a stream.
 #[derive(Clone)]
@@ -60,7 +60,7 @@ impl App {
         let HeldModel { resource, model } = self.held_model(checkpoint).await?;
         let load = milliseconds(asked.elapsed());
         let question = question(request, model.about())?;
-        let answer = model.predict(question, Lane::Requests).await?;
+        let answer = model.predict(question, LiveQueue::Requests).await?;
         let horizon = model.about().horizon;
         let size = answers_to(request);
         let scenarios =

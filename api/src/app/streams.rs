@@ -16,7 +16,7 @@ use crate::app::predictions::{HeldModel, milliseconds};
 use crate::app::questions::{RequestViolations, asked, noise_of_positions, read, series_of};
 use crate::error::ApiError;
 use crate::limits::REQUEST_TIMEOUT;
-use crate::live::{AboutModel, Answer, Lane, Previous, Question};
+use crate::live::{AboutModel, Answer, LiveQueue, Previous, Question};
 
 /// The last samples, at most as many as the context has.
 #[derive(Default)]
@@ -190,7 +190,7 @@ impl PredictionStream {
     }
 
     async fn ask(&self, question: Question) -> Result<Answer, ApiError> {
-        let answer = self.held.model.predict(question, Lane::Streams);
+        let answer = self.held.model.predict(question, LiveQueue::Streams);
         Ok(timeout(REQUEST_TIMEOUT, answer).await.map_err(|_| ApiError::Timeout)??)
     }
 

@@ -4,7 +4,7 @@ use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
-use api::live::{AboutModel, Answer, Lane, LiveError, LiveModel, LiveModels, Question};
+use api::live::{AboutModel, Answer, LiveError, LiveModel, LiveModels, LiveQueue, Question};
 use api::{App, Options};
 use futures::FutureExt;
 use futures::future::BoxFuture;
@@ -67,7 +67,7 @@ impl LiveModel for Slow {
     fn predict(
         &self,
         question: Question,
-        _: Lane,
+        _: LiveQueue,
     ) -> BoxFuture<'static, Result<Answer, LiveError>> {
         let (permits, events) = (Arc::clone(&self.permits), self.events.clone());
         let running = Running { events: self.events.clone(), has_ended: false };

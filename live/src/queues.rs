@@ -1,20 +1,20 @@
-//! Lanes: each computes one prediction at a time, with all its threads.
+//! The queues of live predictions. Each computes one prediction at a time, with all its threads.
 
 use std::num::NonZero;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use api::live::{Lane, LiveError};
+use api::live::{LiveError, LiveQueue};
 use models::Interrupt;
 use rayon::{ThreadPool, ThreadPoolBuildError, ThreadPoolBuilder};
 use tokio::sync::{Semaphore, oneshot};
 
-/// Number of predictions of a lane that may wait. Further ones are refused.
+/// Number of predictions of a queue that may wait. Further ones are refused.
 const WAITING: usize = 64;
 
-/// A queue and a pool of threads for each [`Lane`].
-pub struct Lanes {
+/// A queue and a pool of threads for each [`LiveQueue`].
+pub struct LiveQueues {
     requests: Turns,
     streams: Turns,
     pub threads: usize,
@@ -41,17 +41,17 @@ pub struct Done<T> {
 #[derive(Debug)]
 pub struct Panic(pub String);
 
-impl Lanes {
+impl LiveQueues {
     pub fn new(threads: NonZero<usize>) -> Result<Self, ThreadPoolBuildError> {
         let threads = threads.get();
         let turns = |name: &'static str| Turns::new(name, threads);
         Ok(Self { requests: turns("requests")?, streams: turns("streams")?, threads })
     }
 
-    pub fn of(&self, lane: Lane) -> &Turns {
-        match lane {
-            Lane::Requests => &self.requests,
-            Lane::Streams => &self.streams,
+    pub fn of(&self, queue: LiveQueue) -> &Turns {
+        match queue {
+            LiveQueue::Requests => &self.requests,
+            LiveQueue::Streams => &self.streams,
         }
     }
 }
@@ -66,7 +66,7 @@ impl Turns {
         Ok(Self { threads, turn, places: Semaphore::new(WAITING + 1) })
     }
 
-    /// Runs `work` on the lane's threads when its turn comes. `work` gets an interrupt that is
+    /// Runs `work` on the queue's threads when its turn comes. `work` gets an interrupt that is
     /// raised when nobody waits for it any more.
     pub async fn run<T: Send + 'static>(
         &self,
@@ -85,8 +85,8 @@ impl Turns {
             let result = catch_unwind(AssertUnwindSafe(|| work(&interrupt)));
             let result =
                 result.map_err(|panic| Panic(faults::panic_message(panic.as_ref()).to_owned()));
-            // The turn ends before the answer is sent, so the lane is free for the receiver of the
-            // answer.
+            // The turn ends before the answer is sent, so the queue is free for the receiver of
+            // the answer.
             drop(turn);
             // Sending fails if nobody waits any more.
             let _ = sender.send((result, started.elapsed()));
@@ -115,17 +115,17 @@ mod tests {
 
     use super::*;
 
-    fn lanes() -> Lanes {
-        Lanes::new(NonZero::<usize>::MIN).unwrap()
+    fn queues() -> LiveQueues {
+        LiveQueues::new(NonZero::<usize>::MIN).unwrap()
     }
 
     #[tokio::test]
     async fn turns_are_taken_in_the_order_of_asking_and_one_at_a_time() {
-        let lanes = lanes();
+        let queues = queues();
         let (sender, receiver) = mpsc::channel();
         let all = join_all((0..20).map(|index| {
             let sender = sender.clone();
-            lanes.streams.run(move |_| {
+            queues.streams.run(move |_| {
                 sender.send((index, "begins")).unwrap();
                 std::thread::sleep(Duration::from_millis(1));
                 sender.send((index, "ends")).unwrap();
@@ -143,15 +143,15 @@ mod tests {
 
     #[tokio::test]
     async fn those_beyond_the_queue_are_refused_and_another_lane_is_not_hindered() {
-        let lanes = lanes();
+        let queues = queues();
         let (go, gate) = mpsc::channel::<()>();
-        let first = lanes.requests.run(move |_| gate.recv().is_ok());
-        let waiting = join_all((0..WAITING).map(|_| lanes.requests.run(|_| ())));
+        let first = queues.requests.run(move |_| gate.recv().is_ok());
+        let waiting = join_all((0..WAITING).map(|_| queues.requests.run(|_| ())));
         let rest = async {
             tokio::task::yield_now().await;
-            let refused = lanes.requests.run(|_| ()).await;
+            let refused = queues.requests.run(|_| ()).await;
             assert!(matches!(refused, Err(LiveError::Queue { waiting: WAITING })), "{refused:?}");
-            assert_eq!(lanes.streams.run(|_| 7).await.unwrap().result.unwrap(), 7);
+            assert_eq!(queues.streams.run(|_| 7).await.unwrap().result.unwrap(), 7);
             go.send(()).unwrap();
         };
         let (first, waiting, ()) = tokio::join!(first, waiting, rest);
@@ -161,17 +161,17 @@ mod tests {
 
     #[tokio::test]
     async fn a_panic_is_an_answer_and_the_lane_goes_on() {
-        let lanes = lanes();
-        let done = lanes.requests.run(|_| -> u32 { panic!("a shape of {}", 7) }).await.unwrap();
+        let queues = queues();
+        let done = queues.requests.run(|_| -> u32 { panic!("a shape of {}", 7) }).await.unwrap();
         assert_eq!(done.result.unwrap_err().0, "a shape of 7");
-        assert_eq!(lanes.requests.run(|_| 1).await.unwrap().result.unwrap(), 1);
+        assert_eq!(queues.requests.run(|_| 1).await.unwrap().result.unwrap(), 1);
     }
 
     #[tokio::test]
     async fn work_that_nobody_waits_for_is_interrupted() {
-        let lanes = lanes();
+        let queues = queues();
         let (ended, end) = oneshot::channel();
-        let work = lanes.requests.run(move |interrupt| {
+        let work = queues.requests.run(move |interrupt| {
             while !interrupt.is_raised() {
                 std::thread::sleep(Duration::from_millis(1));
             }
@@ -179,6 +179,6 @@ mod tests {
         });
         assert!(tokio::time::timeout(Duration::from_millis(20), work).await.is_err());
         end.await.unwrap();
-        assert_eq!(lanes.requests.run(|_| 2).await.unwrap().result.unwrap(), 2);
+        assert_eq!(queues.requests.run(|_| 2).await.unwrap().result.unwrap(), 2);
     }
 }
