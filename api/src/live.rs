@@ -32,7 +32,7 @@ pub trait LiveModel: Send + Sync {
         &self,
         question: Question,
         queue: LiveQueue,
-    ) -> BoxFuture<'static, Result<Answer, LiveError>>;
+    ) -> BoxFuture<'static, Result<LivePrediction, LiveError>>;
 }
 
 #[derive(Clone, Debug)]
@@ -85,7 +85,7 @@ pub struct Previous {
 }
 
 #[derive(Clone, Debug)]
-pub struct Answer {
+pub struct LivePrediction {
     /// Joint positions `[samples, size, horizon, 7]`, rad; all finite.
     pub positions: Vec<f32>,
     pub samples: usize,

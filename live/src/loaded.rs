@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use api::live::{AboutModel, Answer, LiveError, LiveModel, LiveQueue, Question};
+use api::live::{AboutModel, LiveError, LiveModel, LivePrediction, LiveQueue, Question};
 use futures::FutureExt;
 use futures::future::BoxFuture;
 use models::{
@@ -44,7 +44,7 @@ impl LiveModel for Loaded {
         &self,
         question: Question,
         queue: LiveQueue,
-    ) -> BoxFuture<'static, Result<Answer, LiveError>> {
+    ) -> BoxFuture<'static, Result<LivePrediction, LiveError>> {
         let (model, queues) = (Arc::clone(&self.model), Arc::clone(&self.queues));
         async move {
             let samples = question.samples.unwrap_or(1);
@@ -57,7 +57,7 @@ impl LiveModel for Loaded {
                 let reason = "it predicts positions that are not finite".to_owned();
                 return Err(LiveError::Failed { reason });
             }
-            Ok(Answer { positions, samples, warnings, queued, computed })
+            Ok(LivePrediction { positions, samples, warnings, queued, computed })
         }
         .boxed()
     }

@@ -14,7 +14,7 @@ use wire::{
 use crate::app::App;
 use crate::app::questions::{answers_to, question};
 use crate::error::ApiError;
-use crate::live::{Answer, LiveError, LiveModel, LiveQueue};
+use crate::live::{LiveError, LiveModel, LivePrediction, LiveQueue};
 
 /// A checkpoint's model, kept loaded for a request or a stream.
 #[derive(Clone)]
@@ -60,15 +60,15 @@ impl App {
         let HeldModel { resource, model } = self.held_model(checkpoint).await?;
         let load = milliseconds(asked.elapsed());
         let question = question(request, model.about())?;
-        let answer = model.predict(question, LiveQueue::Requests).await?;
+        let prediction = model.predict(question, LiveQueue::Requests).await?;
         let horizon = model.about().horizon;
         let size = answers_to(request);
         let scenarios =
-            (0..size).map(|index| answer.of(index, size, horizon, &request.sampling)).collect();
-        let queue = milliseconds(answer.queued);
-        let compute = milliseconds(answer.computed);
+            (0..size).map(|index| prediction.of(index, size, horizon, &request.sampling)).collect();
+        let queue = milliseconds(prediction.queued);
+        let compute = milliseconds(prediction.computed);
         let latency_ms = PredictionLatency { load, queue, compute };
-        let warnings = answer.warnings;
+        let warnings = prediction.warnings;
         Ok(Prediction { model: resource, scenarios, latency_ms, warnings })
     }
 }
@@ -89,7 +89,7 @@ pub fn milliseconds(duration: Duration) -> f64 {
     duration.as_secs_f64() * 1e3
 }
 
-impl Answer {
+impl LivePrediction {
     /// The prediction for scenario `index` of `size`.
     pub fn of(
         &self,
@@ -164,13 +164,13 @@ mod tests {
     }
 
     /// Sample k of scenario s predicts 10 s + k² everywhere, over a horizon of 2.
-    fn answer(samples: u8, size: u8) -> Answer {
+    fn prediction(samples: u8, size: u8) -> LivePrediction {
         let positions = (0..samples)
             .flat_map(|k| (0..size).map(move |s| f32::from(10 * s) + f32::from(k * k)))
             .flat_map(|value| [value; 2 * JOINTS])
             .collect();
         let none = Duration::ZERO;
-        Answer {
+        LivePrediction {
             positions,
             samples: samples.into(),
             warnings: Vec::new(),
@@ -182,7 +182,7 @@ mod tests {
     #[test]
     fn of_several_samples_the_mean_is_told_and_quantiles_are_interpolated() {
         // The samples of the second scenario are 0, 1, 4, 9, 16, each plus 10.
-        let told = answer(5, 2).of(1, 2, 2, &sampling(&[0.0, 0.5, 0.875, 1.0], true));
+        let told = prediction(5, 2).of(1, 2, 2, &sampling(&[0.0, 0.5, 0.875, 1.0], true));
         assert_eq!(told.y, [[16.0; JOINTS]; 2]);
         let quantiles: Vec<(f64, f32)> =
             told.quantiles.iter().map(|quantile| (quantile.quantile, quantile.y[1][3])).collect();
@@ -193,7 +193,7 @@ mod tests {
 
     #[test]
     fn one_answer_is_told_as_it_is() {
-        let mut one = answer(1, 1);
+        let mut one = prediction(1, 1);
         one.positions[8] = 0.1;
         let told = one.of(0, 1, 2, &sampling(&[], false));
         assert_eq!((told.y[1][1], told.y[1][0]), (0.1, 0.0));

@@ -16,7 +16,7 @@ use crate::app::predictions::{HeldModel, milliseconds};
 use crate::app::questions::{RequestViolations, asked, noise_of_positions, read, series_of};
 use crate::error::ApiError;
 use crate::limits::REQUEST_TIMEOUT;
-use crate::live::{AboutModel, Answer, LiveQueue, Previous, Question};
+use crate::live::{AboutModel, LivePrediction, LiveQueue, Previous, Question};
 
 /// The last samples, at most as many as the context has.
 #[derive(Default)]
@@ -138,17 +138,17 @@ impl PredictionStream {
         let noise = noise_of_positions(settings.position_noise_rad);
         let scenario = self.scenario(u, y)?.with_noise(noise);
         let question = Question { previous, ..asked(&settings.sampling, scenario) };
-        let answer = self.ask(question).await?;
-        let predicted = answer.of(0, 1, horizon, &settings.sampling);
+        let prediction = self.ask(question).await?;
+        let predicted = prediction.of(0, 1, horizon, &settings.sampling);
         self.last = Some(Last { positions: predicted.y.concat(), age: 0 });
         let number = self.predictions;
         self.predictions += 1;
         let latency_ms = StreamLatency {
-            queue: milliseconds(answer.queued),
-            compute: milliseconds(answer.computed),
+            queue: milliseconds(prediction.queued),
+            compute: milliseconds(prediction.computed),
             total: milliseconds(arrived.elapsed()),
         };
-        let mut warnings = answer.warnings;
+        let mut warnings = prediction.warnings;
         warnings.retain(|warning| self.warned.insert((warning.kind, warning.joint)));
         Ok(StreamReply::Prediction(StreamedPrediction {
             number,
@@ -189,9 +189,9 @@ impl PredictionStream {
         series_of(shape, context, rate_hz, u, y)
     }
 
-    async fn ask(&self, question: Question) -> Result<Answer, ApiError> {
-        let answer = self.held.model.predict(question, LiveQueue::Streams);
-        Ok(timeout(REQUEST_TIMEOUT, answer).await.map_err(|_| ApiError::Timeout)??)
+    async fn ask(&self, question: Question) -> Result<LivePrediction, ApiError> {
+        let prediction = self.held.model.predict(question, LiveQueue::Streams);
+        Ok(timeout(REQUEST_TIMEOUT, prediction).await.map_err(|_| ApiError::Timeout)??)
     }
 
     fn filled(&self) -> FilledContext {

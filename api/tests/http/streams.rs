@@ -4,7 +4,7 @@ use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
-use api::live::{AboutModel, Answer, LiveError, LiveModel, LiveModels, LiveQueue, Question};
+use api::live::{AboutModel, LiveError, LiveModel, LiveModels, LivePrediction, LiveQueue, Question};
 use api::{App, Options};
 use futures::FutureExt;
 use futures::future::BoxFuture;
@@ -68,14 +68,14 @@ impl LiveModel for Slow {
         &self,
         question: Question,
         _: LiveQueue,
-    ) -> BoxFuture<'static, Result<Answer, LiveError>> {
+    ) -> BoxFuture<'static, Result<LivePrediction, LiveError>> {
         let (permits, events) = (Arc::clone(&self.permits), self.events.clone());
         let running = Running { events: self.events.clone(), has_ended: false };
         async move {
             events.send("begun").unwrap();
             permits.acquire().await.unwrap().forget();
             running.end();
-            Ok(Answer {
+            Ok(LivePrediction {
                 positions: vec![*question.scenarios.u().last().unwrap()],
                 samples: 1,
                 warnings: Vec::new(),
