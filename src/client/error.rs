@@ -49,7 +49,7 @@ pub enum ClientError {
     Stream { server: String, reason: String },
 
     #[error("{server} sent an answer that is not torqued's: {source}")]
-    Answer { server: String, source: serde_json::Error },
+    UnexpectedResponse { server: String, source: serde_json::Error },
 }
 
 /// The innermost cause. `reqwest` wraps the reason ("connection refused") in several layers of its

@@ -330,7 +330,7 @@ impl Client {
 
     fn read<T: DeserializeOwned>(&self, body: &str) -> Result<T, ClientError> {
         serde_json::from_str(body)
-            .map_err(|source| ClientError::Answer { server: self.server(), source })
+            .map_err(|source| ClientError::UnexpectedResponse { server: self.server(), source })
     }
 }
 

@@ -8,7 +8,7 @@ use axum::http::{HeaderMap, Method};
 use jsonschema::Validator;
 use serde_json::{Value, json};
 
-use crate::fixture::Answer;
+use crate::fixture::TestResponse;
 
 static DOCUMENT: LazyLock<Value> = LazyLock::new(|| {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/openapi.json");
@@ -39,7 +39,7 @@ impl Asked {
 
     /// Fails if the answer differs from the document, or the request does although it was accepted.
     #[track_caller]
-    pub fn check(&self, answer: &Answer) {
+    pub fn check(&self, answer: &TestResponse) {
         let Some((place, operation)) = self.operation() else { return };
         let name = format!("{} {}", self.method, self.path);
         let status = answer.status.as_u16().to_string();

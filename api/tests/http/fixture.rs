@@ -32,15 +32,15 @@ pub struct Server {
     dir: TempDir,
 }
 
-/// An answer that was read to its end.
+/// A response that was read to its end.
 #[derive(Debug)]
-pub struct Answer {
+pub struct TestResponse {
     pub status: StatusCode,
     pub headers: HeaderMap,
     pub body: Bytes,
 }
 
-impl Answer {
+impl TestResponse {
     pub fn json(&self) -> Value {
         serde_json::from_slice(&self.body).unwrap_or_else(|error| panic!("{error}: {self:?}"))
     }
@@ -110,7 +110,7 @@ impl Server {
 
     /// An answer that matches the OpenAPI document. The request must match it too, if it was
     /// accepted.
-    pub async fn send(&self, request: Request<Body>) -> Answer {
+    pub async fn send(&self, request: Request<Body>) -> TestResponse {
         let (parts, mut body) = request.into_parts();
         // Only a complete body is checked, because those of uploads may come slowly.
         let json = if body.size_hint().exact().is_some() {
@@ -127,7 +127,7 @@ impl Server {
             Some(media_type) if media_type == "text/event-stream" => begun(body).await,
             _ => body.collect().await.unwrap().to_bytes(),
         };
-        let answer = Answer { status: parts.status, headers: parts.headers, body };
+        let answer = TestResponse { status: parts.status, headers: parts.headers, body };
         asked.check(&answer);
         answer
     }
@@ -141,7 +141,12 @@ impl Server {
         (parts.status, body.collect().await.map(|body| body.to_bytes()))
     }
 
-    pub async fn request(&self, method: Method, path: &str, headers: &[(&str, &str)]) -> Answer {
+    pub async fn request(
+        &self,
+        method: Method,
+        path: &str,
+        headers: &[(&str, &str)],
+    ) -> TestResponse {
         let mut request = Request::builder().method(method).uri(path);
         for (name, value) in headers {
             request = request.header(*name, *value);
@@ -152,7 +157,7 @@ impl Server {
         self.send(request.body(Body::empty()).unwrap()).await
     }
 
-    pub async fn get(&self, path: &str) -> Answer {
+    pub async fn get(&self, path: &str) -> TestResponse {
         self.request(Method::GET, path, &[]).await
     }
 
@@ -163,15 +168,20 @@ impl Server {
         answer.json()
     }
 
-    pub async fn post(&self, path: &str) -> Answer {
+    pub async fn post(&self, path: &str) -> TestResponse {
         self.request(Method::POST, path, &[]).await
     }
 
-    pub async fn submit(&self, spec: &Value) -> Answer {
+    pub async fn submit(&self, spec: &Value) -> TestResponse {
         self.submit_to("/v1/jobs", spec, &[]).await
     }
 
-    pub async fn submit_to(&self, path: &str, spec: &Value, headers: &[(&str, &str)]) -> Answer {
+    pub async fn submit_to(
+        &self,
+        path: &str,
+        spec: &Value,
+        headers: &[(&str, &str)],
+    ) -> TestResponse {
         let mut request = Request::post(path)
             .header(HOST, "127.0.0.1:7070")
             .header(CONTENT_TYPE, "application/json");

@@ -5,18 +5,24 @@ use axum::http::header::{CONTENT_TYPE, HOST};
 use axum::http::{Method, Request};
 use serde_json::{Value, json};
 
-use crate::fixture::{Answer, Server, small_simulation};
+use crate::fixture::{Server, TestResponse, small_simulation};
 
 const MERGE_PATCH: &str = "application/merge-patch+json";
 
 const FORM: &str = "application/x-www-form-urlencoded";
 
-async fn send(server: &Server, method: Method, path: &str, kind: &str, body: String) -> Answer {
+async fn send(
+    server: &Server,
+    method: Method,
+    path: &str,
+    kind: &str,
+    body: String,
+) -> TestResponse {
     let request = Request::builder().method(method).uri(path).header(HOST, "127.0.0.1:7070");
     server.send(request.header(CONTENT_TYPE, kind).body(Body::from(body)).unwrap()).await
 }
 
-pub async fn patch(server: &Server, path: &str, change: &Value) -> Answer {
+pub async fn patch(server: &Server, path: &str, change: &Value) -> TestResponse {
     send(server, Method::PATCH, path, MERGE_PATCH, change.to_string()).await
 }
 

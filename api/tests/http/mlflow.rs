@@ -6,12 +6,12 @@ use axum::http::header::HOST;
 use axum::http::{Method, Request};
 use serde_json::{Value, json};
 
-use crate::fixture::{Answer, Server, small_training};
+use crate::fixture::{Server, TestResponse, small_training};
 
 const TRACKING: &str = "/api/2.0/mlflow";
 const ARTIFACTS: &str = "/api/2.0/mlflow-artifacts/artifacts";
 
-async fn post(server: &Server, path: &str, body: Value) -> Answer {
+async fn post(server: &Server, path: &str, body: Value) -> TestResponse {
     server.submit_to(&format!("{TRACKING}/{path}"), &body, &[]).await
 }
 
@@ -28,7 +28,7 @@ async fn got(server: &Server, path: &str) -> Value {
 
 /// Checks that this is an error in MLflow's form, and returns its message.
 #[track_caller]
-fn refused(answer: &Answer, status: u16, code: &str) -> String {
+fn refused(answer: &TestResponse, status: u16, code: &str) -> String {
     assert_eq!(answer.status.as_u16(), status, "{answer:?}");
     assert_eq!(answer.header("content-type"), "application/json");
     let error = answer.json();
@@ -48,7 +48,7 @@ async fn names(server: &Server, search: Value) -> Vec<String> {
     runs.iter().map(|run| run["info"]["run_name"].as_str().unwrap().to_owned()).collect()
 }
 
-async fn put(server: &Server, path: &str, bytes: &'static [u8]) -> Answer {
+async fn put(server: &Server, path: &str, bytes: &'static [u8]) -> TestResponse {
     let request = Request::put(format!("{ARTIFACTS}/{path}")).header(HOST, "127.0.0.1:7070");
     server.send(request.body(Body::from(bytes)).unwrap()).await
 }

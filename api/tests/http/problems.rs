@@ -12,7 +12,7 @@ async fn post(
     server: &Server,
     content_type: Option<&str>,
     body: impl Into<Body>,
-) -> crate::fixture::Answer {
+) -> crate::fixture::TestResponse {
     let mut request = Request::post("/v1/jobs").header(HOST, "localhost");
     if let Some(content_type) = content_type {
         request = request.header(CONTENT_TYPE, content_type);

@@ -8,7 +8,7 @@ use axum::http::header::{CONTENT_TYPE, HOST};
 use axum::http::{Method, Request};
 use serde_json::{Value, json};
 
-use crate::fixture::{Answer, Server, small_simulation};
+use crate::fixture::{Server, TestResponse, small_simulation};
 
 /// A server with one token of each scope, named after its scope.
 struct Guarded {
@@ -33,18 +33,18 @@ impl Guarded {
         Self { server, credentials }
     }
 
-    async fn request(&self, method: Method, path: &str, scope: &str) -> Answer {
+    async fn request(&self, method: Method, path: &str, scope: &str) -> TestResponse {
         let headers = [("authorization", self.credentials[scope].as_str())];
         self.server.request(method, path, &headers).await
     }
 }
 
-async fn create(server: &Server, asked: &Value, credentials: Option<&str>) -> Answer {
+async fn create(server: &Server, asked: &Value, credentials: Option<&str>) -> TestResponse {
     let headers: Vec<_> = credentials.map(|value| ("authorization", value)).into_iter().collect();
     server.submit_to("/v1/tokens", asked, &headers).await
 }
 
-fn bearer(created: &Answer) -> String {
+fn bearer(created: &TestResponse) -> String {
     format!("Bearer {}", created.json()["secret"].as_str().unwrap())
 }
 
@@ -253,7 +253,13 @@ async fn the_audit_log_says_who_did_what_and_what_became_of_it() {
 }
 
 /// Sends a request like a browser, for a page or with the fields of a form.
-async fn browse(server: &Server, method: Method, path: &str, cookie: &str, body: &str) -> Answer {
+async fn browse(
+    server: &Server,
+    method: Method,
+    path: &str,
+    cookie: &str,
+    body: &str,
+) -> TestResponse {
     let request = Request::builder()
         .method(method)
         .uri(path)

@@ -7,7 +7,7 @@ use arrow_ipc::reader::StreamReader;
 use axum::http::Method;
 use serde_json::json;
 
-use crate::fixture::{Answer, Server, small_simulation};
+use crate::fixture::{Server, TestResponse, small_simulation};
 use crate::tables::value;
 
 /// 25 trajectories of 40 samples in shards of 10, with velocities.
@@ -47,7 +47,7 @@ async fn a_trajectory_has_its_channels_units_times_and_robot() {
     assert!(robot.as_object().unwrap().contains_key("mass_7"));
 }
 
-fn read(stream: &Answer) -> RecordBatch {
+fn read(stream: &TestResponse) -> RecordBatch {
     assert_eq!(stream.status, 200, "{stream:?}");
     assert_eq!(stream.header("content-type"), "application/vnd.apache.arrow.stream");
     let batches: Vec<_> = StreamReader::try_new(stream.body.as_ref(), None)

@@ -6,9 +6,9 @@ use futures::StreamExt;
 use serde_json::{Value, json};
 use store::{DeletionOrder, Item, ItemKind, Respect, Ripe};
 
-use crate::fixture::{Answer, Server, small_pipeline, small_simulation, small_training};
+use crate::fixture::{Server, TestResponse, small_pipeline, small_simulation, small_training};
 
-async fn delete(server: &Server, path: &str) -> Answer {
+async fn delete(server: &Server, path: &str) -> TestResponse {
     server.request(Method::DELETE, path, &[]).await
 }
 

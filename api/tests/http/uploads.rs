@@ -12,7 +12,7 @@ use serde_json::{Value, json};
 use spec::{Digest, JobKind};
 use store::{FileContent, ShardContents, object_path};
 
-use crate::fixture::{Answer, Server, bytes_of, small_training};
+use crate::fixture::{Server, TestResponse, bytes_of, small_training};
 
 const CSV: &[u8] = b"u1,u2\n1,2\n";
 
@@ -31,12 +31,12 @@ fn path(spec: &Value) -> String {
     format!("/v1/datasets?spec={}&name=arm.csv", encoded(&spec.to_string()))
 }
 
-async fn send(server: &Server, path: &str, media_type: &str, body: Body) -> Answer {
+async fn send(server: &Server, path: &str, media_type: &str, body: Body) -> TestResponse {
     let request = Request::post(path).header(HOST, "127.0.0.1:7070");
     server.send(request.header(CONTENT_TYPE, media_type).body(body).unwrap()).await
 }
 
-pub async fn send_recordings(server: &Server) -> Answer {
+pub async fn send_recordings(server: &Server) -> TestResponse {
     send(server, &path(&mapping()), "text/csv", Body::from(CSV)).await
 }
 

@@ -52,10 +52,11 @@ impl fmt::Debug for Client {
     }
 }
 
-type Answer<'a> = Pin<Box<dyn Future<Output = Result<HttpResponse, HttpError>> + Send + 'a>>;
+type ResponseFuture<'a> =
+    Pin<Box<dyn Future<Output = Result<HttpResponse, HttpError>> + Send + 'a>>;
 
 impl HttpService for Client {
-    fn call<'a, 'b>(&'a self, mut request: HttpRequest) -> Answer<'b>
+    fn call<'a, 'b>(&'a self, mut request: HttpRequest) -> ResponseFuture<'b>
     where
         'a: 'b,
         Self: 'b,

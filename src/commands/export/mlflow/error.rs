@@ -30,7 +30,7 @@ pub enum MlflowError {
     #[error(
         "the MLflow server {server} answered {request} with something else than MLflow does: {reason}"
     )]
-    Answer { server: String, request: String, reason: String },
+    UnexpectedResponse { server: String, request: String, reason: String },
 
     #[error(
         "experiment {name:?} is deleted in the MLflow server {server}; restore it there, or name another one with --experiment"
@@ -68,7 +68,7 @@ impl MlflowError {
             }
             Err(_) if status == StatusCode::NOT_FOUND => {
                 let reason = "there is no such path; is this MLflow's address?".to_owned();
-                Self::Answer { server, request, reason }
+                Self::UnexpectedResponse { server, request, reason }
             }
             Err(_) => {
                 let message = format!("it answered {status}");

@@ -37,7 +37,7 @@ pub struct MlflowServer {
 }
 
 #[derive(Deserialize)]
-struct RunAnswer {
+struct RunResponse {
     run: Run,
 }
 
@@ -90,7 +90,7 @@ impl MlflowServer {
     /// The id of the experiment with this name. Creates it if it is missing.
     pub async fn experiment(&self, name: &str) -> Result<String, MlflowError> {
         #[derive(Deserialize)]
-        struct Answer {
+        struct ExperimentResponse {
             experiment: Experiment,
         }
         #[derive(Deserialize)]
@@ -104,11 +104,11 @@ impl MlflowServer {
             experiment_id: String,
         }
         let query = [("experiment_name", name)];
-        match self.get::<Answer>("experiments/get-by-name", &query).await {
-            Ok(Answer { experiment }) if experiment.lifecycle_stage == "deleted" => {
+        match self.get::<ExperimentResponse>("experiments/get-by-name", &query).await {
+            Ok(ExperimentResponse { experiment }) if experiment.lifecycle_stage == "deleted" => {
                 Err(MlflowError::DeletedExperiment { server: self.shown(), name: name.to_owned() })
             }
-            Ok(Answer { experiment }) => Ok(experiment.experiment_id),
+            Ok(ExperimentResponse { experiment }) => Ok(experiment.experiment_id),
             Err(error) if error.is_absent() => {
                 let created: Created =
                     self.post("experiments/create", &json!({"name": name})).await?;
@@ -141,7 +141,7 @@ impl MlflowServer {
     }
 
     pub async fn create_run(&self, run: &Value) -> Result<Run, MlflowError> {
-        Ok(self.post::<RunAnswer>("runs/create", run).await?.run)
+        Ok(self.post::<RunResponse>("runs/create", run).await?.run)
     }
 
     pub async fn update_run(&self, change: &Value) -> Result<(), MlflowError> {
@@ -299,7 +299,7 @@ impl MlflowServer {
     ) -> Result<T, MlflowError> {
         let response = self.answer(self.signed(request), path).await?;
         let body = response.bytes().await.map_err(|reason| self.unreachable(reason))?;
-        serde_json::from_slice(&body).map_err(|error| MlflowError::Answer {
+        serde_json::from_slice(&body).map_err(|error| MlflowError::UnexpectedResponse {
             server: self.shown(),
             request: path.to_owned(),
             reason: error.to_string(),

@@ -70,11 +70,11 @@ pub async fn selected(client: &Client, selection: Selection) -> anyhow::Result<V
 /// A run as MLflow's clients see it.
 pub async fn run(client: &Client, id: i64) -> anyhow::Result<Run> {
     #[derive(Deserialize)]
-    struct Answer {
+    struct RunResponse {
         run: Run,
     }
     let address = address("runs/get", &[("run_id", &format!("{OWN}{id}"))])?;
-    Ok(client.get::<Answer>(&address).await?.run)
+    Ok(client.get::<RunResponse>(&address).await?.run)
 }
 
 /// All points of a metric.
