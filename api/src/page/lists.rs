@@ -23,20 +23,20 @@ struct Listed {
     title: &'static str,
     /// Said where there is nothing.
     empty: &'static str,
-    columns: &'static [Column],
+    columns: &'static [ListColumn],
 }
 
-struct Column {
+struct ListColumn {
     heading: &'static str,
     is_number: bool,
 }
 
-const fn words(heading: &'static str) -> Column {
-    Column { heading, is_number: false }
+const fn words(heading: &'static str) -> ListColumn {
+    ListColumn { heading, is_number: false }
 }
 
-const fn number(heading: &'static str) -> Column {
-    Column { heading, is_number: true }
+const fn number(heading: &'static str) -> ListColumn {
+    ListColumn { heading, is_number: true }
 }
 
 static OF_DATASETS: Listed = Listed {
@@ -97,7 +97,7 @@ struct ListRow {
     /// A text that tells the item from others of the same name.
     remark: String,
     tags: Vec<String>,
-    cells: Vec<(&'static Column, ListCell)>,
+    cells: Vec<(&'static ListColumn, ListCell)>,
 }
 
 enum ListCell {

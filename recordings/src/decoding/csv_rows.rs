@@ -31,14 +31,14 @@ pub(super) struct CsvRows {
     budget: Budget,
     lines: Rc<RefCell<Lines>>,
     record: ByteRecord,
-    time: Option<Column>,
-    recording: Option<Column>,
-    channels: Vec<Column>,
+    time: Option<CsvColumn>,
+    recording: Option<CsvColumn>,
+    channels: Vec<CsvColumn>,
     next_row: u64,
 }
 
 /// A requested column: its index in the file, and its name for errors.
-struct Column {
+struct CsvColumn {
     place: usize,
     name: String,
 }
@@ -62,7 +62,7 @@ impl CsvRows {
         let mut places = places.into_iter();
         let mut column = |name: &str| {
             let place = places.next().unwrap_or_default();
-            Column { place, name: name.to_owned() }
+            CsvColumn { place, name: name.to_owned() }
         };
         // The order of `ImportColumns::named` is also that of the indices.
         let time = spec.columns.time.as_deref().map(&mut column);
@@ -120,7 +120,7 @@ impl CsvRows {
         Ok(Some(line))
     }
 
-    fn text(&self, column: &Column, place: Place) -> Result<&str, RowError> {
+    fn text(&self, column: &CsvColumn, place: Place) -> Result<&str, RowError> {
         // The reader has refused records with another length than the header.
         let bytes = self.record.get(column.place).unwrap_or_default();
         let text = std::str::from_utf8(bytes).map_err(|_| {

@@ -5,7 +5,7 @@ use tokio::sync::mpsc;
 use super::rows::stored_object;
 use super::{Database, Db, DbRow, Transaction};
 use crate::StoredObject;
-use crate::transfer::rows::{Column, Kind, Table, Value, Values};
+use crate::transfer::rows::{DatabaseColumn, Kind, Table, Value, Values};
 
 /// Values per statement. SQLite binds 32 766 at most, PostgreSQL 65 535.
 const VALUES_PER_STATEMENT: usize = 32_000;
@@ -150,8 +150,8 @@ impl Transaction {
     }
 }
 
-fn values(row: &DbRow, columns: &[Column]) -> Result<Values, sqlx::Error> {
-    let value = |(index, column): (usize, &Column)| {
+fn values(row: &DbRow, columns: &[DatabaseColumn]) -> Result<Values, sqlx::Error> {
+    let value = |(index, column): (usize, &DatabaseColumn)| {
         let value = match column.kind {
             Kind::Integer => row.try_get::<Option<i64>, _>(index)?.map(Value::Integer),
             Kind::Truth => {

@@ -6,11 +6,11 @@ use sha2::{Digest as _, Sha256};
 #[derive(Clone, Debug)]
 pub(crate) struct Table {
     pub name: &'static str,
-    pub columns: Vec<Column>,
+    pub columns: Vec<DatabaseColumn>,
 }
 
 #[derive(Clone, Debug)]
-pub(crate) struct Column {
+pub(crate) struct DatabaseColumn {
     pub name: String,
     pub kind: Kind,
 }

@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 
-use super::rows::{Column, Kind, Table};
+use super::rows::{DatabaseColumn, Kind, Table};
 use crate::StoreError;
 
 /// The tables that move. Each comes after those that its rows refer to.
@@ -71,10 +71,10 @@ pub(super) fn tables(found: Vec<FoundColumn>, place: &str) -> Result<Vec<Table>,
         let column = if column.is_empty() { String::new() } else { format!(".{column}") };
         StoreError::UnknownTable { place: place.to_owned(), what: format!("{table}{column}") }
     };
-    let mut by_table: BTreeMap<String, Vec<Column>> = BTreeMap::new();
+    let mut by_table: BTreeMap<String, Vec<DatabaseColumn>> = BTreeMap::new();
     for FoundColumn { table, name, type_name } in found {
         let kind = Kind::of_type(&type_name).ok_or_else(|| unknown(&table, &name))?;
-        by_table.entry(table).or_default().push(Column { name, kind });
+        by_table.entry(table).or_default().push(DatabaseColumn { name, kind });
     }
     let mut tables = Vec::new();
     for name in TABLES {

@@ -6,7 +6,7 @@ use wire::{Latency, PredictorInfo, Report};
 use crate::{Standing, degrees};
 
 use super::super::results::{Evaluation, Study};
-use super::columns::{COLUMNS, Column};
+use super::columns::{COLUMNS, ShiftColumn};
 use super::errors::{IN_DISTRIBUTION, OUT_OF_DISTRIBUTION, difference, rmse};
 use super::text::{markdown, none, with_interval};
 
@@ -29,7 +29,7 @@ struct Tally {
 
 impl Tally {
     /// Counts over all training sets that have both models.
-    fn of(study: &Study, column: &Column, name: &str, against: &str) -> Self {
+    fn of(study: &Study, column: &ShiftColumn, name: &str, against: &str) -> Self {
         let mut tally = Self::default();
         for set in 1..=study.sets() {
             let Some(interval) = column.difference(study, set, name, against) else { continue };

@@ -7,7 +7,7 @@ use super::super::results::{Evaluation, Study};
 
 /// Cells of one evaluation that share a shift.
 #[derive(Clone, Copy, Debug)]
-pub struct Column {
+pub struct ShiftColumn {
     pub title: &'static str,
     question: StudyQuestion,
     shift: Shift,
@@ -16,16 +16,21 @@ pub struct Column {
 
 /// Chirps have the same torques at every frequency. The torques of multisines grow with it. So
 /// above the band, chirps shift only the frequency, and multisines shift frequency and torques.
-pub const COLUMNS: [Column; 6] = [
-    Column::new("within", StudyQuestion::Sweep, Shift::Within, None),
-    Column::new("below the band", StudyQuestion::Sweep, Shift::Below, None),
-    Column::new("above, chirps", StudyQuestion::Sweep, Shift::Above, Some(Family::Chirp)),
-    Column::new("above, multisines", StudyQuestion::Sweep, Shift::Above, Some(Family::Multisine)),
-    Column::new("twice the torques", StudyQuestion::Amplitude, Shift::Amplitude, None),
-    Column::new("steps", StudyQuestion::Sweep, Shift::Family, None),
+pub const COLUMNS: [ShiftColumn; 6] = [
+    ShiftColumn::new("within", StudyQuestion::Sweep, Shift::Within, None),
+    ShiftColumn::new("below the band", StudyQuestion::Sweep, Shift::Below, None),
+    ShiftColumn::new("above, chirps", StudyQuestion::Sweep, Shift::Above, Some(Family::Chirp)),
+    ShiftColumn::new(
+        "above, multisines",
+        StudyQuestion::Sweep,
+        Shift::Above,
+        Some(Family::Multisine),
+    ),
+    ShiftColumn::new("twice the torques", StudyQuestion::Amplitude, Shift::Amplitude, None),
+    ShiftColumn::new("steps", StudyQuestion::Sweep, Shift::Family, None),
 ];
 
-impl Column {
+impl ShiftColumn {
     const fn new(
         title: &'static str,
         question: StudyQuestion,

@@ -5,7 +5,7 @@ use spec::study_models;
 use wire::Interval;
 
 use super::super::results::{Evaluation, File, Study};
-use super::columns::{COLUMNS, Column};
+use super::columns::{COLUMNS, ShiftColumn};
 
 /// Baselines in the figures. The tables have all of them.
 const BASELINES: [&str; 3] = ["damped-integrator", "arx", "simulator-fitted-damping"];
@@ -34,7 +34,7 @@ fn drawn(evaluation: &Evaluation) -> impl Iterator<Item = File> {
 
 /// RMSE of every model and some baselines on each training set, for one column of the headline
 /// table.
-fn over_training_sets(study: &Study, column: &Column) -> Figure {
+fn over_training_sets(study: &Study, column: &ShiftColumn) -> Figure {
     let models = study_models().iter().map(|model| model.name.as_str());
     let series = models.chain(BASELINES).map(|name| {
         let points = (1..=study.sets()).filter_map(|set| {
