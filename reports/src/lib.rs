@@ -2,16 +2,16 @@
 
 mod closed_loop;
 mod error_table;
+mod outcome;
 mod rollout_table;
-mod standing;
 pub mod study;
 mod table;
 mod verdict;
 
 pub use closed_loop::closed_loop_text;
 use error_table::{by_frequency, by_group};
+pub use outcome::ComparisonOutcome;
 use rollout_table::by_rollout;
-pub use standing::Standing;
 pub use table::{Align, Table};
 use verdict::verdicts;
 

@@ -1,6 +1,6 @@
 use wire::{Interval, PairedDifference, PredictorKind, PredictorSummary, Report};
 
-use super::{Standing, degrees, models, signed_degrees};
+use super::{ComparisonOutcome, degrees, models, signed_degrees};
 
 /// Verdicts on trained models, one sentence each. A model is compared with the strongest baseline,
 /// with the damped integrator and with holding the last position, from differences on the same
@@ -49,9 +49,9 @@ fn clause(report: &Report, model: &str, against: &str) -> Option<String> {
         .filter(|paired| paired.predictor == model && paired.against == against)
         .filter(|paired| Some(paired.position_noise_rad) == level)
         .collect();
-    let stands = |paired: &&PairedDifference| Standing::of(paired.difference_deg);
-    let first = differences.first().map(stands)?;
-    if differences.iter().all(|paired| stands(paired) == first) {
+    let outcome_of = |paired: &&PairedDifference| ComparisonOutcome::of(paired.difference_deg);
+    let first = differences.first().map(outcome_of)?;
+    if differences.iter().all(|paired| outcome_of(paired) == first) {
         let groups: Vec<String> =
             differences.iter().map(|paired| in_group(paired, first)).collect();
         return Some(format!("{} {against} {}", first.words(), groups.join(" and ")));
@@ -59,24 +59,24 @@ fn clause(report: &Report, model: &str, against: &str) -> Option<String> {
     let groups: Vec<String> = differences
         .iter()
         .map(|paired| {
-            let standing = stands(paired);
-            format!("{} {against} {}", standing.words(), in_group(paired, standing))
+            let outcome = outcome_of(paired);
+            format!("{} {against} {}", outcome.words(), in_group(paired, outcome))
         })
         .collect();
     Some(groups.join(", but "))
 }
 
-fn in_group(paired: &PairedDifference, standing: Standing) -> String {
+fn in_group(paired: &PairedDifference, outcome: ComparisonOutcome) -> String {
     let Interval { mean, low, high } = paired.difference_deg;
     let group = match paired.group.as_str() {
         "all scenarios" => "over all scenarios",
         group => group,
     };
-    let (mean, low, high) = match standing {
-        Standing::Better => (-mean, -high, -low),
-        Standing::Worse | Standing::NotClear => (mean, low, high),
+    let (mean, low, high) = match outcome {
+        ComparisonOutcome::Better => (-mean, -high, -low),
+        ComparisonOutcome::Worse | ComparisonOutcome::NotClear => (mean, low, high),
     };
-    if standing == Standing::NotClear {
+    if outcome == ComparisonOutcome::NotClear {
         let [mean, low, high] = [mean, low, high].map(signed_degrees);
         return format!("{group} (difference {mean}°, 95 % CI {low}° to {high}°)");
     }

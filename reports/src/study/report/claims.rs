@@ -3,7 +3,7 @@
 use spec::{Start, StudyQuestion, study_models};
 use wire::{Latency, PredictorInfo, Report};
 
-use crate::{Standing, degrees};
+use crate::{ComparisonOutcome, degrees};
 
 use super::super::results::{Evaluation, Study};
 use super::columns::{COLUMNS, ShiftColumn};
@@ -34,10 +34,10 @@ impl Tally {
         for set in 1..=study.sets() {
             let Some(interval) = column.difference(study, set, name, against) else { continue };
             tally.all += 1;
-            match Standing::of(interval) {
-                Standing::Better => tally.better += 1,
-                Standing::Worse => tally.worse += 1,
-                Standing::NotClear => {}
+            match ComparisonOutcome::of(interval) {
+                ComparisonOutcome::Better => tally.better += 1,
+                ComparisonOutcome::Worse => tally.worse += 1,
+                ComparisonOutcome::NotClear => {}
             }
         }
         tally
@@ -51,7 +51,7 @@ impl Tally {
 
 /// For each of `names`, the number of sets on which it is better and worse than `against`, by
 /// column.
-fn standings<'a>(study: &Study, names: impl Iterator<Item = &'a str>, against: &[&str]) -> String {
+fn outcomes<'a>(study: &Study, names: impl Iterator<Item = &'a str>, against: &[&str]) -> String {
     let mut rows = Vec::new();
     for name in names {
         for against in against.iter().filter(|against| **against != name) {
@@ -69,7 +69,7 @@ fn standings<'a>(study: &Study, names: impl Iterator<Item = &'a str>, against: &
 /// "Diffusion models hold up out of distribution, where the deterministic model degrades."
 pub fn robustness(study: &Study) -> String {
     let generative = study_models().iter().filter(|model| model.samples);
-    standings(study, generative.map(|model| model.name.as_str()), &[REFERENCE])
+    outcomes(study, generative.map(|model| model.name.as_str()), &[REFERENCE])
 }
 
 /// Baselines without training, which a model has to beat.
@@ -77,7 +77,7 @@ const UNTRAINED: [&str; 3] = ["damped-integrator", "arx", "simulator-fitted-damp
 
 /// How every model compares with baselines on the training sets.
 pub fn against_baselines(study: &Study) -> String {
-    standings(study, study_models().iter().map(|model| model.name.as_str()), &UNTRAINED)
+    outcomes(study, study_models().iter().map(|model| model.name.as_str()), &UNTRAINED)
 }
 
 /// "Inpainting (Diffuser) is the best of the diffusion models."
@@ -87,7 +87,7 @@ pub fn inpainting(study: &Study) -> String {
         .filter(|model| model.denoiser && model.name != INPAINTING)
         .map(|model| model.name.as_str())
         .collect();
-    standings(study, [INPAINTING].into_iter(), &others)
+    outcomes(study, [INPAINTING].into_iter(), &others)
 }
 
 /// "Warm-started conditioned diffusion predicts within 40 ms at little cost in accuracy."
@@ -189,9 +189,9 @@ fn sentence(
             let Some(interval) = difference(report, group, &shifted.name, &against.name) else {
                 continue;
             };
-            let standing = Standing::of(interval).words();
+            let outcome = ComparisonOutcome::of(interval).words();
             clauses.push(format!(
-                "{standing} {words} {group} ({} [{}, {}])",
+                "{outcome} {words} {group} ({} [{}, {}])",
                 degrees(interval.mean),
                 degrees(interval.low),
                 degrees(interval.high)

@@ -3,14 +3,14 @@ use wire::Interval;
 /// How a predictor compares with another one. A difference counts if its 95 % confidence interval
 /// does not contain zero.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Standing {
+pub enum ComparisonOutcome {
     Better,
     Worse,
     NotClear,
 }
 
-impl Standing {
-    /// The standing that follows from a difference of errors. A difference below 0 is better.
+impl ComparisonOutcome {
+    /// The outcome that follows from a difference of errors. A difference below 0 is better.
     pub fn of(difference: Interval) -> Self {
         if difference.high < 0.0 {
             Self::Better
