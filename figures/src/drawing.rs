@@ -13,7 +13,7 @@ use crate::layout::{
     BandLabel, FONT_SIZE, LEGEND_LINE, LEGEND_SPACE, Layout, MARGIN, PlacedBand, TITLE_FONT_SIZE,
     X_AXIS_HEIGHT,
 };
-use crate::marks::{Drawn, Look};
+use crate::marks::{CurveStyle, Drawn};
 use crate::trace::Trace;
 use crate::{Figure, FigureError, SERIES_ALLOWED, Size, Stroke, description, text, theme};
 
@@ -81,19 +81,19 @@ fn draw(
     place: &str,
     style: &str,
 ) -> Result<String, FigureError> {
-    let looks: Vec<Look> = figure
+    let curve_styles: Vec<CurveStyle> = figure
         .series
         .iter()
         .zip(traces)
         .enumerate()
-        .map(|(index, (series, trace))| Look::new(index, series, trace))
+        .map(|(index, (series, trace))| CurveStyle::new(index, series, trace))
         .collect();
 
     let empty = traces.iter().all(|trace| trace.drawable == 0);
     let mut body = bands(layout)?;
     body.push_str(&frame(layout)?);
-    body.push_str(&data(figure, layout, &looks, traces)?);
-    body.push_str(&legend(layout, &looks)?);
+    body.push_str(&data(figure, layout, &curve_styles, traces)?);
+    body.push_str(&legend(layout, &curve_styles)?);
     body.push_str(&titles(layout, empty)?);
     Ok(document(figure, traces, layout.size, (place, style), &body))
 }
@@ -213,7 +213,7 @@ fn frame(layout: &Layout) -> Result<String, FigureError> {
 fn data(
     figure: &Figure,
     layout: &Layout,
-    looks: &[Look],
+    curve_styles: &[CurveStyle],
     traces: &[Trace],
 ) -> Result<String, FigureError> {
     let plot = &layout.plot;
@@ -229,43 +229,43 @@ fn data(
          viewBox=\"{x} {y} {width} {height}\">\n"
     );
     // All ribbons lie below all lines.
-    for (look, trace) in looks.iter().zip(traces) {
+    for (curve_style, trace) in curve_styles.iter().zip(traces) {
         clipped.push_str(&canvas(layout, "ribbons", |mut canvas| {
-            look.draw_ribbons(&mut canvas, layout, trace)?;
+            curve_style.draw_ribbons(&mut canvas, layout, trace)?;
             canvas.present()
         })?);
     }
-    for ((series, look), trace) in figure.series.iter().zip(looks).zip(traces) {
+    for ((series, curve_style), trace) in figure.series.iter().zip(curve_styles).zip(traces) {
         let lines = canvas(layout, "lines", |mut canvas| {
-            look.draw_lines(&mut canvas, layout, trace)?;
+            curve_style.draw_lines(&mut canvas, layout, trace)?;
             canvas.present()
         })?;
         let points = canvas(layout, "points", |mut canvas| {
-            look.draw_points(&mut canvas, layout, trace)?;
+            curve_style.draw_points(&mut canvas, layout, trace)?;
             canvas.present()
         })?;
         let name = text::xml(&series.name);
-        let lines = stroked(look.stroke, &lines);
+        let lines = stroked(curve_style.stroke, &lines);
         clipped.push_str(&format!("<g>\n<title>{name}</title>\n{lines}{points}</g>\n"));
     }
     clipped.push_str("</svg>\n");
     Ok(clipped)
 }
 
-fn legend(layout: &Layout, looks: &[Look]) -> Result<String, FigureError> {
+fn legend(layout: &Layout, curve_styles: &[CurveStyle]) -> Result<String, FigureError> {
     let mut legend = String::new();
     for entry in &layout.legend {
-        let look = entry.series.and_then(|series| looks.get(series));
-        if let Some(look) = look {
+        let curve_style = entry.series.and_then(|series| curve_styles.get(series));
+        if let Some(curve_style) = curve_style {
             let line = canvas(layout, "legend", |mut canvas| {
-                look.draw_legend_line(&mut canvas, entry)?;
+                curve_style.draw_legend_line(&mut canvas, entry)?;
                 canvas.present()
             })?;
-            legend.push_str(&stroked(look.stroke, &line));
+            legend.push_str(&stroked(curve_style.stroke, &line));
         }
         legend.push_str(&canvas(layout, "legend", |mut canvas| {
-            if let Some(look) = look {
-                look.draw_legend_marker(&mut canvas, entry)?;
+            if let Some(curve_style) = curve_style {
+                curve_style.draw_legend_marker(&mut canvas, entry)?;
             }
             let style = font(FONT_SIZE, &INK).pos(Pos::new(HPos::Left, VPos::Center));
             let left = subpixels(entry.left + LEGEND_LINE + LEGEND_SPACE);

@@ -1,4 +1,4 @@
-//! The look of a series: its colour, its line, its markers, its intervals.
+//! The style of a curve: its colour, its line, its markers, its intervals.
 
 use plotters::prelude::SVGBackend;
 use plotters_backend::{
@@ -37,9 +37,9 @@ impl BackendStyle for Pen {
     }
 }
 
-/// The look of the series at an index of a figure's list.
+/// The style of the curve at an index of a figure's list.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Look {
+pub(crate) struct CurveStyle {
     rgb: (u8, u8, u8),
     shape: Shape,
     pub(crate) stroke: Stroke,
@@ -55,7 +55,7 @@ enum Shape {
     Diamond,
 }
 
-impl Look {
+impl CurveStyle {
     pub(crate) fn new(index: usize, series: &Curve, trace: &Trace) -> Self {
         // The cycle of shapes is shorter than that of colours, so a repeated colour gets a new
         // shape.
