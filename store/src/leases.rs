@@ -85,9 +85,9 @@ impl NextTask {
     }
 }
 
-/// The answer to a look for a task.
+/// The result of an idle worker's poll for a task.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Look {
+pub struct IdlePoll {
     /// Whether there is a task that the worker could claim.
     pub is_any_claimable: bool,
     /// The version of the server that was started last; `None` before the first.
@@ -95,14 +95,14 @@ pub struct Look {
 }
 
 impl Store {
-    /// Looks for a task that `worker` could claim, without claiming it. Idle workers look often, and
+    /// Asks for a task that `worker` could claim, without claiming it. Idle workers poll often, and
     /// should not take SQLite's write lock only to find nothing.
     ///
     /// # Errors
     /// When the database fails.
     #[boxed]
-    pub async fn look(&self, worker: &str, offers: &Resources) -> Result<Look, StoreError> {
-        sql!(self.database(), "looking for a task", look(worker, offers))
+    pub async fn poll(&self, worker: &str, offers: &Resources) -> Result<IdlePoll, StoreError> {
+        sql!(self.database(), "looking for a task", poll(worker, offers))
     }
 
     /// Leases the next task that asks for no more than `worker` offers, for `ttl`. The attempt

@@ -113,7 +113,7 @@ pub use identifiers::{
 pub use inventory::ObjectPlace;
 pub use jobs::{Job, JobFilter, JobProgress, Page};
 pub use labels::{Labels, MAX_TAGS, Thing};
-pub use leases::{ClaimedTask, Fence, Lease, Look, Progress};
+pub use leases::{ClaimedTask, Fence, IdlePoll, Lease, Progress};
 pub use listing::{Direction, Key, Listed, Listing, Position, Sort};
 pub use location::{DatabaseUrl, Location};
 pub use logs::{LogChunk, LogFilter, LogPage, NewLogChunk};

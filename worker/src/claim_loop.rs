@@ -49,7 +49,7 @@ pub struct WorkerOptions {
     pub log: AttemptLog,
 }
 
-/// How long a worker that has tasks relies on its last look, which read the server's version.
+/// How long a worker that has tasks relies on its last poll, which read the server's version.
 const KNOWN_FOR: Duration = Duration::from_secs(1);
 
 /// How long a busy worker keeps its bell, so that it need not connect again after each of many
@@ -144,7 +144,7 @@ async fn work_on(
 }
 
 /// Waits until there may be a task. The first call only begins to listen and returns, because tasks
-/// queued before need one more look.
+/// queued before need one more poll.
 async fn wait_for_a_task(store: &Store, bell: &mut Option<Bell>) {
     let rung = match bell {
         None => match store.bell().await {
@@ -167,8 +167,8 @@ async fn wait_for_a_task(store: &Store, bell: &mut Option<Bell>) {
 struct Search<'a> {
     store: &'a Store,
     options: &'a WorkerOptions,
-    /// The moment of the last look, if every claim since then got a task.
-    looked_at: Option<Instant>,
+    /// The moment of the last poll, if every claim since then got a task.
+    polled_at: Option<Instant>,
 }
 
 enum SearchResult {
@@ -180,27 +180,27 @@ enum SearchResult {
 
 impl<'a> Search<'a> {
     const fn new(store: &'a Store, options: &'a WorkerOptions) -> Self {
-        Self { store, options, looked_at: None }
+        Self { store, options, polled_at: None }
     }
 
-    /// Looks and claims. A worker that has just had a task will probably get another one, so it
-    /// claims without a look.
+    /// Polls and claims. A worker that has just had a task will probably get another one, so it
+    /// claims without a poll.
     async fn next_task(&mut self) -> Result<SearchResult, StoreError> {
         if let Some(obstacle) = self.store.obstacle() {
             return Ok(SearchResult::Obstacle(obstacle));
         }
         let WorkerOptions { name, offers, lease, .. } = self.options;
-        let looked_at = self.looked_at.take().filter(|at| at.elapsed() < KNOWN_FOR);
-        let looked_at = match looked_at {
+        let polled_at = self.polled_at.take().filter(|at| at.elapsed() < KNOWN_FOR);
+        let polled_at = match polled_at {
             Some(at) => at,
             None => {
-                let look = self.store.look(name, offers).await?;
+                let poll = self.store.poll(name, offers).await?;
                 if let Some(obstacle) =
-                    other_version(look.server_version).filter(|_| !self.options.any_version)
+                    other_version(poll.server_version).filter(|_| !self.options.any_version)
                 {
                     return Ok(SearchResult::Obstacle(obstacle));
                 }
-                if !look.is_any_claimable {
+                if !poll.is_any_claimable {
                     return Ok(SearchResult::Nothing);
                 }
                 Instant::now()
@@ -209,7 +209,7 @@ impl<'a> Search<'a> {
         let Some(task) = self.store.claim(name, offers, *lease).await? else {
             return Ok(SearchResult::Nothing);
         };
-        self.looked_at = Some(looked_at);
+        self.polled_at = Some(polled_at);
         Ok(SearchResult::Task(Box::new(task)))
     }
 }

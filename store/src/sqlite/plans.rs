@@ -126,7 +126,7 @@ async fn the_first_in_line_is_found_in_an_index_without_sorting() {
     assert_eq!(sorts, 1, "{steps:#?}");
 
     let nothing = Resources::default();
-    assert!(database.look("w", &nothing).await.unwrap().is_any_claimable);
+    assert!(database.poll("w", &nothing).await.unwrap().is_any_claimable);
     let mut tx = database.begin(Scope::Queue, "testing").await.unwrap();
     let next = tx.next_task("w", &nothing).await.unwrap().unwrap();
     assert_eq!(next.task.ordinal, 3);

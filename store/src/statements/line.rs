@@ -6,12 +6,12 @@ use sqlx::{AssertSqlSafe, Row};
 use super::super::dialect::first_in_line;
 use super::rows::text_of_tags;
 use super::{Database, milliseconds};
-use crate::Look;
+use crate::IdlePoll;
 use crate::rules::task::LONGEST_DELAY;
 
 impl Database {
     /// Whether there is a task for `worker`, and the version of the server.
-    pub async fn look(&self, worker: &str, offers: &Resources) -> Result<Look, sqlx::Error> {
+    pub async fn poll(&self, worker: &str, offers: &Resources) -> Result<IdlePoll, sqlx::Error> {
         let statement = format!(
             "SELECT EXISTS ({}) AS is_any_claimable, (SELECT version FROM server) AS version",
             first_in_line(&may_be_claimed(), "")
@@ -24,7 +24,7 @@ impl Database {
             .bind(text_of_tags(&offers.tags))
             .fetch_one(&mut *self.lend().await?)
             .await?;
-        Ok(Look {
+        Ok(IdlePoll {
             is_any_claimable: row.try_get("is_any_claimable")?,
             server_version: row.try_get("version")?,
         })

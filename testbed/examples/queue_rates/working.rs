@@ -102,7 +102,7 @@ async fn next(
     let _ = store.obstacle();
     let nothing = Resources::default();
     let lately = looked_at.take().filter(|at| at.elapsed() < KNOWN_FOR);
-    let may_claim = lately.is_some() || store.look(name, &nothing).await?.is_any_claimable;
+    let may_claim = lately.is_some() || store.poll(name, &nothing).await?.is_any_claimable;
     let claimed = if may_claim { store.claim(name, &nothing, LEASE).await? } else { None };
     let Some(task) = claimed else {
         match bell {
