@@ -10,8 +10,8 @@ use crate::architecture::{Architecture, Extents};
 use crate::denoiser::{Denoiser, Network, Task, Torques};
 use crate::diffusion::Process;
 use crate::initialization::InitialWeights;
+use crate::known_inputs::KnownInputs;
 use crate::sizes::{LARGEST_WIDTH, multiple, within};
-use crate::told::Told;
 use crate::unet::{LevelEmbedding, Modulation, ResidualBlock, UNet, UNetConfig, check_stages};
 
 impl Architecture for CdcnnSpec {
@@ -22,16 +22,16 @@ impl Architecture for CdcnnSpec {
         extents: Extents,
         weights: &mut InitialWeights<'_>,
     ) -> Result<Denoiser<Cdcnn>, ModelError> {
-        let told = Told::of(self.residual);
+        let known_inputs = KnownInputs::of(self.residual);
         let sizes = CdcnnSizes {
             embedding: self.embedding,
             widths: &self.widths,
             conditioning: self.conditioning,
-            told,
+            known_inputs,
         };
         let network = sizes.init(extents, weights)?;
         let task = Task::Denoise(Process::diffusion(&self.diffusion));
-        Ok(Denoiser { network, task, torques: Torques::Apart, told })
+        Ok(Denoiser { network, task, torques: Torques::Apart, known_inputs })
     }
 }
 
@@ -40,7 +40,7 @@ pub(crate) struct CdcnnSizes<'a> {
     pub embedding: u32,
     pub widths: &'a [u32],
     pub conditioning: Conditioning,
-    pub told: Told,
+    pub known_inputs: KnownInputs,
 }
 
 impl CdcnnSizes<'_> {
@@ -49,8 +49,8 @@ impl CdcnnSizes<'_> {
         extents: Extents,
         weights: &mut InitialWeights<'_>,
     ) -> Result<Cdcnn, ModelError> {
-        let Self { embedding, widths, conditioning, told } = *self;
-        let known = told.channels(extents.joints);
+        let Self { embedding, widths, conditioning, known_inputs } = *self;
+        let known = known_inputs.channels(extents.joints);
         within("embedding", embedding, 4, LARGEST_WIDTH)?;
         multiple("embedding", embedding, 2, "for sine and cosine")?;
         check_stages("widths", widths.len(), extents.samples())?;
@@ -83,8 +83,8 @@ impl CdcnnSizes<'_> {
 
 /// Conditional U-Net on y (Chi et al. 2023, *Diffusion Policy*; the network of its code).
 ///
-/// The network [sees](Told) the known part of each sample. With local conditioning the known part
-/// passes a block of its own and is added after the first block of the first stage. It enters
+/// The network [sees](KnownInputs) the known part of each sample. With local conditioning the known
+/// part passes a block of its own and is added after the first block of the first stage. It enters
 /// additively, and FiLM carries the noise level alone. The code of Chi et al. has a second such
 /// block, whose output would be added at the end under a condition that is never true. It has no
 /// effect there, so it is left out here.

@@ -11,9 +11,9 @@ use spec::PointLoss;
 use crate::activations::{Activations, Tally};
 use crate::architecture::{Ask, Extents, Model, ModelInput};
 use crate::diffusion::{Painted, Process, Step};
+use crate::known_inputs::KnownInputs;
 use crate::loss::Loss;
 use crate::randomness::Noise;
-use crate::told::Told;
 
 /// A network that removes noise.
 pub(crate) trait Network: Module {
@@ -61,7 +61,7 @@ pub(crate) struct Denoiser<N> {
     pub network: N,
     pub task: Task,
     pub torques: Torques,
-    pub told: Told,
+    pub known_inputs: KnownInputs,
 }
 
 /// The place of u in the series.
@@ -82,7 +82,7 @@ impl<N: Network> Model for Denoiser<N> {
         let [_, horizon, joints] = target.dims();
         let device = target.device();
         let unit = input.unit_of_horizon();
-        let known = self.told.series(&input);
+        let known = self.known_inputs.series(&input);
         let y = Tensor::cat(vec![input.seen_context, target.clone()], 1);
         let series = self.series(&input.u, y);
         let shape = Shape { context, horizon, joints, device: &device };
@@ -138,7 +138,7 @@ impl<N: Network> Model for Denoiser<N> {
         };
         let painted = Painted { values: whole(unknown), clean, noised };
         let warm = warm.map(whole);
-        let known = self.told.series(&input);
+        let known = self.known_inputs.series(&input);
         let series = match &self.task {
             Task::Denoise(process) => {
                 let chain = self.network.chain(&input.seen_context, known, steps);
@@ -159,7 +159,7 @@ impl<N: Network> Model for Denoiser<N> {
             Torques::Clean { .. } | Torques::Noised { .. } => 2 * joints,
         };
         let noisy = tally.given([1, samples, channels]);
-        let known = tally.given([1, samples, self.told.channels(joints)]);
+        let known = tally.given([1, samples, self.known_inputs.channels(joints)]);
         let [_, _, channels] = self.network.forward(noisy, &[0], known, None).dims();
         tally.given([KEPT_BY_LOSS, samples, channels]).keep();
     }
@@ -182,7 +182,7 @@ impl<N: Network> Model for Denoiser<N> {
         levels: &[usize],
         input: &ModelInput,
     ) -> Option<Tensor<3>> {
-        let known = self.told.series(input);
+        let known = self.known_inputs.series(input);
         Some(self.network.forward(noisy, levels, known, None))
     }
 

@@ -10,8 +10,8 @@ use crate::architecture::{Architecture, Extents};
 use crate::denoiser::{Denoiser, Network, Task, Torques};
 use crate::diffusion::Process;
 use crate::initialization::InitialWeights;
+use crate::known_inputs::KnownInputs;
 use crate::sizes::{LARGEST_RATIO, LARGEST_WIDTH, multiple, within};
-use crate::told::Told;
 use crate::unet::{LevelEmbedding, Modulation, UNet, UNetConfig, check_stages};
 
 impl Architecture for DiffuserSpec {
@@ -29,8 +29,8 @@ impl Architecture for DiffuserSpec {
         }
         check_stages("multipliers", self.multipliers.len(), extents.samples())?;
         let width = self.width as usize;
-        let told = Told::of(self.residual);
-        let beside = told.channels(extents.joints) - extents.joints;
+        let known_inputs = KnownInputs::of(self.residual);
+        let beside = known_inputs.channels(extents.joints) - extents.joints;
         let unet = UNetConfig {
             inputs: 2 * extents.joints + beside,
             channels: 2 * extents.joints,
@@ -45,7 +45,7 @@ impl Architecture for DiffuserSpec {
             (Known::JointNoise, weights) => Torques::Noised { weights },
         };
         let task = Task::Denoise(Process::diffusion(&self.diffusion));
-        Ok(Denoiser { network, task, torques, told })
+        Ok(Denoiser { network, task, torques, known_inputs })
     }
 }
 
@@ -70,10 +70,10 @@ impl Network for Diffuser {
         _keys: Option<DropoutKeys>,
     ) -> A {
         let condition = self.embedding.forward(levels, &noisy);
-        let [_, _, told] = known.dims();
+        let [_, _, channels] = known.dims();
         let series = match self.beside {
             0 => noisy,
-            beside => noisy.and(known.part(2, told - beside..told), 2),
+            beside => noisy.and(known.part(2, channels - beside..channels), 2),
         };
         self.unet.forward(series.transposed(), &condition, None).transposed()
     }

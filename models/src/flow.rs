@@ -8,7 +8,7 @@ use crate::cdcnn::{Cdcnn, CdcnnSizes};
 use crate::denoiser::{Denoiser, Task, Torques};
 use crate::diffusion::Process;
 use crate::initialization::InitialWeights;
-use crate::told::Told;
+use crate::known_inputs::KnownInputs;
 
 impl Architecture for FlowSpec {
     type Model = Denoiser<Cdcnn>;
@@ -18,15 +18,15 @@ impl Architecture for FlowSpec {
         extents: Extents,
         weights: &mut InitialWeights<'_>,
     ) -> Result<Denoiser<Cdcnn>, ModelError> {
-        let told = Told::of(self.residual);
+        let known_inputs = KnownInputs::of(self.residual);
         let sizes = CdcnnSizes {
             embedding: self.embedding,
             widths: &self.widths,
             conditioning: Conditioning::Local,
-            told,
+            known_inputs,
         };
         let network = sizes.init(extents, weights)?;
         let task = Task::Denoise(Process::flow(self));
-        Ok(Denoiser { network, task, torques: Torques::Apart, told })
+        Ok(Denoiser { network, task, torques: Torques::Apart, known_inputs })
     }
 }

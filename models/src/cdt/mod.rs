@@ -14,11 +14,11 @@ use crate::denoiser::{Denoiser, Network, Task, Torques};
 use crate::diffusion::{Process, Step};
 use crate::dropout::Dropout;
 use crate::initialization::{InitialWeights, POSITION_STANDARD_DEVIATION};
+use crate::known_inputs::KnownInputs;
 use crate::layers::{LayerNorm, Linear};
 use crate::sizes::{
     LARGEST_RATIO, LARGEST_WIDTH, MOST_LAYERS, MOST_SAMPLES, divides, multiple, within,
 };
-use crate::told::Told;
 use crate::transformer::{DecoderBlock, EncoderBlock, patches};
 use crate::unet::sinusoid;
 use chain::Chain;
@@ -40,7 +40,8 @@ impl Architecture for CdtSpec {
             Objective::Denoising => Task::Denoise(Process::diffusion(&self.diffusion)),
             Objective::Regression => Task::Predict(self.loss),
         };
-        Ok(Denoiser { network, task, torques: Torques::Apart, told: Told::of(self.residual) })
+        let known_inputs = KnownInputs::of(self.residual);
+        Ok(Denoiser { network, task, torques: Torques::Apart, known_inputs })
     }
 }
 
@@ -48,9 +49,9 @@ impl Architecture for CdtSpec {
 /// network of its code).
 ///
 /// A token is `patch` consecutive samples, flattened; 1 in the paper. The encoder sees the noise
-/// level and the [known](Told) series of the whole trajectory in both directions, which is u alone
-/// in the paper. It has no norm at its end. The decoder sees the noisy y causally. At token t it
-/// sees the noise level and u up to t in the encoder's output.
+/// level and the [known](KnownInputs) series of the whole trajectory in both directions, which is u
+/// alone in the paper. It has no norm at its end. The decoder sees the noisy y causally. At token t
+/// it sees the noise level and u up to t in the encoder's output.
 #[derive(Module, Debug)]
 pub(crate) struct Cdt {
     condition_input: Linear,
@@ -88,9 +89,9 @@ impl Cdt {
             [spec.d_model, spec.heads, spec.patch, extents.samples()].map(|size| size as usize);
         let tokens = samples / patch;
         let hidden = d_model * spec.mlp_ratio as usize;
-        let told = Told::of(spec.residual).channels(extents.joints);
+        let known = KnownInputs::of(spec.residual).channels(extents.joints);
         Ok(Self {
-            condition_input: Linear::new(told * patch, d_model, weights),
+            condition_input: Linear::new(known * patch, d_model, weights),
             condition_positions: weights.normal([tokens + 1, d_model], POSITION_STANDARD_DEVIATION),
             encoder_blocks: (0..spec.encoder_layers)
                 .map(|_| EncoderBlock::new(d_model, heads, hidden, weights))

@@ -14,11 +14,11 @@ use crate::activations::{Activations, Tally};
 use crate::architecture::{Architecture, Ask, Draw, Extents, Model, ModelInput};
 use crate::dropout::Dropout;
 use crate::initialization::{InitialWeights, POSITION_STANDARD_DEVIATION};
+use crate::known_inputs::KnownInputs;
 use crate::layers::{LayerNorm, Linear};
 use crate::loss::Loss;
 use crate::randomness::Noise;
 use crate::sizes::{LARGEST_RATIO, LARGEST_WIDTH, MOST_LAYERS, divides, within};
-use crate::told::Told;
 use crate::transformer::{DecoderBlock, EncoderBlock, patches};
 
 impl Architecture for RoboMorphSpec {
@@ -41,8 +41,8 @@ impl Architecture for RoboMorphSpec {
         let hidden = d_model * self.mlp_ratio as usize;
         let [context_tokens, horizon_tokens] =
             [context, horizon].map(|samples| (samples / self.patch) as usize);
-        let told = Told::of(self.residual);
-        let known = told.channels(joints);
+        let known_inputs = KnownInputs::of(self.residual);
+        let known = known_inputs.channels(joints);
         let numbers = match self.head {
             Head::Point => 1,
             Head::Gaussian => gaussian::NUMBERS,
@@ -67,7 +67,7 @@ impl Architecture for RoboMorphSpec {
             kind: self.head,
             output: self.output,
             loss: self.loss,
-            told,
+            known_inputs,
         })
     }
 }
@@ -79,10 +79,10 @@ const KEPT_BY_LOSS: usize = 3;
 /// (Bazzi et al. 2024, *RoboMorph*; block structure of its code, forgi86/sysid-transformers).
 ///
 /// A token is `patch` consecutive samples, flattened; 1 in the paper. The encoder sees the
-/// [known](Told) series, which is u alone in the paper, and y of the context in both directions.
-/// The decoder sees the known series of the horizon, causally, and all of the encoder's output. It
-/// does not see its own past y. It predicts positions, or on request displacements that are summed
-/// to positions.
+/// [known](KnownInputs) series, which is u alone in the paper, and y of the context in both
+/// directions. The decoder sees the known series of the horizon, causally, and all of the encoder's
+/// output. It does not see its own past y. It predicts positions, or on request displacements that
+/// are summed to positions.
 #[derive(Module, Debug)]
 pub(crate) struct RoboMorph {
     encoder_input: Linear,
@@ -105,7 +105,7 @@ pub(crate) struct RoboMorph {
     #[module(skip)]
     loss: PointLoss,
     #[module(skip)]
-    told: Told,
+    known_inputs: KnownInputs,
 }
 
 impl RoboMorph {
@@ -153,7 +153,7 @@ impl RoboMorph {
 impl Model for RoboMorph {
     fn loss(&self, input: ModelInput, target: Tensor<3>, _: &mut Noise) -> Loss {
         let unit = input.unit_of_horizon();
-        let answer = self.forward(self.told.series(&input), input.y_context);
+        let answer = self.forward(self.known_inputs.series(&input), input.y_context);
         match self.kind {
             Head::Point => Loss::of_points(self.loss, answer, target, unit),
             Head::Gaussian => {
@@ -166,7 +166,7 @@ impl Model for RoboMorph {
     }
 
     fn answer(&self, input: ModelInput, ask: Ask<'_>) -> Tensor<3> {
-        let answer = self.forward(self.told.series(&input), input.y_context);
+        let answer = self.forward(self.known_inputs.series(&input), input.y_context);
         if self.kind == Head::Point {
             return answer;
         }
@@ -182,7 +182,7 @@ impl Model for RoboMorph {
     }
 
     fn count(&self, extents: Extents, tally: &Rc<Tally>) {
-        let channels = self.told.channels(extents.joints);
+        let channels = self.known_inputs.channels(extents.joints);
         let known = tally.given([1, extents.samples() as usize, channels]);
         let y_context = tally.given([1, extents.context as usize, extents.joints]);
         let [_, horizon, channels] = self.forward(known, y_context).dims();

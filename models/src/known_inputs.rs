@@ -13,14 +13,14 @@ const PER_LOGARITHM: f64 = 0.25;
 /// Answers relative to a path contain neither the arm's pose, on which its inertia depends, nor the
 /// size of their unit. The path and the unit give both.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Told {
+pub(crate) enum KnownInputs {
     /// Normalized torques.
     Torques,
     /// Torques, the path as normalized positions, and a quarter of the logarithm of the unit in them.
     TorquesPathAndUnit,
 }
 
-impl Told {
+impl KnownInputs {
     /// The known series for a model whose answers are relative to `residual`.
     pub fn of(residual: Residual) -> Self {
         match residual {
