@@ -96,7 +96,7 @@ pub struct StreamedPrediction {
 /// The duration of each part of the answer, ms.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct StreamLatency {
-    /// Waiting for the computation's turn.
+    /// Waiting in the queue for the computation.
     pub queue: f64,
     pub compute: f64,
     /// Time from the message to the answer, both as text.
