@@ -66,10 +66,10 @@ pub fn examples(cells: &[CellResult], predictors: &[PredictorInfo]) -> Option<Ex
 fn ladder(baselines: Vec<&PredictorInfo>) -> Vec<&PredictorInfo> {
     let mut told = BTreeSet::new();
     let distinct: Vec<_> =
-        baselines.into_iter().filter(|it| told.insert(it.told.clone())).collect();
+        baselines.into_iter().filter(|info| told.insert(info.told.clone())).collect();
     let is_told_nothing = |told: Option<&str>| told == Some(Baseline::HoldLast.told());
     let rungs = distinct.into_iter().enumerate();
-    let drawn = rungs.filter(|(rank, it)| *rank < 2 || is_told_nothing(it.told.as_deref()));
+    let drawn = rungs.filter(|(rank, info)| *rank < 2 || is_told_nothing(info.told.as_deref()));
     drawn.map(|(_, info)| info).collect()
 }
 
@@ -83,7 +83,7 @@ fn best_first<'a>(
     for info in predictors {
         let answered = answers(cells, &info.name);
         if !answered.is_empty() {
-            let sum: f64 = answered.iter().map(|it| it.rmse_deg).sum();
+            let sum: f64 = answered.iter().map(|answer| answer.rmse_deg).sum();
             ranked.push((answered.len(), sum / answered.len() as f64, info));
         }
     }
@@ -141,8 +141,11 @@ mod tests {
         infos[2].normalization = Some(spec::Normalization::PaperLeaky);
         let found = examples(&cells, &infos).unwrap();
         assert_eq!(found.predictors, ["model", "baseline"]);
-        let places: Vec<_> =
-            found.scenarios.iter().map(|it| (it.rank, it.cell, it.scenario)).collect();
+        let places: Vec<_> = found
+            .scenarios
+            .iter()
+            .map(|example| (example.rank, example.cell, example.scenario))
+            .collect();
         assert_eq!(
             places,
             [(ScenarioRank::Worst, 1, 1), (ScenarioRank::Median, 0, 1), (ScenarioRank::Best, 0, 0)]

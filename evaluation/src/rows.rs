@@ -93,7 +93,7 @@ impl CellResult {
             let own: Vec<&[Row<'_>]> = rows.by_ref().take(count).collect();
             let name = errors.predictor.as_str();
             let is_whole = |rows: &&[Row<'_>]| {
-                rows.len() == self.joints && rows.iter().all(|it| it.predictor == name)
+                rows.len() == self.joints && rows.iter().all(|row| row.predictor == name)
             };
             if own.len() != count || !own.iter().all(is_whole) {
                 return false;
@@ -114,29 +114,33 @@ impl CellResult {
         let jitter = scores.and_then(|scores| scores.jitter.as_ref());
         let samples = scores.and_then(|scores| scores.samples.as_ref());
         let interval = |nominal: f64| {
-            samples.and_then(|it| it.intervals.iter().find(|it| it.nominal == nominal))
+            samples.and_then(|samples| {
+                samples.intervals.iter().find(|interval| interval.nominal == nominal)
+            })
         };
         let of_joint = |values: &PerJoint| values[joint];
         Row {
             trajectory: self.first + scenario as u64,
             joint: joint + 1,
             predictor: &errors.predictor,
-            rmse_deg: scores.map(|it| of_joint(&it.rmse_deg)),
-            first_sample_deg: continuity.map(|it| of_joint(&it.first_sample_deg)),
-            jump_deg: continuity.map(|it| of_joint(&it.jump_deg)),
-            seam_jump_deg: continuity.and_then(|it| it.seam_jump_deg.as_ref().map(of_joint)),
-            largest_jump_deg: continuity.map(|it| of_joint(&it.largest_jump_deg)),
-            beyond_limits_deg: scores.and_then(|it| it.beyond_limits_deg.as_ref().map(of_joint)),
-            jitter_deg: jitter.map(|it| of_joint(&it.deg)),
-            smoothed_jitter_deg: jitter.map(|it| of_joint(&it.smoothed_deg)),
-            smoothed_rmse_deg: jitter.map(|it| of_joint(&it.smoothed_rmse_deg)),
-            mean_rmse_deg: samples.map(|it| of_joint(&it.mean_rmse_deg)),
-            crps_deg: samples.map(|it| of_joint(&it.crps_deg)),
-            energy_score_deg: samples.map(|it| it.energy_score_deg),
-            coverage_50: interval(0.5).map(|it| of_joint(&it.coverage)),
-            width_50_deg: interval(0.5).map(|it| of_joint(&it.width_deg)),
-            coverage_90: interval(0.9).map(|it| of_joint(&it.coverage)),
-            width_90_deg: interval(0.9).map(|it| of_joint(&it.width_deg)),
+            rmse_deg: scores.map(|scores| of_joint(&scores.rmse_deg)),
+            first_sample_deg: continuity.map(|continuity| of_joint(&continuity.first_sample_deg)),
+            jump_deg: continuity.map(|continuity| of_joint(&continuity.jump_deg)),
+            seam_jump_deg: continuity
+                .and_then(|continuity| continuity.seam_jump_deg.as_ref().map(of_joint)),
+            largest_jump_deg: continuity.map(|continuity| of_joint(&continuity.largest_jump_deg)),
+            beyond_limits_deg: scores
+                .and_then(|scores| scores.beyond_limits_deg.as_ref().map(of_joint)),
+            jitter_deg: jitter.map(|jitter| of_joint(&jitter.deg)),
+            smoothed_jitter_deg: jitter.map(|jitter| of_joint(&jitter.smoothed_deg)),
+            smoothed_rmse_deg: jitter.map(|jitter| of_joint(&jitter.smoothed_rmse_deg)),
+            mean_rmse_deg: samples.map(|samples| of_joint(&samples.mean_rmse_deg)),
+            crps_deg: samples.map(|samples| of_joint(&samples.crps_deg)),
+            energy_score_deg: samples.map(|samples| samples.energy_score_deg),
+            coverage_50: interval(0.5).map(|interval| of_joint(&interval.coverage)),
+            width_50_deg: interval(0.5).map(|interval| of_joint(&interval.width_deg)),
+            coverage_90: interval(0.9).map(|interval| of_joint(&interval.coverage)),
+            width_90_deg: interval(0.9).map(|interval| of_joint(&interval.width_deg)),
         }
     }
 }

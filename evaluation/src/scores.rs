@@ -115,10 +115,10 @@ impl ContinuityErrors {
         };
         let found: Vec<_> = (0..joints).map(of_joint).collect();
         Self {
-            first_sample_deg: found.iter().map(|it| to_f32(it.first_sample_deg)).collect(),
-            jump_deg: found.iter().map(|it| to_f32(it.jump_deg)).collect(),
-            largest_jump_deg: found.iter().map(|it| to_f32(it.largest_jump_deg)).collect(),
-            seam_jump_deg: found.iter().map(|it| it.seam_jump_deg.map(to_f32)).collect(),
+            first_sample_deg: found.iter().map(|joint| to_f32(joint.first_sample_deg)).collect(),
+            jump_deg: found.iter().map(|joint| to_f32(joint.jump_deg)).collect(),
+            largest_jump_deg: found.iter().map(|joint| to_f32(joint.largest_jump_deg)).collect(),
+            seam_jump_deg: found.iter().map(|joint| joint.seam_jump_deg.map(to_f32)).collect(),
         }
     }
 }
@@ -254,7 +254,8 @@ mod tests {
     #[test]
     fn few_samples_have_no_wide_interval_and_one_has_none() {
         let found = errors(10).samples.unwrap();
-        assert_eq!(found.intervals.iter().map(|it| it.nominal).collect::<Vec<_>>(), [0.5]);
+        let nominal: Vec<f64> = found.intervals.iter().map(|interval| interval.nominal).collect();
+        assert_eq!(nominal, [0.5]);
         assert_eq!(found.calibration.len(), 8);
         assert_eq!(errors(1).samples, None);
     }

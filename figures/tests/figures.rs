@@ -100,7 +100,7 @@ fn every_colour_of_a_drawing_has_another_on_a_dark_page() {
         let document = Document::parse(&drawn).unwrap();
         for node in document.descendants() {
             for property in ["fill", "stroke"] {
-                let Some(color) = node.attribute(property).filter(|it| *it != "none") else {
+                let Some(color) = node.attribute(property).filter(|color| *color != "none") else {
                     continue;
                 };
                 assert!(style.contains(&format!("[{property}=\"{color}\"]")), "{property} {color}");
@@ -136,7 +136,7 @@ fn a_stack_holds_its_figures_one_below_the_other_as_they_are_alone() {
     assert_eq!(title.text(), Some("Two & more"));
     assert_eq!(drawn.matches("<style>").count(), 1);
     let panels: Vec<Node> = root.children().filter(|node| node.has_tag_name("svg")).collect();
-    assert_eq!(panels.iter().map(|it| attribute(*it, "y")).collect::<Vec<_>>(), [0.0, 420.0]);
+    assert_eq!(panels.iter().map(|panel| attribute(*panel, "y")).collect::<Vec<_>>(), [0.0, 420.0]);
     for (panel, figure) in panels.iter().zip(&figures) {
         // The stack has the colours of dark pages once, for all its figures.
         let alone = without_style(&svg(figure));
@@ -183,7 +183,7 @@ fn a_low_axis_still_has_two_labels() {
         let document = Document::parse(&drawn).unwrap();
         // Labels of the vertical axis end at the axis.
         let labels =
-            named(&document, "text").filter(|it| it.attribute("text-anchor") == Some("end"));
+            named(&document, "text").filter(|label| label.attribute("text-anchor") == Some("end"));
         assert!(labels.count() >= 2, "{low} to {high}: {:?}", texts(&document));
     }
 }

@@ -24,10 +24,11 @@ impl Kind for EvaluateSpec {
     fn tasks(&self, inputs: &Inputs) -> Result<Vec<NewTask>, SpecError> {
         let data = inputs.data()?;
         let cells = (0..).zip(self.cells(&data.spec));
-        let complete = data.this_dataset().filter(|it| it.state == DatasetState::Complete);
+        let complete =
+            data.this_dataset().filter(|dataset| dataset.state == DatasetState::Complete);
         let mut tasks: Vec<NewTask> = cells
             .map(|(k, cell)| {
-                let found = complete.map(|it| it.trajectories.saturating_sub(cell.first));
+                let found = complete.map(|dataset| dataset.trajectories.saturating_sub(cell.first));
                 let scenarios = found.map_or(cell.count, |found| found.min(cell.count));
                 task(0, k, cell.to_string(), &EvaluateTask::Cell(k), scenarios)
             })

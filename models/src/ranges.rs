@@ -226,7 +226,7 @@ mod tests {
         assert_eq!(trained.warnings(&robot(2.8, 1.0, 60).observed(40)), []);
         let kinds = |u: f32, q: f32| -> Vec<(WarningKind, u32)> {
             let warnings = trained.warnings(&robot(u, q, 60).observed(40));
-            warnings.iter().map(|it| (it.kind, it.joint.unwrap())).collect()
+            warnings.iter().map(|warning| (warning.kind, warning.joint.unwrap())).collect()
         };
         assert_eq!(
             kinds(30.0, 1.0),

@@ -146,7 +146,7 @@ fn a_question_of_the_wrong_shape_is_refused() {
     let error = refused(&batch.view().observed(1, shorter));
     assert_eq!(error, "the model was given 23 samples of u, expected 24");
     let shape = Shape { joints: JOINTS - 1, ..batch.shape() };
-    let [u, y] = [batch.u(), batch.y()].map(|it| it[..shape.values().unwrap()].to_vec());
+    let [u, y] = [batch.u(), batch.y()].map(|values| values[..shape.values().unwrap()].to_vec());
     let narrower = Series::new(shape, DATA.rate_hz, u, y).unwrap();
     assert_eq!(refused(&known(&narrower)), "the model was given 6 joints, expected 7");
 }

@@ -226,7 +226,8 @@ fn a_training_that_explodes_says_so_and_leaves_no_number_that_is_not_finite() {
     let mut trainer = trainer(&explosive());
     let mut kept = trainer.checkpoint().unwrap();
     let error = (0..2000).find_map(|step| {
-        trainer.step(&batch(step, 8)).and_then(|_| trainer.checkpoint()).map(|it| kept = it).err()
+        let checkpoint = trainer.step(&batch(step, 8)).and_then(|_| trainer.checkpoint());
+        checkpoint.map(|checkpoint| kept = checkpoint).err()
     });
     let error = error.unwrap();
     let is_named = match &error {

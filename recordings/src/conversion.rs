@@ -127,7 +127,8 @@ impl<I: Iterator<Item = Result<Rows, ImportError>>> Conversion<I> {
         }
         let index = self.next;
         let name = self.rows.recording.as_ref().map(|names| &names[index]);
-        let goes_on = self.recording.as_ref().is_some_and(|it| it.name.as_ref() == name);
+        let recording = self.recording.as_ref();
+        let goes_on = recording.is_some_and(|recording| recording.name.as_ref() == name);
         if !goes_on {
             let (name, place) = (name.cloned(), self.rows.place(index));
             self.end_recording()?;

@@ -118,7 +118,8 @@ async fn a_backup_taken_under_load_is_restored_with_equal_listings_and_goes_on()
 #[tokio::test]
 async fn a_backup_reads_the_configuration_file_of_the_server() {
     let folder = tempfile::tempdir().unwrap();
-    let [data, saved, file] = ["data", "backup", "torqued.toml"].map(|it| folder.path().join(it));
+    let [data, saved, file] =
+        ["data", "backup", "torqued.toml"].map(|name| folder.path().join(name));
     std::fs::write(&file, format!("data = {data:?}\nworkers = 0\n")).unwrap();
     let product = Product::start(&data);
     product.submit(&small_pipeline()["jobs"]["train-set"]).await;

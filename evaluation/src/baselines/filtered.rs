@@ -96,7 +96,8 @@ mod tests {
         let mut other = robot.clone();
         other.y_mut()[CONTEXT * 7..].fill(9.0);
         let predictor = Filtered(Box::new(FittedDamping));
-        let answers = [&robot, &other].map(|it| predictor.predict(&it.observed(CONTEXT)).unwrap());
+        let answers =
+            [&robot, &other].map(|arm| predictor.predict(&arm.observed(CONTEXT)).unwrap());
         assert_eq!(answers[0], answers[1]);
     }
 }

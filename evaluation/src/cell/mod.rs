@@ -246,7 +246,7 @@ impl Scorer<'_> {
         let first = scenarios.iter().position(Option::is_none);
         PredictorErrors {
             predictor: predictor.name().to_owned(),
-            rmse_deg: scenarios.iter().map(|it| it.as_ref().map(mean_rmse_deg)).collect(),
+            rmse_deg: scenarios.iter().map(|errors| errors.as_ref().map(mean_rmse_deg)).collect(),
             failure: first.map(|first| Failure {
                 scenarios: failed,
                 first,

@@ -111,7 +111,8 @@ fn rollouts_that_leave_the_limits_and_those_that_diverge_are_counted() {
         Box::new(Broken { value: f32::NAN, at: 5 }),
         Box::new(HoldLast),
     ]);
-    let rollouts: Vec<Rollouts> = found.predictors.iter().map(|it| it.rollouts.unwrap()).collect();
+    let rollouts: Vec<Rollouts> =
+        found.predictors.iter().map(|errors| errors.rollouts.unwrap()).collect();
     let expected = [(1, 0), (1, 1), (1, 1), (0, 0)]
         .map(|(left, diverged)| Rollouts { left_limits: Some(left), diverged });
     assert_eq!(rollouts, expected);
@@ -159,7 +160,7 @@ fn the_rows_of_a_scenario_hold_its_errors() {
     assert!(read.take_rows(&rows), "rows of this cell");
     for (read, made) in read.predictors.iter().zip(&found.predictors) {
         let mut made = made.scenarios.clone();
-        for samples in made.iter_mut().flatten().filter_map(|it| it.samples.as_mut()) {
+        for samples in made.iter_mut().flatten().filter_map(|errors| errors.samples.as_mut()) {
             // The cell stores the calibration as a whole.
             samples.calibration.clear();
         }
@@ -177,7 +178,7 @@ fn errors_of_steps_and_of_joints_are_the_same_errors() {
         let by_scenario: f64 = errors
             .scenarios
             .iter()
-            .map(|it| f64::from(it.as_ref().unwrap().rmse_deg[joint]).powi(2) * 40.0)
+            .map(|scenario| f64::from(scenario.as_ref().unwrap().rmse_deg[joint]).powi(2) * 40.0)
             .sum();
         assert!((by_step / by_scenario - 1.0).abs() < 1e-5, "{by_step} {by_scenario}");
     }

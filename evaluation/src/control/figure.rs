@@ -7,7 +7,7 @@ use super::trial::{RobotTrials, Trace};
 
 /// Tracking error over time: at each sample, the mean over robots of controllers that did not fail.
 pub fn tracking_figure(report: &ControlReport, robots: &[RobotTrials]) -> Figure {
-    let series = report.controllers.iter().filter(|it| it.failed == 0).map(|controller| {
+    let series = report.controllers.iter().filter(|summary| summary.failed == 0).map(|controller| {
         let name = &controller.info.name;
         let errors: Vec<&[f64]> = robots
             .iter()

@@ -55,21 +55,21 @@ fn of(info: ControllerInfo, robots: &[RobotTrials], bootstrap: Bootstrap) -> Con
     let tracked = tracked.filter(|tracked| !tracked.is_empty());
     let mean = |value: &dyn Fn(&Tracking) -> f64| {
         let tracked = tracked.as_ref()?;
-        Some(tracked.iter().map(|it| value(it)).sum::<f64>() / tracked.len() as f64)
+        Some(tracked.iter().map(|tracking| value(tracking)).sum::<f64>() / tracked.len() as f64)
     };
     let rms_deg = tracked.as_ref().map(|tracked| {
-        stratified_mean(&[tracked.iter().map(|it| it.rms_deg).collect()], bootstrap)
+        stratified_mean(&[tracked.iter().map(|tracking| tracking.rms_deg).collect()], bootstrap)
     });
-    let clearances = tracked.iter().flatten().map(|it| it.clearance_rad);
+    let clearances = tracked.iter().flatten().map(|tracking| tracking.clearance_rad);
     let failures = || trials.iter().filter_map(|(trial, _)| trial.failure.as_ref());
     ControllerSummary {
         rms_deg,
         joint_rms_deg: (0..robots.first().map_or(0, |robot| robot.joints))
-            .map(|joint| mean(&|it| it.joint_rms_deg[joint]))
+            .map(|joint| mean(&|tracking| tracking.joint_rms_deg[joint]))
             .collect(),
-        peak_deg: mean(&|it| it.peak_deg),
-        torque_rms_nm: mean(&|it| it.torque_rms_nm),
-        beyond_excitation: mean(&|it| it.beyond_excitation),
+        peak_deg: mean(&|tracking| tracking.peak_deg),
+        torque_rms_nm: mean(&|tracking| tracking.torque_rms_nm),
+        beyond_excitation: mean(&|tracking| tracking.beyond_excitation),
         clearance_rad: clearances.min_by(f64::total_cmp),
         plan: plan_time(&trials),
         failed: failures().count() as u64,

@@ -7,8 +7,8 @@ use super::{drawn, line, point};
 /// RMSE over frequency of one excitation family at one level of noise, the training's frequencies shaded.
 pub fn rmse_figure(report: &Report, family: Family, position_noise_rad: f64) -> Figure {
     let found = |cell: &CellSummary, info: &PredictorInfo| {
-        let summary = cell.rmse_deg.iter().find(|it| it.predictor == info.name);
-        summary.map(|it| it.interval)
+        let summary = cell.rmse_deg.iter().find(|summary| summary.predictor == info.name);
+        summary.map(|summary| summary.interval)
     };
     over_frequency(report, (family, position_noise_rad), "Prediction error", "RMSE", found)
 }
@@ -16,8 +16,8 @@ pub fn rmse_figure(report: &Report, family: Family, position_noise_rad: f64) -> 
 /// CRPS over frequency of one excitation family at one level of noise, of the predictors with samples.
 pub fn crps_figure(report: &Report, family: Family, position_noise_rad: f64) -> Figure {
     let found = |cell: &CellSummary, info: &PredictorInfo| {
-        let scores = cell.scores.iter().find(|it| it.predictor == info.name);
-        scores.and_then(|it| it.crps_deg)
+        let scores = cell.scores.iter().find(|scores| scores.predictor == info.name);
+        scores.and_then(|scores| scores.crps_deg)
     };
     over_frequency(
         report,

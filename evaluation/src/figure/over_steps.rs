@@ -7,7 +7,7 @@ use super::point;
 /// differ only in the steps.
 pub fn sampler_steps_figure(report: &Report, group: &GroupSummary) -> Figure {
     let series = curves(report, |info, sampling| {
-        let summary = group.rmse_deg.iter().find(|it| it.predictor == info.name)?;
+        let summary = group.rmse_deg.iter().find(|summary| summary.predictor == info.name)?;
         Some(point(f64::from(sampling.steps), summary.interval))
     });
     Figure {

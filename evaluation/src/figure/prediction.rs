@@ -92,7 +92,7 @@ fn title(drawn: &DrawnScenario, model: &str) -> String {
 /// The range of the truth and of the model with some room, where a baseline leaves it; otherwise the data decide.
 fn range(series: &[Curve]) -> Option<(f64, f64)> {
     let extent = |series: &[Curve]| {
-        let values = series.iter().flat_map(|it| &it.points).map(|point| point.y);
+        let values = series.iter().flat_map(|curve| &curve.points).map(|point| point.y);
         values.filter(|y| y.is_finite()).fold(None, |extent: Option<(f64, f64)>, y| {
             let (low, high) = extent.unwrap_or((y, y));
             Some((low.min(y), high.max(y)))
@@ -153,7 +153,8 @@ mod tests {
             (figure.bands[0].to, figure.bands[0].label.as_str()),
             (0.0, "context, last 4 of 6 samples")
         );
-        let times = |k: usize| figure.series[k].points.iter().map(|it| it.x).collect::<Vec<_>>();
+        let times =
+            |k: usize| figure.series[k].points.iter().map(|point| point.x).collect::<Vec<_>>();
         assert_eq!(times(0), [-0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3, 0.4]);
         assert_eq!(times(1), [0.1, 0.2, 0.3, 0.4]);
         // 0.01, 0, 0.01 and 0.02 rad.

@@ -26,7 +26,9 @@ pub(super) fn by_shift(
         for shift in Shift::ALL {
             let of_shift: Vec<&CellResult> = cells
                 .iter()
-                .filter(|(cell, it)| cell.position_noise_rad == level && *it == Some(shift))
+                .filter(|(cell, cell_shift)| {
+                    cell.position_noise_rad == level && *cell_shift == Some(shift)
+                })
                 .map(|(cell, _)| *cell)
                 .collect();
             let families: Vec<Family> = Family::ALL
@@ -186,7 +188,7 @@ impl<'a> Group<'a> {
     fn diverged(&self, group: &[&PredictorInfo]) -> f64 {
         let count = |info: &&PredictorInfo| {
             let of_cell = |cell: &&CellResult| {
-                let found = errors(cell, &info.name).map_or(&[][..], |it| &it.diverged);
+                let found = errors(cell, &info.name).map_or(&[][..], |errors| &errors.diverged);
                 found.iter().filter(|&&scenario| is_scored(cell, scenario)).count()
             };
             self.cells.iter().map(of_cell).sum::<usize>()
@@ -244,7 +246,8 @@ mod tests {
         let report = summarize(crate::Setting { predictors, ..setting() }, &results).unwrap();
 
         assert_eq!(report.cells[0].within_torque_limits, Some(0.5));
-        let kinds: Vec<_> = report.shifts.iter().map(|it| (it.shift, it.family)).collect();
+        let kinds: Vec<_> =
+            report.shifts.iter().map(|summary| (summary.shift, summary.family)).collect();
         let multisine = Some(Family::Multisine);
         let expected = [
             (Shift::Within, None),

@@ -230,7 +230,7 @@ pub(crate) mod tests {
         let setting = Setting { predictors: runs.to_vec(), ..setting() };
         let report = summarize(setting, &[result]).unwrap();
         let pairs: Vec<[&str; 2]> =
-            report.paired.iter().map(|it| [&it.predictor[..], &it.against]).collect();
+            report.paired.iter().map(|pair| [&pair.predictor[..], &pair.against]).collect();
         assert!(pairs.contains(&["shifted 5", "cold 100"]), "{pairs:?}");
         assert!(pairs.contains(&["shifted 20", "cold 100"]), "{pairs:?}");
         assert!(!pairs.contains(&["shifted 20", "cold 5"]), "{pairs:?}");

@@ -102,7 +102,8 @@ fn seed_half_width(means: &[f64]) -> f64 {
         return 0.0;
     }
     let mean = means.iter().sum::<f64>() / count;
-    let variance = means.iter().map(|it| (it - mean).powi(2)).sum::<f64>() / (count - 1.0);
+    let squares = means.iter().map(|seed_mean| (seed_mean - mean).powi(2)).sum::<f64>();
+    let variance = squares / (count - 1.0);
     student_quantile_975(means.len() - 1) * (variance / count).sqrt()
 }
 
@@ -139,7 +140,7 @@ mod tests {
         let one: BySeed = vec![vec![robots.clone()]];
         let found = difference(&one, &one, BOOTSTRAP);
         assert_eq!((found.mean, found.low, found.high), (0.0, 0.0, 0.0));
-        let more: Vec<f64> = robots.iter().map(|it| it + 1.0).collect();
+        let more: Vec<f64> = robots.iter().map(|error| error + 1.0).collect();
         let two: BySeed = vec![vec![robots], vec![more]];
         let found = difference(&two, &one, BOOTSTRAP);
         assert!((found.mean - 0.5).abs() < 1e-12 && found.low < -5.0, "{found:?}");

@@ -54,17 +54,18 @@ impl<'a> Measured<'a> {
             predictor: predictor.to_owned(),
             joint_rmse_deg,
             step_rmse_deg: self.step_rmse_deg(),
-            first_sample_deg: self.root_mean_square(|it| Some(&it.first_sample_deg)),
-            jump_deg: self.root_mean_square(|it| Some(&it.jump_deg)),
-            seam_jump_deg: self.root_mean_square(|it| it.seam_jump_deg.as_ref()),
+            first_sample_deg: self
+                .root_mean_square(|continuity| Some(&continuity.first_sample_deg)),
+            jump_deg: self.root_mean_square(|continuity| Some(&continuity.jump_deg)),
+            seam_jump_deg: self.root_mean_square(|continuity| continuity.seam_jump_deg.as_ref()),
             largest_jump_deg: self
                 .interval(|errors| Some(mean(&errors.continuity.as_ref()?.largest_jump_deg))),
-            jitter_deg: jitter(|it| &it.deg),
-            smoothed_jitter_deg: jitter(|it| &it.smoothed_deg),
-            smoothed_rmse_deg: jitter(|it| &it.smoothed_rmse_deg),
-            mean_rmse_deg: samples(|it| mean(&it.mean_rmse_deg)),
-            crps_deg: samples(|it| mean(&it.crps_deg)),
-            energy_score_deg: samples(|it| f64::from(it.energy_score_deg)),
+            jitter_deg: jitter(|jitter| &jitter.deg),
+            smoothed_jitter_deg: jitter(|jitter| &jitter.smoothed_deg),
+            smoothed_rmse_deg: jitter(|jitter| &jitter.smoothed_rmse_deg),
+            mean_rmse_deg: samples(|errors| mean(&errors.mean_rmse_deg)),
+            crps_deg: samples(|errors| mean(&errors.crps_deg)),
+            energy_score_deg: samples(|errors| f64::from(errors.energy_score_deg)),
             intervals: INTERVALS.iter().filter_map(|&nominal| self.central(nominal)).collect(),
             calibration: self.calibration(),
         })
@@ -87,11 +88,12 @@ impl<'a> Measured<'a> {
         let of = |pick: fn(&crate::IntervalErrors) -> &PerJoint| {
             self.interval(|errors| {
                 let samples = errors.samples.as_ref()?;
-                let found = samples.intervals.iter().find(|it| it.nominal == nominal)?;
+                let found = samples.intervals.iter().find(|interval| interval.nominal == nominal)?;
                 Some(mean(pick(found)))
             })
         };
-        let (coverage, width_deg) = (of(|it| &it.coverage)?, of(|it| &it.width_deg)?);
+        let coverage = of(|interval| &interval.coverage)?;
+        let width_deg = of(|interval| &interval.width_deg)?;
         Some(IntervalSummary { nominal, coverage, width_deg })
     }
 
@@ -118,7 +120,10 @@ impl<'a> Measured<'a> {
     /// A value of each scenario. `None` unless all have one.
     fn values(&self, of: impl Fn(&ScenarioErrors) -> Option<f64>) -> Option<Vec<Vec<f64>>> {
         let of = &of;
-        self.strata.iter().map(|stratum| stratum.iter().map(|it| of(it)).collect()).collect()
+        self.strata
+            .iter()
+            .map(|stratum| stratum.iter().map(|errors| of(errors)).collect())
+            .collect()
     }
 
     fn interval(&self, of: impl Fn(&ScenarioErrors) -> Option<f64>) -> Option<Interval> {

@@ -129,7 +129,7 @@ impl<'a> Group<'a> {
         Self {
             name: format!("{name}{}", at_noise(level)),
             position_noise_rad: level,
-            cells: cells.iter().copied().filter(|it| it.position_noise_rad == level).collect(),
+            cells: cells.iter().copied().filter(|cell| cell.position_noise_rad == level).collect(),
         }
     }
 }
@@ -257,14 +257,15 @@ fn rollouts(predictors: &[PredictorInfo], cells: &[&CellResult]) -> Vec<RolloutS
     let summary = |info: &PredictorInfo| {
         let asked: Vec<&PredictorErrors> =
             cells.iter().map(|cell| errors(cell, &info.name)).collect::<Option<_>>()?;
-        let found: Vec<Rollouts> = asked.iter().map(|it| it.rollouts).collect::<Option<_>>()?;
-        let scenarios: usize = asked.iter().map(|it| it.rmse_deg.len()).sum();
+        let found: Vec<Rollouts> =
+            asked.iter().map(|errors| errors.rollouts).collect::<Option<_>>()?;
+        let scenarios: usize = asked.iter().map(|errors| errors.rmse_deg.len()).sum();
         let share = |count: usize| count as f64 / scenarios.max(1) as f64;
-        let left: Option<usize> = found.iter().map(|it| it.left_limits).sum();
+        let left: Option<usize> = found.iter().map(|rollouts| rollouts.left_limits).sum();
         Some(RolloutSummary {
             predictor: info.name.clone(),
             left_limits: left.map(share),
-            diverged: share(found.iter().map(|it| it.diverged).sum()),
+            diverged: share(found.iter().map(|rollouts| rollouts.diverged).sum()),
         })
     };
     predictors.iter().filter_map(summary).collect()

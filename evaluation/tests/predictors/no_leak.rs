@@ -107,7 +107,7 @@ fn noise_in_the_horizon_changes_no_bit_of_any_model_however_it_is_sampled() {
     for (name, model) in smallest::models() {
         let model = trained(&model);
         let generation = model.architecture().generation();
-        let kinds = generation.map_or(&[SamplerKind::Ddpm][..], |it| it.samplers());
+        let kinds = generation.map_or(&[SamplerKind::Ddpm][..], |generation| generation.samplers());
         for &kind in kinds {
             let cold = learned(&name, &model, kind, Start::Cold);
             assert!(is_blind(&cold, &scenarios, [pre_roll, CONTEXT]), "{}", cold.name);

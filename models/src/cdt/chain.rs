@@ -96,7 +96,8 @@ impl<'a> Chain<'a> {
 fn copies(series: &[&Tensor<3>]) -> Vec<usize> {
     let [rows, _, _] = series[0].dims();
     // A device that cannot read values back counts every row as a trajectory of its own.
-    let values: Result<Vec<_>, _> = series.iter().map(|it| host_values((*it).clone())).collect();
+    let values: Result<Vec<_>, _> =
+        series.iter().map(|tensor| host_values((*tensor).clone())).collect();
     let Ok(values) = values else { return vec![1; rows] };
     let is_repeated = |row: usize| {
         values.iter().all(|values| {

@@ -98,7 +98,7 @@ fn column(children: u8) -> [u8; 6] {
 
 #[test]
 fn a_tree_of_columns_that_is_not_whole_is_refused() {
-    let of = |children: &[u8]| children.iter().flat_map(|it| column(*it)).collect::<Vec<_>>();
+    let of = |children: &[u8]| children.iter().flat_map(|count| column(*count)).collect::<Vec<_>>();
     for children in [&[3, 0, 0][..], &[1, 0, 0], &[2, 1, 0], &[60]] {
         let claimed = u32::try_from(children.len()).unwrap();
         let error = error(&with_footer(claimed, &of(children)));

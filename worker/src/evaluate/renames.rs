@@ -20,7 +20,10 @@ impl PresentNames {
     pub fn of(predictors: &Predictors<'_>) -> Self {
         let infos = predictors.infos();
         let others = infos.len() - predictors.learned.len();
-        let learned = predictors.learned.iter().map(|it| Some(it.checkpoint.info.name.clone()));
+        let learned = predictors
+            .learned
+            .iter()
+            .map(|predictor| Some(predictor.checkpoint.info.name.clone()));
         Self {
             predictors: infos.into_iter().map(|info| info.name).collect(),
             checkpoints: std::iter::repeat_n(None, others).chain(learned).collect(),
@@ -40,7 +43,9 @@ impl PresentNames {
             }
             let before = std::mem::replace(&mut errors.predictor, name.clone());
             // Warnings name the checkpoint without its sampler.
-            let sampler = checkpoint.as_ref().and_then(|it| name.strip_prefix(it.as_str()));
+            let sampler = checkpoint
+                .as_ref()
+                .and_then(|checkpoint| name.strip_prefix(checkpoint.as_str()));
             if let (Some(checkpoint), Some(sampler)) = (checkpoint, sampler)
                 && let Some(bare) = before.strip_suffix(sampler)
             {
@@ -49,7 +54,7 @@ impl PresentNames {
             changes.insert(before, name.clone());
         }
         for warning in &mut cell.warnings {
-            if let Some(name) = warning.predictor.as_ref().and_then(|it| changes.get(it)) {
+            if let Some(name) = warning.predictor.as_ref().and_then(|before| changes.get(before)) {
                 warning.predictor = Some(name.clone());
             }
         }
@@ -93,7 +98,8 @@ mod tests {
         // The two trainings exchanged their names.
         let mut found = cell(&["arx", "a ddim 5", "b"], "a");
         let changes = present.give_to(&mut found);
-        let names: Vec<&str> = found.predictors.iter().map(|it| it.predictor.as_str()).collect();
+        let names: Vec<&str> =
+            found.predictors.iter().map(|errors| errors.predictor.as_str()).collect();
         assert_eq!(names, ["arx", "b ddim 5", "a"]);
         assert_eq!(found.warnings[0].predictor.as_deref(), Some("b"));
         assert_eq!(changes["a ddim 5"], "b ddim 5");

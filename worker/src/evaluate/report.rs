@@ -97,7 +97,10 @@ fn cells(attempt: &Attempt, tasks: &[Task], names: &PresentNames) -> Result<Cell
         rows::complete(&mut result, &rows)?;
         let changes = names.give_to(&mut result);
         if !changes.is_empty() {
-            rows = rows.iter().map(|it| rows::renamed(it, &changes)).collect::<Result<_, _>>()?;
+            rows = rows
+                .iter()
+                .map(|batch| rows::renamed(batch, &changes))
+                .collect::<Result<_, _>>()?;
         }
         found.tables.extend(rows);
         found.cells.push(result);

@@ -203,6 +203,7 @@ fn sentence(
 
 impl Study {
     pub(super) fn warm_start(&self) -> Option<&Evaluation> {
-        self.evaluations.iter().find(|it| it.plan.question == StudyQuestion::WarmStart)
+        let mut evaluations = self.evaluations.iter();
+        evaluations.find(|evaluation| evaluation.plan.question == StudyQuestion::WarmStart)
     }
 }
