@@ -1,6 +1,7 @@
 //! `cargo xtask test`: all checks that a change must pass.
 
 mod counts;
+mod failures;
 mod install;
 
 use std::process::{Command, ExitCode};
@@ -35,10 +36,10 @@ struct Step {
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let mut total = Counts::default();
     let mut failed = Vec::new();
-    let mut record = |name: &'static str, counts: Counts| {
+    let mut record = |name: &'static str, counts: Counts, text: &str| {
         total += counts;
         if counts.failed > 0 {
-            failed.push(name);
+            failed.push((name, text.to_owned()));
         }
     };
     let all = install::ALL.iter().filter(|_| !arguments.quick);
@@ -46,18 +47,31 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     for installation in all.chain(further) {
         eprintln!("\n== {}", installation.name);
         let result = (installation.run)();
-        if let Err(error) = &result {
-            eprintln!("error: {error:#}");
+        let text = match &result {
+            Ok(()) => String::new(),
+            Err(error) => format!("error: {error:#}"),
+        };
+        if !text.is_empty() {
+            eprintln!("{text}");
         }
-        record(installation.name, Counts::one(result.is_ok()));
+        record(installation.name, Counts::one(result.is_ok()), &text);
     }
     // Deletes the list of an earlier run, if there is one.
     let _ = std::fs::remove_file(skipped_tests());
     for step in steps(arguments) {
-        record(step.name, take(step));
+        let name = step.name;
+        let (counts, text) = take(step);
+        record(name, counts, &text);
+    }
+    for (name, text) in &failed {
+        eprintln!("\n== failed: {name}");
+        for line in failures::of_output(text) {
+            eprintln!("{line}");
+        }
     }
     if !failed.is_empty() {
-        eprintln!("\nfailed: {}", failed.join(", "));
+        let names: Vec<&str> = failed.iter().map(|(name, _)| *name).collect();
+        eprintln!("\nfailed: {}", names.join(", "));
     }
     for test in std::fs::read_to_string(skipped_tests()).unwrap_or_default().lines() {
         eprintln!("skipped: {test}");
@@ -66,25 +80,29 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     Ok(if total.failed == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
-/// Runs a step and counts.
-fn take(mut step: Step) -> Counts {
+/// Runs a step. Gives its counts and its output.
+fn take(mut step: Step) -> (Counts, String) {
     eprintln!("\n== {}", step.name);
     let started = Instant::now();
-    let counts = match process::run(&mut step.command) {
-        Ok(finished) => match step.count {
-            Some(count) => {
-                count(&finished.text).unwrap_or_default().agreeing_with(finished.success)
-            }
-            None => Counts::one(finished.success),
-        },
+    let (counts, text) = match process::run(&mut step.command) {
+        Ok(finished) => {
+            let counts = match step.count {
+                Some(count) => {
+                    count(&finished.text).unwrap_or_default().agreeing_with(finished.success)
+                }
+                None => Counts::one(finished.success),
+            };
+            (counts, finished.text)
+        }
         Err(error) => {
-            eprintln!("error: {error:#}");
-            Counts::one(false)
+            let text = format!("error: {error:#}");
+            eprintln!("{text}");
+            (Counts::one(false), text)
         }
     };
     let seconds = started.elapsed().as_secs();
     eprintln!("== {}: {} passed, {} failed, {seconds} s", step.name, counts.passed, counts.failed);
-    counts
+    (counts, text)
 }
 
 fn steps(Arguments { quick, devices }: &Arguments) -> Vec<Step> {
@@ -171,6 +189,9 @@ fn nextest_or_cargo_test(quick: bool) -> Command {
             "cargo",
             &["nextest", "run", "--workspace", "--cargo-profile", "release", "--no-fail-fast"],
         );
+        // The outputs of failed tests then follow the summary, so that they are repeated at the
+        // end of the run.
+        command.args(["--failure-output", "immediate-final"]);
         if without_postgresql {
             command.args(["--filterset", "not test(/^postgres::/)"]);
         }
