@@ -145,8 +145,7 @@ fn a_stack_holds_its_figures_one_below_the_other_as_they_are_alone() {
         assert_eq!(drawn.trim_end(), within.trim_end());
     }
     // Labels of one figure need more space than those of the other.
-    let figures =
-        [1.0, 1e-7].map(|y| figure(vec![Curve::line("training", points(&[y, 3.0 * y]))]));
+    let figures = [1.0, 1e-7].map(|y| figure(vec![Curve::line("training", points(&[y, 3.0 * y]))]));
     let drawn = figures::stacked("", &figures, Size::PAGE).unwrap();
     let document = Document::parse(&drawn).unwrap();
     let panels = document.root_element().children().filter(|node| node.has_tag_name("svg"));

@@ -6,7 +6,6 @@ use rayon::prelude::*;
 use super::dropout::{self, DropoutMask};
 use super::fused::{Array, FusedOp, apply, operand};
 use super::packed::{PackedWeight, Packing};
-use super::parts::each_part;
 use super::{affine, linear, vectorized};
 
 /// Elements per task: 64 KiB, which stay in the cache between reading and writing.
@@ -99,8 +98,12 @@ impl FusedOp<4> for GeluLinear {
         };
         let mut d_weight = vec![0.0; weight.values().len()];
         let mut d_bias = vec![0.0; bias.width()];
-        let mut between = each_part(x.values().len(), TASK, |index, g| {
-            vectorized::gelu(&x.values()[index * TASK..][..g.len()], g);
+        // The slope is computed along with the value, because both need the same exponential.
+        let mut between = vec![0.0; x.values().len()];
+        let mut slope = vec![0.0; x.values().len()];
+        let parts = between.par_chunks_mut(TASK).zip(slope.par_chunks_mut(TASK));
+        parts.zip(x.values().par_chunks(TASK)).for_each(|((between, slope), x)| {
+            vectorized::gelu_and_slope(x, between, slope);
         });
         if let Some(mask) = of_gelu {
             mask.apply_to_all(&mut between, width, rows);
@@ -112,7 +115,7 @@ impl FusedOp<4> for GeluLinear {
             if let Some(mask) = of_gelu {
                 mask.apply(dg, width, first / width, rows);
             }
-            vectorized::times_gelu_slope(&x.values()[first..first + dg.len()], dg);
+            vectorized::multiply(dg, &slope[first..first + dg.len()]);
         });
         [
             d_residual,

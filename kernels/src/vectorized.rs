@@ -51,11 +51,12 @@ vectorized! {
 }
 
 vectorized! {
-    /// dy = (Φ(x) + x φ(x)) dy.
-    fn times_gelu_slope(x: &[f32], dy: &mut [f32]) {
-        for (dy, &x) in dy.iter_mut().zip(x) {
+    /// y = x Φ(x) and its derivative Φ(x) + x φ(x).
+    fn gelu_and_slope(x: &[f32], y: &mut [f32], slope: &mut [f32]) {
+        for ((y, slope), &x) in y.iter_mut().zip(slope).zip(x) {
             let (cumulative, density) = normal_distribution::<FUSED>(x);
-            *dy *= cumulative + x * density;
+            *y = x * cumulative;
+            *slope = cumulative + x * density;
         }
     }
 }

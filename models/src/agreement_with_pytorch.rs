@@ -16,6 +16,7 @@ use crate::architecture::{Ask, Draw, ModelInput};
 use crate::checkpoint::{CONFIG_FILE, CheckpointFiles, MODEL_FILE};
 use crate::device::host_values;
 use crate::frame::Framing;
+use crate::gradient_sum::GradientSum;
 use crate::initialization::InitialWeights;
 use crate::normalization::{Normalizer, model_input, target};
 use crate::optimizer::{ModelOptimizer, NamedGradients};
@@ -195,7 +196,7 @@ fn gradients_of_models_that_answer_in_one_pass_agree() {
         let rows = 0..peer.batch().robots() as u64;
         let rows = rows.map(|row| generator(0, Purpose::Training, 2, row));
         let loss = model.loss(input, target, &mut Noise::new(rows));
-        let gradients = NamedGradients::of(&model, vec![loss.tensor().backward()]).unwrap();
+        let gradients = GradientSum::of(&model, 0.0, loss.tensor().backward()).named().unwrap();
         check_gradients(&peer, &model, &gradients);
     }
 }
@@ -307,7 +308,7 @@ fn denoisers_answer_and_learn_alike() {
 
         let error = answer - series(&peer, "answer_wanted", &device);
         let gradients = error.square().mean().backward();
-        let gradients = NamedGradients::of(&model, vec![gradients]).unwrap();
+        let gradients = GradientSum::of(&model, 0.0, gradients).named().unwrap();
         check_gradients(&peer, &model, &gradients);
 
         // Epsilon is large, so that gradients near zero do not make steps of random sign.

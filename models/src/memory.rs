@@ -8,8 +8,9 @@ use crate::activations::Tally;
 use crate::architecture::Extents;
 use crate::initialization::InitialWeights;
 use crate::parameters::for_each_parameter;
+use crate::parts::{Parts, PartsSpec};
 use crate::sequence_model::SequenceModel;
-use crate::{Device, ModelError};
+use crate::{Device, DeviceKind, ModelError};
 
 const F32: u64 = 4;
 
@@ -84,12 +85,13 @@ impl Counts {
         Ok(Self { parameters: parameters_of(&model), kept, worked_with })
     }
 
-    /// The memory with a batch that is computed in `parts` parts.
+    /// The memory with a `gradient_accumulation` of `parts`, with this process's threads.
     fn memory(&self, spec: &TrainSpec, parts: u32) -> TrainingMemory {
-        let at_once = u64::from(spec.batch_size.div_ceil(parts.max(1)));
+        let divided = divided(spec, parts);
+        let at_once = divided.trajectories_at_once() as u64;
         let average = u64::from(spec.ema.is_some());
-        // The gradients of the parts of a batch are summed.
-        let sums = u64::from(parts > 1);
+        // The gradients of parts are added to a sum.
+        let sums = if divided.count > 1 { divided.at_once as u64 } else { 0 };
         let of_parameters = |copies: u64| copies * self.parameters * F32;
         let state_bytes = of_parameters(COPIES + average + sums);
         let activation_bytes = at_once * self.kept * F32;
@@ -103,6 +105,11 @@ impl Counts {
             peak_bytes: BASE + used + used / 10 * HELD_BACK,
         }
     }
+}
+
+/// The parts of a batch with a `gradient_accumulation` of `accumulation`, on the processor.
+fn divided(spec: &TrainSpec, accumulation: u32) -> Parts {
+    PartsSpec::new(spec, accumulation, DeviceKind::Cpu).of_batch(spec.batch_size as usize)
 }
 
 /// The reason why a training on `data` may not fit into `available` bytes. It is `None` for a model
@@ -128,7 +135,7 @@ pub fn memory_doubt(spec: &TrainSpec, data: &DataSpec, available: u64) -> Option
         value: format!(
             "{}, {} at a time",
             spec.batch_size,
-            spec.batch_size.div_ceil(spec.gradient_accumulation.max(1))
+            divided(spec, spec.gradient_accumulation).trajectories_at_once()
         ),
         reason: format!(
             "the training needs about {} of memory: {} for its {} parameters and {} for a step; \
@@ -286,6 +293,11 @@ mod tests {
 
     #[test]
     fn the_advice_of_a_doubt_is_followed_and_the_doubt_is_gone() {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap();
+        pool.install(check_advice);
+    }
+
+    fn check_advice() {
         let data = spec::parse(br#"{"preset": "D1-chirp"}"#).unwrap();
         let data = DataSpec::of(&data).unwrap();
         let large = TrainSpec { batch_size: 64, ..training("cdcnn-paper", &json!({})) };

@@ -2,7 +2,7 @@ use std::collections::BTreeMap;
 
 use burn::module::{ModuleMapper, Param};
 use burn::optim::{AdamW, AdamWConfig, AdamWState, AdaptiveMomentumState, Optimizer};
-use burn::tensor::{Gradients, Tensor, TensorData};
+use burn::tensor::{Tensor, TensorData};
 use kernels::AdamWStep;
 use spec::OptimizerSpec;
 
@@ -134,21 +134,8 @@ impl NamedGradients {
         &self.gradients
     }
 
-    /// Takes the gradients of the model's parameters out of `parts`, one set for each part of a
-    /// batch, and sums them in order.
-    pub fn of(model: &SequenceModel, parts: Vec<Gradients>) -> Result<Self, ModelError> {
-        let mut sums: BTreeMap<String, Tensor<1>> = BTreeMap::new();
-        for mut part in parts {
-            for_each_parameter(model, |name, parameter| {
-                let Some(gradient) = parameter.gradient(&mut part) else { return };
-                let sum = match sums.remove(&name) {
-                    Some(sum) => sum + gradient,
-                    None => gradient,
-                };
-                sums.insert(name, sum);
-            });
-        }
-        Ok(Self { norm: sum_of_squares(&sums)?.sqrt(), gradients: sums })
+    pub fn new(gradients: BTreeMap<String, Tensor<1>>) -> Result<Self, ModelError> {
+        Ok(Self { norm: sum_of_squares(&gradients)?.sqrt(), gradients })
     }
 }
 

@@ -10,11 +10,13 @@ use crate::checkpoint::{self, CheckpointConfig, CheckpointFiles, TrainingState, 
 use crate::device::host_values;
 use crate::ema::WeightAverage;
 use crate::frame::Framing;
+use crate::gradient_sum::{self, GradientSum};
 use crate::initialization::InitialWeights;
 use crate::loss::Loss;
 use crate::memory::parameter_count;
 use crate::normalization::{Normalizer, Statistics, model_input, target};
 use crate::optimizer::{ModelOptimizer, NamedGradients};
+use crate::parts::PartsSpec;
 use crate::prediction::Predictor;
 use crate::randomness::{Noise, Purpose, generator};
 use crate::ranges::DataRanges;
@@ -51,8 +53,8 @@ pub struct Trainer {
     joints: usize,
     framing: Framing,
     identity: Identity,
-    /// Parts into which a batch is split to save memory.
-    parts: usize,
+    /// The division of a batch into parts.
+    parts: PartsSpec,
     /// The weight of each joint's errors in the loss.
     loss_weights: Option<Vec<f64>>,
     interrupt: Interrupt,
@@ -140,7 +142,7 @@ impl Trainer {
                 context: spec.context as usize,
                 rate_hz: data.rate_hz,
             },
-            parts: spec.gradient_accumulation.max(1) as usize,
+            parts: PartsSpec::new(spec, spec.gradient_accumulation, device.kind()),
             loss_weights: spec.loss_weights.clone(),
             interrupt: Interrupt::default(),
             metrics: BTreeMap::new(),
@@ -264,30 +266,33 @@ impl Trainer {
         let step = self.step + 1;
         let framing = Framing { context: self.context_of_step(step), ..self.framing };
         let device = self.device.training();
-        let mut gradients = Vec::with_capacity(self.parts);
-        let mut loss_value = 0.0;
         let size = batch.robots();
-        let part_size = size.div_ceil(self.parts);
-        for first in (0..size).step_by(part_size) {
-            let part = batch.part(first..(first + part_size).min(size));
+        let parts = self.parts.of_batch(size);
+        let part = |model: &SequenceModel, index: usize| {
+            let first = index * parts.size;
+            let part = batch.part(first..(first + parts.size).min(size));
             let share = part.robots() as f64 / size as f64;
             let dropout = self.generators(Purpose::Dropout, step, first, part.robots());
             let training = self.generators(Purpose::Training, step, first, part.robots());
             let mut noise = Noise::new(training).with_dropout(dropout);
-            let loss = self.loss(&self.model, &part, framing, &mut noise, &device)?;
-            loss_value += share * loss.value()?;
-            if !loss_value.is_finite() {
-                return Err(ModelError::LossNotFinite {
-                    step,
-                    loss: loss_value,
-                    learning_rate: self.schedule.learning_rate(self.step),
-                });
+            let loss = self.loss(model, &part, framing, &mut noise, &device)?;
+            let value = share * loss.value()?;
+            if !value.is_finite() {
+                return Ok(GradientSum::without_gradients(value));
             }
             let tensor = loss.tensor();
-            let tensor = if self.parts == 1 { tensor } else { tensor * share };
-            gradients.push(tensor.backward());
+            let tensor = if parts.count == 1 { tensor } else { tensor * share };
+            Ok(GradientSum::of(model, value, tensor.backward()))
+        };
+        // Interrupts are known to each thread apart.
+        let part = |model: &SequenceModel, index| self.interrupt.guard(|| part(model, index));
+        let sum = gradient_sum::over_parts(&self.model, parts.count, parts.at_once, part)?;
+        let loss = sum.loss();
+        if !loss.is_finite() {
+            let learning_rate = self.schedule.learning_rate(self.step);
+            return Err(ModelError::LossNotFinite { step, loss, learning_rate });
         }
-        Ok((NamedGradients::of(&self.model, gradients)?, loss_value))
+        Ok((sum.named()?, loss))
     }
 
     /// Writes `value` into all later checkpoints and replaces an older value of `metric`.

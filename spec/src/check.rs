@@ -44,11 +44,7 @@ pub(crate) enum Bounded {
 
 impl Violations {
     pub fn finish(self) -> Result<(), SpecError> {
-        if self.found.is_empty() {
-            Ok(())
-        } else {
-            Err(SpecError { violations: self.found })
-        }
+        if self.found.is_empty() { Ok(()) } else { Err(SpecError { violations: self.found }) }
     }
 
     /// Also collects the bounds of checked values.

@@ -372,9 +372,8 @@ impl PairedRow {
 
 /// The key result of an evaluation in a line.
 pub fn headline(headline: &Headline) -> String {
-    let error = |error: &MeanError| {
-        format!("{} {}°", error.predictor, text::degrees(error.rmse_deg))
-    };
+    let error =
+        |error: &MeanError| format!("{} {}°", error.predictor, text::degrees(error.rmse_deg));
     let best: Vec<String> = headline.best.iter().map(error).collect();
     match best.as_slice() {
         [] => String::new(),

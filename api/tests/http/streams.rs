@@ -4,7 +4,9 @@ use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
-use api::live::{AboutModel, LiveError, LiveModel, LiveModels, LivePrediction, LiveQueue, Question};
+use api::live::{
+    AboutModel, LiveError, LiveModel, LiveModels, LivePrediction, LiveQueue, Question,
+};
 use api::{App, Options};
 use futures::FutureExt;
 use futures::future::BoxFuture;

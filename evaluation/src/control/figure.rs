@@ -7,31 +7,32 @@ use super::trial::{RobotTrials, Trace};
 
 /// Tracking error over time: at each sample, the mean over robots of controllers that did not fail.
 pub fn tracking_figure(report: &ControlReport, robots: &[RobotTrials]) -> Figure {
-    let series = report.controllers.iter().filter(|summary| summary.failed == 0).map(|controller| {
-        let name = &controller.info.name;
-        let errors: Vec<&[f64]> = robots
-            .iter()
-            .flat_map(|robot| &robot.trials)
-            .filter(|trial| trial.controller == *name)
-            .map(|trial| trial.error_deg.as_slice())
-            .collect();
-        let points = (0..report.steps as usize).filter_map(|step| {
-            let at: Option<Vec<f64>> =
-                errors.iter().map(|errors| errors.get(step).copied()).collect();
-            let at = at.filter(|at| !at.is_empty())?;
-            let mean = at.iter().sum::<f64>() / at.len() as f64;
-            Some(Point::new((step + 1) as f64 / report.rate_hz, mean))
+    let series =
+        report.controllers.iter().filter(|summary| summary.failed == 0).map(|controller| {
+            let name = &controller.info.name;
+            let errors: Vec<&[f64]> = robots
+                .iter()
+                .flat_map(|robot| &robot.trials)
+                .filter(|trial| trial.controller == *name)
+                .map(|trial| trial.error_deg.as_slice())
+                .collect();
+            let points = (0..report.steps as usize).filter_map(|step| {
+                let at: Option<Vec<f64>> =
+                    errors.iter().map(|errors| errors.get(step).copied()).collect();
+                let at = at.filter(|at| !at.is_empty())?;
+                let mean = at.iter().sum::<f64>() / at.len() as f64;
+                Some(Point::new((step + 1) as f64 / report.rate_hz, mean))
+            });
+            Curve {
+                name: name.clone(),
+                points: points.collect(),
+                mark: Mark::Line,
+                stroke: match controller.info.kind {
+                    PredictorKind::Baseline => Stroke::Dashed,
+                    PredictorKind::Checkpoint | PredictorKind::Predictions => Stroke::Solid,
+                },
+            }
         });
-        Curve {
-            name: name.clone(),
-            points: points.collect(),
-            mark: Mark::Line,
-            stroke: match controller.info.kind {
-                PredictorKind::Baseline => Stroke::Dashed,
-                PredictorKind::Checkpoint | PredictorKind::Predictions => Stroke::Solid,
-            },
-        }
-    });
     Figure {
         title: "Tracking error in closed loop".to_owned(),
         x: Axis::linear("Time since control began").in_unit("s"),

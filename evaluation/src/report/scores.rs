@@ -88,7 +88,8 @@ impl<'a> Measured<'a> {
         let of = |pick: fn(&crate::IntervalErrors) -> &PerJoint| {
             self.interval(|errors| {
                 let samples = errors.samples.as_ref()?;
-                let found = samples.intervals.iter().find(|interval| interval.nominal == nominal)?;
+                let found =
+                    samples.intervals.iter().find(|interval| interval.nominal == nominal)?;
                 Some(mean(pick(found)))
             })
         };

@@ -64,11 +64,7 @@ impl Check for ImportColumns {
                 violations.add(field, format!("{name:?}"), "a name of 1 to 200 bytes");
             }
             if let Some((other, _)) = named[..i].iter().find(|(_, earlier)| earlier == name) {
-                violations.add(
-                    field,
-                    format!("{name:?}"),
-                    format!("another column than {other}"),
-                );
+                violations.add(field, format!("{name:?}"), format!("another column than {other}"));
             }
         }
     }

@@ -20,10 +20,8 @@ impl PresentNames {
     pub fn of(predictors: &Predictors<'_>) -> Self {
         let infos = predictors.infos();
         let others = infos.len() - predictors.learned.len();
-        let learned = predictors
-            .learned
-            .iter()
-            .map(|predictor| Some(predictor.checkpoint.info.name.clone()));
+        let learned =
+            predictors.learned.iter().map(|predictor| Some(predictor.checkpoint.info.name.clone()));
         Self {
             predictors: infos.into_iter().map(|info| info.name).collect(),
             checkpoints: std::iter::repeat_n(None, others).chain(learned).collect(),
@@ -43,9 +41,8 @@ impl PresentNames {
             }
             let before = std::mem::replace(&mut errors.predictor, name.clone());
             // Warnings name the checkpoint without its sampler.
-            let sampler = checkpoint
-                .as_ref()
-                .and_then(|checkpoint| name.strip_prefix(checkpoint.as_str()));
+            let sampler =
+                checkpoint.as_ref().and_then(|checkpoint| name.strip_prefix(checkpoint.as_str()));
             if let (Some(checkpoint), Some(sampler)) = (checkpoint, sampler)
                 && let Some(bare) = before.strip_suffix(sampler)
             {
