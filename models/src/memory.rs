@@ -36,7 +36,7 @@ fn without_weights(spec: &ModelSpec, extents: Extents) -> Result<SequenceModel, 
     SequenceModel::new(spec, extents, &mut InitialWeights::none(&device))
 }
 
-fn parameters_of(model: &SequenceModel) -> u64 {
+pub(crate) fn parameters_of(model: &SequenceModel) -> u64 {
     let mut numbers = 0;
     for_each_parameter(model, |_, parameter| {
         numbers += parameter.shape().iter().product::<usize>() as u64;
@@ -85,9 +85,15 @@ impl Counts {
         Ok(Self { parameters: parameters_of(&model), kept, worked_with })
     }
 
+    /// The parts of a batch with a `gradient_accumulation` of `accumulation`, on the processor.
+    fn divided(&self, spec: &TrainSpec, accumulation: u32) -> Parts {
+        PartsSpec::new(spec, accumulation, self.parameters, DeviceKind::Cpu)
+            .of_batch(spec.batch_size as usize)
+    }
+
     /// The memory with a `gradient_accumulation` of `parts`, with this process's threads.
     fn memory(&self, spec: &TrainSpec, parts: u32) -> TrainingMemory {
-        let divided = divided(spec, parts);
+        let divided = self.divided(spec, parts);
         let at_once = divided.trajectories_at_once() as u64;
         let average = u64::from(spec.ema.is_some());
         // The gradients of parts are added to a sum.
@@ -105,11 +111,6 @@ impl Counts {
             peak_bytes: BASE + used + used / 10 * HELD_BACK,
         }
     }
-}
-
-/// The parts of a batch with a `gradient_accumulation` of `accumulation`, on the processor.
-fn divided(spec: &TrainSpec, accumulation: u32) -> Parts {
-    PartsSpec::new(spec, accumulation, DeviceKind::Cpu).of_batch(spec.batch_size as usize)
 }
 
 /// The reason why a training on `data` may not fit into `available` bytes. It is `None` for a model
@@ -135,7 +136,7 @@ pub fn memory_doubt(spec: &TrainSpec, data: &DataSpec, available: u64) -> Option
         value: format!(
             "{}, {} at a time",
             spec.batch_size,
-            divided(spec, spec.gradient_accumulation).trajectories_at_once()
+            counts.divided(spec, spec.gradient_accumulation).trajectories_at_once()
         ),
         reason: format!(
             "the training needs about {} of memory: {} for its {} parameters and {} for a step; \

@@ -13,7 +13,7 @@ use crate::frame::Framing;
 use crate::gradient_sum::{self, GradientSum};
 use crate::initialization::InitialWeights;
 use crate::loss::Loss;
-use crate::memory::parameter_count;
+use crate::memory::{parameter_count, parameters_of};
 use crate::normalization::{Normalizer, Statistics, model_input, target};
 use crate::optimizer::{ModelOptimizer, NamedGradients};
 use crate::parts::PartsSpec;
@@ -121,6 +121,8 @@ impl Trainer {
         let mut weights = InitialWeights::new(spec.seed, &training);
         let extents = Extents::new(spec.context, data.samples, data.joints)?;
         let model = SequenceModel::new(&spec.model, extents, &mut weights)?;
+        let parameters = parameters_of(&model);
+        let parts = PartsSpec::new(spec, spec.gradient_accumulation, parameters, device.kind());
         let dataset_digest = match &spec.data {
             DataSource::Digest(digest) => Some(digest.to_string()),
             DataSource::Stream(_) => {
@@ -142,7 +144,7 @@ impl Trainer {
                 context: spec.context as usize,
                 rate_hz: data.rate_hz,
             },
-            parts: PartsSpec::new(spec, spec.gradient_accumulation, device.kind()),
+            parts,
             loss_weights: spec.loss_weights.clone(),
             interrupt: Interrupt::default(),
             metrics: BTreeMap::new(),
