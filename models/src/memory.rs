@@ -301,18 +301,18 @@ mod tests {
     fn check_advice() {
         let data = spec::parse(br#"{"preset": "D1-chirp"}"#).unwrap();
         let data = DataSpec::of(&data).unwrap();
-        let large = TrainSpec { batch_size: 64, ..training("cdcnn-paper", &json!({})) };
-        let small = TrainSpec { batch_size: 64, ..training("cdcnn-tiny", &json!({})) };
-        assert_eq!(memory_doubt(&small, &data, 1 << 30), None);
-        let Doubt { field, value, reason } = memory_doubt(&large, &data, 1 << 30).unwrap();
-        assert_eq!((field.as_str(), value.as_str()), ("batch_size", "64, 64 at a time"));
-        for part in ["parameters", "has 1.00 GiB", "a worker"] {
+        let large = TrainSpec { batch_size: 64, ..training("cdt-small", &json!({})) };
+        let small = TrainSpec { batch_size: 64, ..training("cdt-tiny", &json!({})) };
+        assert_eq!(memory_doubt(&small, &data, 1 << 29), None);
+        let Doubt { field, value, reason } = memory_doubt(&large, &data, 1 << 29).unwrap();
+        assert_eq!((field.as_str(), value.as_str()), ("batch_size", "64, 32 at a time"));
+        for part in ["parameters", "has 0.50 GiB", "a worker"] {
             assert!(reason.contains(part), "{reason:?} lacks {part:?}");
         }
         let (_, advice) = reason.split_once("\"gradient_accumulation\": ").unwrap();
         let parts: u32 = advice.split(' ').next().unwrap().parse().unwrap();
         let split = TrainSpec { gradient_accumulation: parts, ..large };
-        assert_eq!(memory_doubt(&split, &data, 1 << 30), None);
+        assert_eq!(memory_doubt(&split, &data, 1 << 29), None);
 
         let too_large = training("diffuser-paper", &json!({}));
         let doubt = memory_doubt(&too_large, &data, 1 << 30).unwrap();

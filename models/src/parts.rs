@@ -74,7 +74,7 @@ fn together(model: &ModelSpec) -> usize {
 #[cfg(test)]
 mod tests {
     use serde_json::json;
-    use spec::{JobSpec, TrainSpec};
+    use spec::JobSpec;
 
     use super::{Parts, PartsSpec};
     use crate::device::DeviceKind;

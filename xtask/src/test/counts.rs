@@ -30,12 +30,12 @@ impl AddAssign for Counts {
     }
 }
 
-/// `Summary [   1.2s] 54 tests run: 51 passed (1 slow), 2 failed, 1 timed out, 3 skipped`
+/// `Summary [   1.2s] 54 tests run: 51 passed (1 slow, 1 leaky), 2 failed, 1 timed out, 3 skipped`
 pub fn nextest(text: &str) -> Option<Counts> {
     let line = text.lines().rev().find(|line| line.trim_start().starts_with("Summary ["))?;
     let (_, results) = line.split_once(" run: ")?;
     let mut counts = Counts::default();
-    for result in results.split(", ") {
+    for result in without_parentheses(results).split(", ") {
         let mut words = result.split_whitespace();
         let number: u64 = words.next()?.parse().ok()?;
         match words.next()? {
@@ -45,6 +45,17 @@ pub fn nextest(text: &str) -> Option<Counts> {
         }
     }
     Some(counts)
+}
+
+/// `text` without what parentheses enclose. nextest lists there how some of the passed tests ran:
+/// slowly, or leaving a process behind.
+fn without_parentheses(text: &str) -> String {
+    let mut is_inside = false;
+    let outside = |letter: &char| {
+        is_inside = (is_inside || *letter == '(') && *letter != ')';
+        !is_inside && *letter != ')'
+    };
+    text.chars().filter(outside).collect()
 }
 
 /// `test result: ok. 3 passed; 0 failed; 0 ignored; ...`, once per crate.
@@ -96,6 +107,14 @@ mod tests {
                     (1 slow), 2 failed, 1 timed out, 3 skipped\n";
         assert_eq!(nextest(text), counts(51, 3));
         assert_eq!(nextest("error: could not compile"), None);
+    }
+
+    #[test]
+    fn nextest_counts_slow_and_leaky_tests_as_passed() {
+        let text = "     Summary [   1.2s] 54 tests run: 54 passed (2 slow, 1 leaky), 0 skipped\n";
+        assert_eq!(nextest(text), counts(54, 0));
+        let text = "     Summary [   1.2s] 3 tests run: 2 passed (1 slow, 1 flaky), 1 failed\n";
+        assert_eq!(nextest(text), counts(2, 1));
     }
 
     #[test]
