@@ -31,13 +31,23 @@ pub fn of_output(text: &str) -> Vec<&str> {
     shown
 }
 
+/// The tests that nextest names as flaky, because they failed and then passed.
+/// `FLAKY 2/2 [   0.051s] ( 7/20) worker leases::expire`
+pub fn flaky(text: &str) -> impl Iterator<Item = &str> {
+    let (_, summary) = text.rsplit_once("Summary [").unwrap_or_default();
+    let lines = summary.lines().map(str::trim_start);
+    lines
+        .filter(|line| line.starts_with("FLAKY "))
+        .filter_map(|line| Some(line.rsplit_once(") ")?.1))
+}
+
 fn is_failure(line: &str) -> bool {
     NAMES_A_FAILURE.iter().any(|begin| line.trim_start().starts_with(begin))
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{LAST_LINES, of_output};
+    use super::{LAST_LINES, flaky, of_output};
 
     #[test]
     fn failed_tests_are_named_before_the_last_lines() {
@@ -49,6 +59,14 @@ mod tests {
         assert_eq!(shown.len(), 2 + LAST_LINES);
         assert_eq!(shown[..2], failures.lines().collect::<Vec<_>>());
         assert!(shown[2..].iter().all(|line| line.contains("PASS")));
+    }
+
+    #[test]
+    fn flaky_tests_are_those_that_the_summary_names() {
+        let text = "  TRY 1 FAIL [   0.1s] (─────) worker leases::expire\n     Summary [   1.2s] 2 tests run: 2 \
+                    passed (1 flaky), 0 skipped\n   FLAKY 2/2 [   0.1s] (1/2) worker leases::expire\n";
+        assert_eq!(flaky(text).collect::<Vec<_>>(), ["worker leases::expire"]);
+        assert_eq!(flaky("error: it does not compile").count(), 0);
     }
 
     #[test]

@@ -58,10 +58,12 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     }
     // Deletes the list of an earlier run, if there is one.
     let _ = std::fs::remove_file(skipped_tests());
+    let mut flaky = Vec::new();
     for step in steps(arguments) {
         let name = step.name;
         let (counts, text) = take(step);
         record(name, counts, &text);
+        flaky.extend(failures::flaky(&text).map(str::to_owned));
     }
     for (name, text) in &failed {
         eprintln!("\n== failed: {name}");
@@ -72,6 +74,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     if !failed.is_empty() {
         let names: Vec<&str> = failed.iter().map(|(name, _)| *name).collect();
         eprintln!("\nfailed: {}", names.join(", "));
+    }
+    for test in flaky {
+        eprintln!("passed at the second try: {test}");
     }
     for test in std::fs::read_to_string(skipped_tests()).unwrap_or_default().lines() {
         eprintln!("skipped: {test}");
@@ -192,6 +197,9 @@ fn nextest_or_cargo_test(quick: bool) -> Command {
         // The outputs of failed tests then follow the summary, so that they are repeated at the
         // end of the run.
         command.args(["--failure-output", "immediate-final"]);
+        // Hundreds of tests start servers and wait for them. One that failed on a machine that
+        // stood still for a while is tried again and is named at the end of the run.
+        command.args(["--retries", "1"]);
         if without_postgresql {
             command.args(["--filterset", "not test(/^postgres::/)"]);
         }
