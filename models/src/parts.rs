@@ -16,6 +16,10 @@ const TOGETHER_IN_U_NETS: usize = 32;
 /// take more memory, for each part that is computed, than a part's activations.
 const LARGE: u64 = 1 << 23;
 
+/// Parameters from which a U-Net's batch is not divided. Its gradients take more memory than half
+/// of its activations, and its convolutions' tiles would be computed twice.
+const LARGE_U_NET: u64 = 1 << 25;
+
 /// How a training divides its batches. The parts follow from the spec alone, because the rounding
 /// errors of gradients follow from them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -49,7 +53,7 @@ impl PartsSpec {
         let share = spec.batch_size.div_ceil(accumulation.max(1)).max(1) as usize;
         // A GPU is faster with large parts.
         let size = match kind {
-            DeviceKind::Cpu => together(&spec.model).min(share),
+            DeviceKind::Cpu => together(&spec.model, parameters).min(share),
             _ => share,
         };
         let most_at_once = if parameters < LARGE { share / size } else { 1 };
@@ -64,9 +68,14 @@ impl PartsSpec {
     }
 }
 
-fn together(model: &ModelSpec) -> usize {
+fn together(model: &ModelSpec, parameters: u64) -> usize {
     match model {
-        ModelSpec::Diffuser(_) | ModelSpec::Cdcnn(_) => TOGETHER_IN_U_NETS,
+        ModelSpec::Diffuser(_) | ModelSpec::Cdcnn(_) | ModelSpec::Flow(_)
+            if parameters < LARGE_U_NET =>
+        {
+            TOGETHER_IN_U_NETS
+        }
+        ModelSpec::Diffuser(_) | ModelSpec::Cdcnn(_) | ModelSpec::Flow(_) => usize::MAX,
         _ => TOGETHER,
     }
 }
@@ -118,6 +127,10 @@ mod tests {
     fn parts_of_large_models_are_computed_one_after_the_other() {
         let expected = Parts { size: 16, count: 4, at_once: 1 };
         assert_eq!(parts("cdt-paper", 1, 40_000_000, 8), expected);
+        let expected = Parts { size: 32, count: 2, at_once: 1 };
+        assert_eq!(parts("cdcnn-paper", 1, 17_000_000, 8), expected);
+        let expected = Parts { size: 64, count: 1, at_once: 1 };
+        assert_eq!(parts("diffuser-paper", 1, 63_000_000, 8), expected);
     }
 
     #[test]
