@@ -1,4 +1,4 @@
-//! The gradients of a batch: the sum over its parts, in their order.
+//! The gradients of a batch: the sum over its micro-batches, in their order.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -12,7 +12,7 @@ use crate::optimizer::NamedGradients;
 use crate::parameters::for_each_parameter;
 use crate::sequence_model::SequenceModel;
 
-/// Loss and gradients of some parts of a batch.
+/// Loss and gradients of some micro-batches of a batch.
 pub(crate) struct GradientSum {
     loss: f64,
     /// By parameter name, flattened.
@@ -20,7 +20,7 @@ pub(crate) struct GradientSum {
 }
 
 impl GradientSum {
-    /// Loss and gradients of one part. `model` is the one that computed them.
+    /// Loss and gradients of one micro-batch. `model` is the one that computed them.
     pub fn of(model: &SequenceModel, loss: f64, mut gradients: Gradients) -> Self {
         let mut named = BTreeMap::new();
         for_each_parameter(model, |name, parameter| {
@@ -31,7 +31,7 @@ impl GradientSum {
         Self { loss, gradients: named }
     }
 
-    /// A part whose loss is not finite, so that its gradients do not matter.
+    /// A micro-batch whose loss is not finite, so that its gradients do not matter.
     pub fn without_gradients(loss: f64) -> Self {
         Self { loss, gradients: BTreeMap::new() }
     }
@@ -58,7 +58,7 @@ impl GradientSum {
 }
 
 /// Sums `part(model, index)` over the indexes below `count`, of which `at_once` are computed at the
-/// same time. The sum does not depend on how many these are. An error is that of the first part
+/// same time. The sum does not depend on how many these are. An error is that of the first index
 /// that has one.
 ///
 /// Each thread computes with a model of its own, which shares the weights: burn keeps a lock on all
@@ -66,7 +66,7 @@ impl GradientSum {
 ///
 /// # Errors
 /// Those of `part`.
-pub(crate) fn over_parts(
+pub(crate) fn over_micro_batches(
     model: &SequenceModel,
     count: usize,
     at_once: usize,
@@ -92,7 +92,7 @@ pub(crate) fn over_parts(
             });
         }
     });
-    sum.total().unwrap_or_else(|| Ok(GradientSum::without_gradients(0.0)))
+    sum.total().expect("every batch has a micro-batch")
 }
 
 /// Makes parameters with the same values, whose gradients are recorded apart.

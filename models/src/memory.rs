@@ -7,8 +7,8 @@ use spec::{DataSpec, Doubt, ModelSpec, TrainSpec};
 use crate::activations::Tally;
 use crate::architecture::Extents;
 use crate::initialization::InitialWeights;
+use crate::micro_batches::{MicroBatches, MicroBatching};
 use crate::parameters::for_each_parameter;
-use crate::parts::{Parts, PartsSpec};
 use crate::sequence_model::SequenceModel;
 use crate::{Device, DeviceKind, ModelError};
 
@@ -85,9 +85,9 @@ impl Counts {
         Ok(Self { parameters: parameters_of(&model), kept, worked_with })
     }
 
-    /// The parts of a batch with a `gradient_accumulation` of `accumulation`, on the processor.
-    fn divided(&self, spec: &TrainSpec, accumulation: u32) -> Parts {
-        PartsSpec::new(spec, accumulation, self.parameters, DeviceKind::Cpu)
+    /// The micro-batches of a batch with a `gradient_accumulation` of `accumulation`, on the processor.
+    fn divided(&self, spec: &TrainSpec, accumulation: u32) -> MicroBatches {
+        MicroBatching::new(spec, accumulation, self.parameters, DeviceKind::Cpu)
             .of_batch(spec.batch_size as usize)
     }
 
@@ -96,7 +96,7 @@ impl Counts {
         let divided = self.divided(spec, parts);
         let at_once = divided.trajectories_at_once() as u64;
         let average = u64::from(spec.ema.is_some());
-        // The gradients of parts are added to a sum.
+        // The gradients of micro-batches are added to a sum.
         let sums = if divided.count > 1 { divided.at_once as u64 } else { 0 };
         let of_parameters = |copies: u64| copies * self.parameters * F32;
         let state_bytes = of_parameters(COPIES + average + sums);

@@ -14,9 +14,9 @@ use crate::gradient_sum::{self, GradientSum};
 use crate::initialization::InitialWeights;
 use crate::loss::Loss;
 use crate::memory::{parameter_count, parameters_of};
+use crate::micro_batches::MicroBatching;
 use crate::normalization::{Normalizer, Statistics, model_input, target};
 use crate::optimizer::{ModelOptimizer, NamedGradients};
-use crate::parts::PartsSpec;
 use crate::prediction::Predictor;
 use crate::randomness::{Noise, Purpose, generator};
 use crate::ranges::DataRanges;
@@ -53,8 +53,8 @@ pub struct Trainer {
     joints: usize,
     framing: Framing,
     identity: Identity,
-    /// The division of a batch into parts.
-    parts: PartsSpec,
+    /// The division of a batch.
+    micro_batching: MicroBatching,
     /// The weight of each joint's errors in the loss.
     loss_weights: Option<Vec<f64>>,
     interrupt: Interrupt,
@@ -122,7 +122,8 @@ impl Trainer {
         let extents = Extents::new(spec.context, data.samples, data.joints)?;
         let model = SequenceModel::new(&spec.model, extents, &mut weights)?;
         let parameters = parameters_of(&model);
-        let parts = PartsSpec::new(spec, spec.gradient_accumulation, parameters, device.kind());
+        let micro_batching =
+            MicroBatching::new(spec, spec.gradient_accumulation, parameters, device.kind());
         let dataset_digest = match &spec.data {
             DataSource::Digest(digest) => Some(digest.to_string()),
             DataSource::Stream(_) => {
@@ -144,7 +145,7 @@ impl Trainer {
                 context: spec.context as usize,
                 rate_hz: data.rate_hz,
             },
-            parts,
+            micro_batching,
             loss_weights: spec.loss_weights.clone(),
             interrupt: Interrupt::default(),
             metrics: BTreeMap::new(),
@@ -269,10 +270,10 @@ impl Trainer {
         let framing = Framing { context: self.context_of_step(step), ..self.framing };
         let device = self.device.training();
         let size = batch.robots();
-        let parts = self.parts.of_batch(size);
+        let micro_batches = self.micro_batching.of_batch(size);
         let part = |model: &SequenceModel, index: usize| {
-            let first = index * parts.size;
-            let part = batch.part(first..(first + parts.size).min(size));
+            let first = index * micro_batches.size;
+            let part = batch.part(first..(first + micro_batches.size).min(size));
             let share = part.robots() as f64 / size as f64;
             let dropout = self.generators(Purpose::Dropout, step, first, part.robots());
             let training = self.generators(Purpose::Training, step, first, part.robots());
@@ -283,12 +284,17 @@ impl Trainer {
                 return Ok(GradientSum::without_gradients(value));
             }
             let tensor = loss.tensor();
-            let tensor = if parts.count == 1 { tensor } else { tensor * share };
+            let tensor = if micro_batches.count == 1 { tensor } else { tensor * share };
             Ok(GradientSum::of(model, value, tensor.backward()))
         };
         // Interrupts are known to each thread apart.
         let part = |model: &SequenceModel, index| self.interrupt.guard(|| part(model, index));
-        let sum = gradient_sum::over_parts(&self.model, parts.count, parts.at_once, part)?;
+        let sum = gradient_sum::over_micro_batches(
+            &self.model,
+            micro_batches.count,
+            micro_batches.at_once,
+            part,
+        )?;
         let loss = sum.loss();
         if !loss.is_finite() {
             let learning_rate = self.schedule.learning_rate(self.step);
