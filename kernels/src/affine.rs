@@ -2,7 +2,8 @@
 
 use rayon::prelude::*;
 
-use super::panels::Panels;
+use super::factors::Factors;
+use super::panels::{Panels, multiples};
 use super::parts::in_parts;
 use super::product::{Left, Onto, Right, multiply};
 use super::vectorized;
@@ -17,8 +18,9 @@ const ALONE: usize = 1 << 21;
 /// The rows of a task are a multiple of this, the rows of a register tile.
 const TILE_ROWS: usize = 6;
 
-/// Rows that are packed together when the product sums over rows.
+/// Rows that are packed together when the product sums over rows: as many numbers of either kind.
 const DEPTH: usize = 128;
+const DEPTH_OF_PAIRS: usize = 256;
 
 /// Padding between packed rows, in floats.
 const APART: usize = 16;
@@ -26,8 +28,7 @@ const APART: usize = 16;
 /// y = x Wᵀ + b of a single row.
 pub(super) fn row(x: &[f32], weight: &[f32], bias: &[f32]) -> Vec<f32> {
     // Packing the weights would take longer than the product.
-    let rows: Vec<usize> = (0..bias.len()).map(|row| row * x.len()).collect();
-    let terms: Vec<usize> = (0..x.len()).collect();
+    let (rows, terms) = (multiples(bias.len(), x.len()), multiples(x.len(), 1));
     let left = Left { values: weight, rows: &rows, step: 1 };
     let mut y = vec![0.0; bias.len()];
     multiply(left, Right { values: x, terms: &terms }, Onto::Rows(bias), &mut y, 1, 1);
@@ -90,16 +91,17 @@ pub(super) fn forward_of_onto(
     })
 }
 
-/// dx = dy W, where dy has `output` columns. `then` is called with some rows of dx and the index of
+/// dx = dy W, where dy has `output` columns, and products read `factors`. `then` is called with some rows of dx and the index of
 /// their first element.
 pub(super) fn input_gradient(
     dy: &[f32],
     weight: &[f32],
     output: usize,
+    factors: Factors,
     then: impl Fn(&mut [f32], usize) + Sync + Send,
 ) -> Vec<f32> {
     let input = weight.len() / output;
-    let weight = Panels::of_rows(weight, output, input, input);
+    let weight = Panels::of_rows(factors, weight, [output, input], input);
     let task = Task::of(dy.len(), output, input);
     task.results(
         input,
@@ -129,8 +131,7 @@ impl Task {
         let tasks = if length * output < ALONE { 1 } else { 2 * rayon::current_num_threads() };
         let fair = all_rows.div_ceil(tasks);
         let rows = (TASK / depth).min(fair).max(1).next_multiple_of(TILE_ROWS);
-        let offsets = (0..rows).map(|row| row * depth).collect();
-        Self { rows, depth, length: all_rows, offsets }
+        Self { rows, depth, length: all_rows, offsets: multiples(rows, depth) }
     }
 
     /// Rows of `output` elements. `write` computes those of each task.
@@ -155,29 +156,46 @@ impl Task {
     }
 }
 
-/// dW = dyᵀ x and db = Σ dy, in tasks of some rows of dW.
-pub(super) fn parameter_gradients(x: &[f32], dy: &[f32], d_weight: &mut [f32], d_bias: &mut [f32]) {
+/// dW = dyᵀ x and db = Σ dy, in tasks of some rows of dW. Products read `factors`.
+pub(super) fn parameter_gradients(
+    x: &[f32],
+    dy: &[f32],
+    factors: Factors,
+    d_weight: &mut [f32],
+    d_bias: &mut [f32],
+) {
     let output = d_bias.len();
     let input = d_weight.len() / output;
     let task = output.div_ceil(rayon::current_num_threads()).next_multiple_of(TILE_ROWS);
+    let depth = match factors {
+        Factors::F32 => DEPTH,
+        Factors::Bf16 => DEPTH_OF_PAIRS,
+    };
     let parts = d_weight.par_chunks_mut(task * input).zip(d_bias.par_chunks_mut(task));
     parts.enumerate().for_each(|(index, (d_weight, d_bias))| {
         // The rows get another stride in the copy. With a stride of a power of two they would share
-        // few sets of the first-level cache.
+        // few sets of the first-level cache. The pairs of bf16 are such a copy, too.
         let (count, stride) = (d_bias.len(), d_bias.len() + APART);
-        let columns: Vec<usize> = (0..count).collect();
-        let mut values = vec![0.0; DEPTH * stride];
-        let mut panels = Panels::default();
+        let columns = multiples(count, 1);
+        let mut values = Vec::new();
+        let mut panels = Panels::new(factors);
         let mut onto = Onto::Nothing;
-        for (x, dy) in x.chunks(DEPTH * input).zip(dy.chunks(DEPTH * output)) {
-            panels.write_rows(x, x.len() / input, input, input);
-            for (row, dy) in values.chunks_exact_mut(stride).zip(dy.chunks_exact(output)) {
-                row[..count].copy_from_slice(&dy[index * task..][..count]);
-            }
-            let left = Left { values: &values, rows: &columns, step: stride };
+        for (x, dy) in x.chunks(depth * input).zip(dy.chunks(depth * output)) {
+            panels.write_rows(x, [x.len() / input, input], input);
+            let dy = &dy[index * task..];
+            let left = match factors {
+                Factors::F32 => {
+                    values.resize(depth * stride, 0.0);
+                    for (row, dy) in values.chunks_exact_mut(stride).zip(dy.chunks(output)) {
+                        row[..count].copy_from_slice(&dy[..count]);
+                    }
+                    Left { values: &values, rows: &columns, step: stride }
+                }
+                Factors::Bf16 => Left { values: dy, rows: &columns, step: output },
+            };
             panels.multiply(left, onto, d_weight, input);
             onto = Onto::Output;
-            vectorized::add_rows(&dy[index * task..], output, d_bias);
+            vectorized::add_rows(dy, output, d_bias);
         }
     });
 }

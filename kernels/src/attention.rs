@@ -2,10 +2,11 @@ use burn::tensor::{Bool, Tensor, TensorData, activation};
 use rayon::prelude::*;
 
 use super::dropout::{self, DropoutMask};
+use super::factors::Factors;
 use super::fused::{Array, FusedOp, apply, operand};
-use super::panels::Panels;
+use super::panels::{Panels, multiples};
 use super::parts::{each_part, in_parts};
-use super::product::{Left, Onto, Right, multiply};
+use super::product::{Left, Onto};
 use super::softmax::{softmax, softmax_gradient};
 use super::vectorized;
 
@@ -23,7 +24,7 @@ pub enum Mask {
 
 /// softmax(Q Kᵀ / √width) V for each head. A head is `width = d_model / heads` neighbouring
 /// channels. query `[batch, token, d_model]`, key and value `[batch, source, d_model]`. The result
-/// has the shape of query. `dropout` applies to the softmax.
+/// has the shape of query. `dropout` applies to the softmax. Products read `factors`.
 pub fn attention(
     query: Tensor<3>,
     key: Tensor<3>,
@@ -31,9 +32,10 @@ pub fn attention(
     heads: usize,
     mask: Mask,
     dropout: Option<DropoutMask>,
+    factors: Factors,
 ) -> Tensor<3> {
     let operands = [operand(&query), operand(&key), operand(&value)];
-    let op = Attention { heads, mask, dropout };
+    let op = Attention { heads, mask, dropout, factors };
     apply(op.clone(), operands)
         .unwrap_or_else(|| plain(query, key, value, heads, mask, op.dropout.as_ref()))
 }
@@ -45,8 +47,9 @@ pub fn self_attention(
     heads: usize,
     mask: Mask,
     dropout: Option<DropoutMask>,
+    factors: Factors,
 ) -> Tensor<3> {
-    let op = Attention { heads, mask, dropout };
+    let op = Attention { heads, mask, dropout, factors };
     apply(op.clone(), [operand(&projected)])
         .unwrap_or_else(|| plain_of_itself(projected, heads, mask, op.dropout.as_ref()))
 }
@@ -111,6 +114,7 @@ struct Attention {
     heads: usize,
     mask: Mask,
     dropout: Option<DropoutMask>,
+    factors: Factors,
 }
 
 /// Tokens in a block of rows of P: a multiple of a register tile's rows.
@@ -128,25 +132,46 @@ struct Extents<'a> {
     strides: [usize; 3],
     mask: Mask,
     dropout: Option<&'a DropoutMask>,
+    factors: Factors,
 }
 
 /// Buffers of a task.
-#[derive(Default)]
 struct Scratch {
     /// Rows of P.
     probabilities: Vec<f32>,
     /// Rows of M and of M P, if there is a dropout.
-    factors: Vec<f32>,
+    kept: Vec<f32>,
     masked: Vec<f32>,
     /// Rows of dP, then dS.
     scores: Vec<f32>,
-    /// Panels of the rows of K.
+    /// Panels of the rows of K, and of a block of rows of Q and of dO.
     keys: Panels,
+    queries: Panels,
+    d_outputs: Panels,
     /// Panels of the columns of K and V.
     key_columns: Panels,
     value_columns: Panels,
     d_key: Vec<f32>,
     d_value: Vec<f32>,
+}
+
+impl Scratch {
+    fn new(factors: Factors) -> Self {
+        let panels = || Panels::new(factors);
+        Self {
+            probabilities: Vec::new(),
+            kept: Vec::new(),
+            masked: Vec::new(),
+            scores: Vec::new(),
+            keys: panels(),
+            queries: panels(),
+            d_outputs: panels(),
+            key_columns: panels(),
+            value_columns: panels(),
+            d_key: Vec::new(),
+            d_value: Vec::new(),
+        }
+    }
 }
 
 impl Attention {
@@ -158,7 +183,8 @@ impl Attention {
         d_model: usize,
     ) -> Extents<'_> {
         let (width, dropout) = (d_model / self.heads, self.dropout.as_ref());
-        Extents { tokens, sources, d_model, width, strides, mask: self.mask, dropout }
+        let (mask, factors) = (self.mask, self.factors);
+        Extents { tokens, sources, d_model, width, strides, mask, dropout, factors }
     }
 
     /// The extents for three separate arrays.
@@ -239,32 +265,33 @@ impl Extents<'_> {
         batch: usize,
         of: impl Fn(usize) -> [&'b [f32]; 3] + Sync + Send,
     ) -> Array {
-        let Self { tokens, sources, d_model, width, strides, .. } = *self;
+        let Self { tokens, sources, d_model, width, strides, factors, .. } = *self;
         let part = tokens * d_model;
         let output = each_part(batch * part, part, |index, output| {
             let [query, key, value] = of(index);
-            let keys: Vec<Panels> = (0..d_model)
-                .step_by(width)
-                .map(|head| Panels::of_columns(&key[head..], width, sources, strides[1]))
-                .collect();
+            let heads = (0..d_model).step_by(width).map(|head| {
+                let key = Panels::of_columns(factors, &key[head..], [width, sources], strides[1]);
+                (key, Panels::of_rows(factors, &value[head..], [sources, width], strides[2]))
+            });
+            let heads: Vec<_> = heads.collect();
             output
                 .par_chunks_mut(TOKENS * d_model)
                 .zip(query.par_chunks(TOKENS * strides[0]))
                 .enumerate()
                 .for_each_init(Vec::new, |probabilities, (part, (output, query))| {
                     let first = [index, part * TOKENS];
-                    self.rows(query, value, &keys, first, output, probabilities);
+                    self.rows(query, &heads, first, output, probabilities);
                 });
         });
         Array::new(output, &[batch, tokens, d_model])
     }
 
-    /// O of the trajectory's tokens from `first` on.
+    /// O of the trajectory's tokens from `first` on. `heads` has the panels of the columns of K and
+    /// of the rows of V.
     fn rows(
         &self,
         query: &[f32],
-        value: &[f32],
-        keys: &[Panels],
+        heads: &[(Panels, Panels)],
         [trajectory, first]: [usize; 2],
         output: &mut [f32],
         probabilities: &mut Vec<f32>,
@@ -273,16 +300,15 @@ impl Extents<'_> {
         let count = output.len() / d_model;
         let rows = multiples(count, strides[0]);
         let seen = self.seen(first + count);
-        let (of_p, of_value) = (multiples(count, seen), multiples(seen, strides[2]));
-        for (head, keys) in (0..d_model).step_by(width).zip(keys) {
+        let of_p = multiples(count, seen);
+        for (head, (keys, values)) in (0..d_model).step_by(width).zip(heads) {
             let query = Left { values: &query[head..], rows: &rows, step: 1 };
             self.probabilities(query, keys, first, probabilities);
             if let Some(mask) = self.dropout {
                 self.drop_out(mask, [trajectory, head, first], probabilities, seen);
             }
             let p = Left { values: probabilities, rows: &of_p, step: 1 };
-            let value = Right { values: &value[head..], terms: &of_value };
-            multiply(p, value, Onto::Nothing, &mut output[head..], width, d_model);
+            values.multiply_part(p, [seen, width], Onto::Nothing, &mut output[head..], d_model);
         }
     }
 
@@ -298,9 +324,9 @@ impl Extents<'_> {
     ) {
         let Self { tokens, sources, d_model, width, strides, .. } = *self;
         let [of_query, of_key, of_value] = places;
-        scratch.keys.write_rows(key, sources, width, strides[1]);
-        scratch.key_columns.write_columns(key, width, sources, strides[1]);
-        scratch.value_columns.write_columns(value, width, sources, strides[2]);
+        scratch.keys.write_rows(key, [sources, width], strides[1]);
+        scratch.key_columns.write_columns(key, [width, sources], strides[1]);
+        scratch.value_columns.write_columns(value, [width, sources], strides[2]);
         for sums in [&mut scratch.d_key, &mut scratch.d_value] {
             sums.clear();
             sums.resize(sources * width, 0.0);
@@ -319,17 +345,17 @@ impl Extents<'_> {
             let probabilities = match self.dropout {
                 None => &scratch.probabilities,
                 Some(mask) => {
-                    scratch.factors.clear();
-                    scratch.factors.resize(count * seen, 1.0);
-                    self.drop_out(mask, [trajectory, head, first], &mut scratch.factors, seen);
+                    scratch.kept.clear();
+                    scratch.kept.resize(count * seen, 1.0);
+                    self.drop_out(mask, [trajectory, head, first], &mut scratch.kept, seen);
                     scratch.masked.clone_from(&scratch.probabilities);
-                    vectorized::multiply(&mut scratch.masked, &scratch.factors);
+                    vectorized::multiply(&mut scratch.masked, &scratch.kept);
                     &scratch.masked
                 }
             };
             let p = Left { values: probabilities, rows: &each, step: seen };
-            let right = Right { values: d_output, terms: &rows };
-            multiply(p, right, Onto::Output, &mut scratch.d_value, width, width);
+            scratch.d_outputs.write_rows(d_output, [count, width], d_model);
+            scratch.d_outputs.multiply(p, Onto::Output, &mut scratch.d_value, width);
 
             scratch.scores.resize(count * seen, 0.0);
             let left = Left { values: d_output, rows: &rows, step: 1 };
@@ -337,7 +363,7 @@ impl Extents<'_> {
             let scores = &mut scratch.scores;
             scratch.value_columns.multiply_part(left, extent, Onto::Nothing, scores, seen);
             if self.dropout.is_some() {
-                vectorized::multiply(scores, &scratch.factors);
+                vectorized::multiply(scores, &scratch.kept);
             }
             softmax_gradient(&scratch.probabilities, seen, self.scale(), scores);
 
@@ -345,8 +371,8 @@ impl Extents<'_> {
             let d_query = &mut of_query.begin(gradients, head)[first * strides[0]..];
             scratch.keys.multiply_part(ds, [seen, width], Onto::Nothing, d_query, strides[0]);
             let ds = Left { values: scores, rows: &each, step: seen };
-            let right = Right { values: query, terms: &query_rows };
-            multiply(ds, right, Onto::Output, &mut scratch.d_key, width, width);
+            scratch.queries.write_rows(query, [count, width], strides[0]);
+            scratch.queries.multiply(ds, Onto::Output, &mut scratch.d_key, width);
         }
         let sums = [(&scratch.d_key, of_key, strides[1]), (&scratch.d_value, of_value, strides[2])];
         for (sums, place, stride) in sums {
@@ -410,7 +436,8 @@ impl FusedOp<3> for Attention {
             .zip(d_key.par_chunks_mut(part(key)))
             .zip(d_value.par_chunks_mut(part(value)))
             .enumerate();
-        outputs.for_each_init(Scratch::default, |scratch, (index, ((d_query, d_key), d_value))| {
+        let scratch = || Scratch::new(self.factors);
+        outputs.for_each_init(scratch, |scratch, (index, ((d_query, d_key), d_value))| {
             let inputs = inputs.map(|values| nth(values, batch, index));
             let outputs = &mut [d_query, d_key, d_value];
             extents.backward_of_heads(index, inputs, outputs, places, scratch);
@@ -438,13 +465,17 @@ impl FusedOp<1> for Attention {
         let batch = projected.shape()[0];
         let places = [0, 1, 2].map(|part| Place { array: 0, channel: part * extents.d_model });
         let length = projected.values().len();
-        let (d_projected, _) =
-            in_parts(length, length / batch, Scratch::default, |scratch, index, output| {
+        let (d_projected, _) = in_parts(
+            length,
+            length / batch,
+            || Scratch::new(self.factors),
+            |scratch, index, output| {
                 let series = nth(projected.values(), batch, index);
                 let [query, key, value] = [0, 1, 2].map(|part| &series[part * extents.d_model..]);
                 let inputs = [query, key, value, nth(gradient.values(), batch, index)];
                 extents.backward_of_heads(index, inputs, &mut [output], places, scratch);
-            });
+            },
+        );
         [Array::new(d_projected, projected.shape())]
     }
 }
@@ -453,9 +484,4 @@ impl FusedOp<1> for Attention {
 fn nth(values: &[f32], batch: usize, index: usize) -> &[f32] {
     let part = values.len() / batch;
     &values[index * part..][..part]
-}
-
-/// Where rows begin that are `stride` apart.
-fn multiples(count: usize, stride: usize) -> Vec<usize> {
-    (0..count).map(|row| row * stride).collect()
 }

@@ -109,7 +109,7 @@ impl Correlation {
                 }
                 // The product ends at the last window, because later taps would leave the row.
                 let depth = seen.row - (length - samples);
-                panels.write_columns(&values, depth, outputs_here, seen.row);
+                panels.write_columns(&values, [depth, outputs_here], seen.row);
                 let offsets = windows.offsets(seen.row);
                 let left = Left { values: seen.values, rows: &offsets, step: 1 };
                 panels.multiply(left, onto, &mut sums, outputs_here);

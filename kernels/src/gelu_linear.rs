@@ -6,10 +6,11 @@ use rayon::prelude::*;
 use super::dropout::{self, DropoutMask};
 use super::fused::{Array, FusedOp, apply, operand};
 use super::packed::{PackedWeight, Packing};
+use super::parts::each_part_of_two;
 use super::{affine, linear, vectorized};
 
-/// Elements per task: 64 KiB, which stay in the cache between reading and writing.
-const TASK: usize = 16_384;
+/// Elements per task: 16 KiB, which stay in the first-level cache between two writes.
+const TASK: usize = 4096;
 
 /// `residual` plus [`super::linear`] of GELU of x `[batch, token, input]`, without storing the
 /// values between them. `residual` has the shape of the result.
@@ -99,19 +100,20 @@ impl FusedOp<4> for GeluLinear {
         let mut d_weight = vec![0.0; weight.values().len()];
         let mut d_bias = vec![0.0; bias.width()];
         // The slope is computed along with the value, because both need the same exponential.
-        let mut between = vec![0.0; x.values().len()];
-        let mut slope = vec![0.0; x.values().len()];
-        let parts = between.par_chunks_mut(TASK).zip(slope.par_chunks_mut(TASK));
-        parts.zip(x.values().par_chunks(TASK)).for_each(|((between, slope), x)| {
-            vectorized::gelu_and_slope(x, between, slope);
-        });
+        let x_values = x.values();
+        let gelu_and_slope = |first: usize, between: &mut [f32], slope: &mut [f32]| {
+            vectorized::gelu_and_slope(&x_values[first..][..between.len()], between, slope);
+        };
+        let [mut between, slope] = each_part_of_two(x_values.len(), TASK, gelu_and_slope);
         if let Some(mask) = of_gelu {
             mask.apply_to_all(&mut between, width, rows);
         }
-        affine::parameter_gradients(&between, dy.values(), &mut d_weight, &mut d_bias);
+        let factors = self.packing.factors;
+        affine::parameter_gradients(&between, dy.values(), factors, &mut d_weight, &mut d_bias);
         drop(between);
 
-        let dx = affine::input_gradient(dy.values(), weight.values(), output, |dg, first| {
+        let (of_weight, weight) = (weight.shape(), weight.values());
+        let dx = affine::input_gradient(dy.values(), weight, output, factors, |dg, first| {
             if let Some(mask) = of_gelu {
                 mask.apply(dg, width, first / width, rows);
             }
@@ -120,7 +122,7 @@ impl FusedOp<4> for GeluLinear {
         [
             d_residual,
             Array::new(dx, x.shape()),
-            Array::new(d_weight, weight.shape()),
+            Array::new(d_weight, of_weight),
             Array::new(d_bias, bias.shape()),
         ]
     }

@@ -1,6 +1,7 @@
 use burn::tensor::Tensor;
 
 use super::affine;
+use super::factors::Factors;
 use super::fused::{Array, FusedOp, apply, operand};
 use super::packed::{PackedWeight, Packing};
 
@@ -35,7 +36,7 @@ impl FusedOp<3> for Linear {
     fn forward(&self, [x, weight, bias]: &[Array; 3]) -> Array {
         let output = bias.width();
         let input = x.width();
-        let y = if x.values().len() == input {
+        let y = if x.values().len() == input && self.packing.factors == Factors::F32 {
             affine::row(x.values(), weight.values(), bias.values())
         } else {
             let weight = self.packing.transposed(&[weight]);
@@ -50,10 +51,11 @@ impl FusedOp<3> for Linear {
 
     fn backward(&self, [x, weight, bias]: &[Array; 3], dy: &Array) -> [Array; 3] {
         let (input, output) = (x.width(), bias.width());
-        let dx = affine::input_gradient(dy.values(), weight.values(), output, |_, _| ());
+        let factors = self.packing.factors;
+        let dx = affine::input_gradient(dy.values(), weight.values(), output, factors, |_, _| ());
         let mut d_weight = vec![0.0; output * input];
         let mut d_bias = vec![0.0; output];
-        affine::parameter_gradients(x.values(), dy.values(), &mut d_weight, &mut d_bias);
+        affine::parameter_gradients(x.values(), dy.values(), factors, &mut d_weight, &mut d_bias);
         [
             Array::new(dx, x.shape()),
             Array::new(d_weight, weight.shape()),

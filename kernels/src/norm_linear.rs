@@ -84,6 +84,7 @@ impl NormLinear {
 
     /// Gradients of x and the norm, of the weights, and of the biases.
     fn backward_of<const MAPS: usize>(
+        &self,
         norm: [&Array; 3],
         weights: [&Array; MAPS],
         biases: [&Array; MAPS],
@@ -95,9 +96,10 @@ impl NormLinear {
         let output = dy.width();
         let mut d_weight = vec![0.0; weight.len()];
         let mut d_bias = vec![0.0; output];
-        affine::parameter_gradients(n.values(), dy.values(), &mut d_weight, &mut d_bias);
+        let factors = self.packing.factors;
+        affine::parameter_gradients(n.values(), dy.values(), factors, &mut d_weight, &mut d_bias);
         drop(n);
-        let dn = affine::input_gradient(dy.values(), &weight, output, |_, _| ());
+        let dn = affine::input_gradient(dy.values(), &weight, output, factors, |_, _| ());
         let dn = Array::new(dn, norm[0].shape());
         (
             layer_norm::LayerNorm.backward(&norm, &dn),
@@ -124,7 +126,7 @@ impl FusedOp<5> for NormLinear {
 
     fn backward(&self, [x, scale, shift, weight, bias]: &[Array; 5], dy: &Array) -> [Array; 5] {
         let ([dx, d_scale, d_shift], [d_weight], [d_bias]) =
-            Self::backward_of([x, scale, shift], [weight], [bias], dy);
+            self.backward_of([x, scale, shift], [weight], [bias], dy);
         [dx, d_scale, d_shift, d_weight, d_bias]
     }
 }
@@ -140,7 +142,7 @@ impl FusedOp<9> for NormLinear {
         dy: &Array,
     ) -> [Array; 9] {
         let ([dx, d_scale, d_shift], [dw0, dw1, dw2], [db0, db1, db2]) =
-            Self::backward_of([x, scale, shift], [w0, w1, w2], [b0, b1, b2], dy);
+            self.backward_of([x, scale, shift], [w0, w1, w2], [b0, b1, b2], dy);
         [dx, d_scale, d_shift, dw0, dw1, dw2, db0, db1, db2]
     }
 }

@@ -1,16 +1,22 @@
 use std::borrow::Cow;
 use std::sync::{Arc, Mutex, PoisonError};
 
+use super::factors::Factors;
 use super::fused::Array;
 use super::panels::Panels;
 
 /// A weight, or several side by side, packed for products and kept from one prediction to the next.
 /// Packing a weight takes as long as its product with some dozen rows.
 ///
+/// It also says which numbers the products read their factors as.
+///
 /// Only networks without gradients keep a packed weight. A clone begins empty, because its weights
 /// may change.
 #[derive(Debug, Default)]
-pub struct PackedWeight(Arc<Mutex<Option<Kept>>>);
+pub struct PackedWeight {
+    factors: Factors,
+    kept: Arc<Mutex<Option<Kept>>>,
+}
 
 #[derive(Debug)]
 struct Kept {
@@ -21,27 +27,40 @@ struct Kept {
 
 impl Clone for PackedWeight {
     fn clone(&self) -> Self {
-        Self::default()
+        Self::new(self.factors)
     }
 }
 
 /// The source of an operation's packed weight: kept, or packed for each call.
 #[derive(Clone, Debug)]
-pub(super) struct Packing(Option<Arc<Mutex<Option<Kept>>>>);
+pub(super) struct Packing {
+    pub factors: Factors,
+    kept: Option<Arc<Mutex<Option<Kept>>>>,
+}
 
 impl PackedWeight {
+    /// Empty.
+    pub fn new(factors: Factors) -> Self {
+        Self { factors, kept: Arc::default() }
+    }
+
+    pub fn factors(&self) -> Factors {
+        self.factors
+    }
+
     /// The source for an operation on a weight. Weights that record gradients are packed for each
     /// call.
     pub(super) fn packing(&self, is_tracked: bool) -> Packing {
-        Packing((!is_tracked).then(|| Arc::clone(&self.0)))
+        let kept = (!is_tracked).then(|| Arc::clone(&self.kept));
+        Packing { factors: self.factors, kept }
     }
 }
 
 impl Packing {
     /// W `[output, input]` as the right factor Wᵀ. Several weights are joined along their outputs.
     pub fn transposed(&self, weights: &[&Array]) -> Arc<Panels> {
-        let pack = || Arc::new(pack(weights));
-        let Some(kept) = &self.0 else { return pack() };
+        let pack = || Arc::new(pack(self.factors, weights));
+        let Some(kept) = &self.kept else { return pack() };
         let mut kept = kept.lock().unwrap_or_else(PoisonError::into_inner);
         match &*kept {
             Some(kept) if kept.is_of(weights) => Arc::clone(&kept.panels),
@@ -63,10 +82,10 @@ impl Kept {
     }
 }
 
-fn pack(weights: &[&Array]) -> Panels {
+fn pack(factors: Factors, weights: &[&Array]) -> Panels {
     let input = weights[0].width();
     let all = side_by_side(weights);
-    Panels::of_columns(&all, input, all.len() / input, input)
+    Panels::of_columns(factors, &all, [input, all.len() / input], input)
 }
 
 /// The rows of all arrays, which have the same width, one array after the other.

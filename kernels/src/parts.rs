@@ -39,3 +39,28 @@ pub(super) fn in_parts<S, R: Send>(
     unsafe { values.set_len(length) };
     (values, results)
 }
+
+/// Two arrays of `length` values, written in parts of `part` values on all threads. `write` gets the
+/// index of a part's first value and the parts of both arrays, which hold zeros.
+pub(super) fn each_part_of_two(
+    length: usize,
+    part: usize,
+    write: impl Fn(usize, &mut [f32], &mut [f32]) + Send + Sync,
+) -> [Vec<f32>; 2] {
+    let mut arrays = [Vec::with_capacity(length), Vec::with_capacity(length)];
+    let [first, second] = arrays.each_mut().map(|array| &mut array.spare_capacity_mut()[..length]);
+    let parts = first.par_chunks_mut(part).zip(second.par_chunks_mut(part));
+    parts.enumerate().for_each(|(index, (first, second))| {
+        let [first, second] = [first, second].map(|part| {
+            part.fill(MaybeUninit::new(0.0));
+            // SAFETY: the whole part was just written.
+            unsafe { part.assume_init_mut() }
+        });
+        write(index * part, first, second);
+    });
+    for array in &mut arrays {
+        // SAFETY: the parts cover all values, and each was written.
+        unsafe { array.set_len(length) };
+    }
+    arrays
+}

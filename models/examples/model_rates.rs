@@ -1,7 +1,7 @@
 //! Prints how long a training step of 64 trajectories takes, or a prediction of a single one.
 //!
 //! `cargo run --release -p models --example model_rates -- training|inference [--json]
-//! [--steps COUNT] [PRESET ..]`
+//! [--steps COUNT] [--matmul-precision f32|bf16] [PRESET ..]`
 //!
 //! A training step is complete: noise, loss, gradients, optimizer. A prediction is one pass of the
 //! network. A denoiser also predicts with 5 steps of DDIM and with 100 of DDPM. Every prediction
@@ -46,11 +46,14 @@ fn main() -> Result<(), Box<dyn Error>> {
         Some("inference") => What::Inference,
         _ => return Err("say what to measure: training or inference".into()),
     };
-    let (mut json, mut steps, mut wanted) = (false, 5, Vec::new());
+    let (mut json, mut steps, mut precision, mut wanted) = (false, 5, None, Vec::new());
     while let Some(argument) = arguments.next() {
         match argument.as_str() {
             "--json" => json = true,
             "--steps" => steps = arguments.next().ok_or("--steps needs a number")?.parse()?,
+            "--matmul-precision" => {
+                precision = Some(arguments.next().ok_or("--matmul-precision needs a name")?);
+            }
             _ => wanted.push(argument),
         }
     }
@@ -60,7 +63,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
     let mut all = Vec::new();
     for preset in wanted {
-        let (config, times) = measure(&preset, what, steps)?;
+        let (config, times) = measure(&preset, precision.as_deref(), what, steps)?;
         if !json {
             println!("{preset:<18} {:>9} parameters  {times}", config["parameters"]);
         }
@@ -74,10 +77,17 @@ fn main() -> Result<(), Box<dyn Error>> {
 }
 
 /// Measures a model, and gives its checkpoint's `config.json` with the times.
-fn measure(preset: &str, what: What, steps: usize) -> Result<(Value, Value), Box<dyn Error>> {
-    let job = json!({
-        "kind": "train", "data": {"dataset": 1}, "model": {"preset": preset}, "steps": 1000,
-    });
+fn measure(
+    preset: &str,
+    precision: Option<&str>,
+    what: What,
+    steps: usize,
+) -> Result<(Value, Value), Box<dyn Error>> {
+    let mut model = json!({"preset": preset});
+    if let Some(precision) = precision {
+        model["matmul_precision"] = precision.into();
+    }
+    let job = json!({"kind": "train", "data": {"dataset": 1}, "model": model, "steps": 1000});
     let JobSpec::Train(spec) = spec::parse(job.to_string().as_bytes())? else {
         return Err("not a training".into());
     };

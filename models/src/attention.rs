@@ -6,6 +6,7 @@ use crate::activations::Activations;
 use crate::dropout::Dropout;
 use crate::initialization::InitialWeights;
 use crate::layers::{LayerNorm, Linear};
+use crate::transformer::BlockShape;
 
 /// Multi-head scaled dot-product attention (Vaswani et al. 2017), with biases.
 #[derive(Module, Debug)]
@@ -58,15 +59,11 @@ impl Sources {
 }
 
 impl Attention {
-    pub fn new(d_model: usize, heads: usize, weights: &mut InitialWeights<'_>) -> Self {
-        Self {
-            query: Linear::new(d_model, d_model, weights),
-            key: Linear::new(d_model, d_model, weights),
-            value: Linear::new(d_model, d_model, weights),
-            output: Linear::new(d_model, d_model, weights),
-            heads,
-            packed: PackedWeight::default(),
-        }
+    pub fn new(shape: BlockShape, weights: &mut InitialWeights<'_>) -> Self {
+        let BlockShape { d_model, heads, factors, .. } = shape;
+        let mut linear = || Linear::reading(factors, d_model, d_model, weights);
+        let [query, key, value, output] = [(); 4].map(|()| linear());
+        Self { query, key, value, output, heads, packed: PackedWeight::new(factors) }
     }
 
     /// Self-attention: every token of the normed `x` `[batch, token, d_model]` attends to the
@@ -84,7 +81,7 @@ impl Attention {
         let projected = Linear::forward_three_normed(maps, x, norm, &self.packed);
         let left_out = dropout.mask();
         let mixed = A::operation([projected], [true], shape, |[projected]| {
-            kernels::self_attention(projected, self.heads, mask, left_out)
+            kernels::self_attention(projected, self.heads, mask, left_out, self.packed.factors())
         });
         self.outcome(mixed, dropout)
     }
@@ -141,7 +138,7 @@ impl Attention {
         let Sources { keys, values } = sources.clone();
         let left_out = dropout.mask();
         let mixed = A::operation([query, keys, values], [true; 3], shape, |[q, k, v]| {
-            kernels::attention(q, k, v, self.heads, mask, left_out)
+            kernels::attention(q, k, v, self.heads, mask, left_out, self.packed.factors())
         });
         self.outcome(mixed, dropout)
     }

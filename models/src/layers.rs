@@ -1,6 +1,6 @@
 use burn::module::{Module, Param};
 use burn::tensor::Tensor;
-use kernels::{DropoutMask, PackedWeight};
+use kernels::{DropoutMask, Factors, PackedWeight};
 
 use crate::activations::Activations;
 use crate::initialization::InitialWeights;
@@ -22,11 +22,21 @@ pub(crate) struct Linear {
 impl Linear {
     /// Weights and biases uniform on ±1/√input.
     pub fn new(input: usize, output: usize, weights: &mut InitialWeights<'_>) -> Self {
+        Self::reading(Factors::F32, input, output, weights)
+    }
+
+    /// [`Linear::new`], with products that read `factors`.
+    pub fn reading(
+        factors: Factors,
+        input: usize,
+        output: usize,
+        weights: &mut InitialWeights<'_>,
+    ) -> Self {
         let bound = 1.0 / (input as f32).sqrt();
         Self {
             weight: weights.uniform([output, input], bound),
             bias: weights.uniform([output], bound),
-            packed: PackedWeight::default(),
+            packed: PackedWeight::new(factors),
         }
     }
 

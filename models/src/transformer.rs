@@ -4,13 +4,35 @@
 
 use burn::module::Module;
 use burn::tensor::Tensor;
-use kernels::Mask;
+use kernels::{Factors, Mask};
+use spec::MatmulPrecision;
 
 use crate::activations::Activations;
 use crate::attention::{Attention, Sources};
 use crate::dropout::Dropout;
 use crate::initialization::InitialWeights;
 use crate::layers::{LayerNorm, Linear};
+
+/// Sizes of a block, and the numbers that its products read.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct BlockShape {
+    pub d_model: usize,
+    pub heads: usize,
+    /// Width between the two maps of the feed-forward part.
+    pub hidden: usize,
+    pub factors: Factors,
+}
+
+impl BlockShape {
+    pub fn new(d_model: u32, heads: u32, mlp_ratio: u32, precision: MatmulPrecision) -> Self {
+        let [d_model, heads, ratio] = [d_model, heads, mlp_ratio].map(|size| size as usize);
+        let factors = match precision {
+            MatmulPrecision::F32 => Factors::F32,
+            MatmulPrecision::Bf16 => Factors::Bf16,
+        };
+        Self { d_model, heads, hidden: d_model * ratio, factors }
+    }
+}
 
 /// Two linear maps with a GELU between.
 #[derive(Module, Debug)]
@@ -20,10 +42,11 @@ pub(crate) struct FeedForward {
 }
 
 impl FeedForward {
-    fn new(d_model: usize, hidden: usize, weights: &mut InitialWeights<'_>) -> Self {
+    fn new(shape: BlockShape, weights: &mut InitialWeights<'_>) -> Self {
+        let BlockShape { d_model, hidden, factors, .. } = shape;
         Self {
-            expand: Linear::new(d_model, hidden, weights),
-            contract: Linear::new(hidden, d_model, weights),
+            expand: Linear::reading(factors, d_model, hidden, weights),
+            contract: Linear::reading(factors, hidden, d_model, weights),
         }
     }
 
@@ -44,17 +67,13 @@ pub(crate) struct EncoderBlock {
 }
 
 impl EncoderBlock {
-    pub fn new(
-        d_model: usize,
-        heads: usize,
-        hidden: usize,
-        weights: &mut InitialWeights<'_>,
-    ) -> Self {
+    pub fn new(shape: BlockShape, weights: &mut InitialWeights<'_>) -> Self {
+        let d_model = shape.d_model;
         Self {
             attention_norm: LayerNorm::new(d_model, weights),
-            attention: Attention::new(d_model, heads, weights),
+            attention: Attention::new(shape, weights),
             feed_forward_norm: LayerNorm::new(d_model, weights),
-            feed_forward: FeedForward::new(d_model, hidden, weights),
+            feed_forward: FeedForward::new(shape, weights),
         }
     }
 
@@ -102,19 +121,15 @@ pub(crate) struct DecoderBlock {
 }
 
 impl DecoderBlock {
-    pub fn new(
-        d_model: usize,
-        heads: usize,
-        hidden: usize,
-        weights: &mut InitialWeights<'_>,
-    ) -> Self {
+    pub fn new(shape: BlockShape, weights: &mut InitialWeights<'_>) -> Self {
+        let d_model = shape.d_model;
         Self {
             self_attention_norm: LayerNorm::new(d_model, weights),
-            self_attention: Attention::new(d_model, heads, weights),
+            self_attention: Attention::new(shape, weights),
             cross_attention_norm: LayerNorm::new(d_model, weights),
-            cross_attention: Attention::new(d_model, heads, weights),
+            cross_attention: Attention::new(shape, weights),
             feed_forward_norm: LayerNorm::new(d_model, weights),
-            feed_forward: FeedForward::new(d_model, hidden, weights),
+            feed_forward: FeedForward::new(shape, weights),
         }
     }
 

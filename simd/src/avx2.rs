@@ -94,6 +94,16 @@ impl Vector for F32x8 {
             Self(_mm256_castsi256_ps(_mm256_add_epi32(shifted, one)))
         }
     }
+
+    #[inline(always)]
+    unsafe fn halves(self) -> [Self; 2] {
+        // SAFETY: see above.
+        unsafe {
+            let pairs = _mm256_castps_si256(self.0);
+            let high = _mm256_and_si256(pairs, _mm256_set1_epi32(0xffff_0000_u32.cast_signed()));
+            [_mm256_slli_epi32::<16>(pairs), high].map(|half| Self(_mm256_castsi256_ps(half)))
+        }
+    }
 }
 
 #[inline]

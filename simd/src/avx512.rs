@@ -88,6 +88,16 @@ impl Vector for F32x16 {
     }
 
     #[inline(always)]
+    unsafe fn halves(self) -> [Self; 2] {
+        // SAFETY: see above.
+        unsafe {
+            let pairs = _mm512_castps_si512(self.0);
+            let high = _mm512_and_si512(pairs, _mm512_set1_epi32(0xffff_0000_u32.cast_signed()));
+            [_mm512_slli_epi32::<16>(pairs), high].map(|half| Self(_mm512_castsi512_ps(half)))
+        }
+    }
+
+    #[inline(always)]
     unsafe fn greatest(self) -> f32 {
         // SAFETY: see above.
         unsafe { _mm512_reduce_max_ps(self.0) }
@@ -97,6 +107,23 @@ impl Vector for F32x16 {
     unsafe fn total(self) -> f32 {
         // SAFETY: see above.
         unsafe { _mm512_reduce_add_ps(self.0) }
+    }
+}
+
+impl F32x16 {
+    /// In each lane, `sum` plus the products of the high and of the low halves, which are bf16.
+    ///
+    /// # Safety
+    /// The processor must have AVX-512 BF16.
+    #[inline(always)]
+    pub unsafe fn mul_add_halves(self, factor: Self, sum: Self) -> Self {
+        // SAFETY: the caller guarantees the instruction. Both types have 512 bits, and every
+        // pattern is a value.
+        unsafe {
+            let [a, b] =
+                [self, factor].map(|pairs| std::mem::transmute::<__m512, __m512bh>(pairs.0));
+            Self(_mm512_dpbf16_ps(sum.0, a, b))
+        }
     }
 }
 

@@ -66,6 +66,18 @@ impl InstructionSet {
         wide.into_iter().flatten().chain([Self::Portable]).collect()
     }
 
+    /// Whether this is AVX-512 on a processor that also multiplies pairs of bf16 (AVX-512 BF16).
+    #[inline]
+    pub fn multiplies_bf16(self) -> bool {
+        match self {
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512(_) => {
+                is_x86_feature_detected!("avx512bf16") && is_x86_feature_detected!("avx512bw")
+            }
+            _ => false,
+        }
+    }
+
     #[cfg(target_arch = "x86_64")]
     fn avx512() -> Option<Self> {
         let detected = is_x86_feature_detected!("avx512f")

@@ -59,6 +59,13 @@ pub trait Vector: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = 
     /// See [`Vector::mask`].
     unsafe fn power_of_two(self) -> Self;
 
+    /// The low and the high halves of the lanes' bits. Each half is a bf16, which has the bits of
+    /// an f32 without the lower sixteen.
+    ///
+    /// # Safety
+    /// See [`Vector::mask`].
+    unsafe fn halves(self) -> [Self; 2];
+
     /// The greatest lane.
     ///
     /// # Safety
@@ -190,6 +197,17 @@ impl Vector for Unfused {
         }
         self
     }
+
+    #[inline(always)]
+    unsafe fn halves(self) -> [Self; 2] {
+        let [mut low, mut high] = [self; 2];
+        for lane in 0..4 {
+            let bits = self.0[lane].to_bits();
+            low.0[lane] = f32::from_bits(bits << 16);
+            high.0[lane] = f32::from_bits(bits & 0xffff_0000);
+        }
+        [low, high]
+    }
 }
 
 #[cfg(test)]
@@ -295,6 +313,25 @@ mod tests {
             }
             assert!(found[..V::LANES].iter().all(|&value| value == 2f32.powi(power)), "{power}");
         }
+    }
+
+    fn halves<V: Vector>() {
+        let mut found = [[0.0; 16]; 2];
+        // 1.5 in the low half and -0.375 in the high one.
+        let pair = f32::from_bits((-0.375_f32).to_bits() | (1.5_f32.to_bits() >> 16));
+        // SAFETY: see `masks`.
+        unsafe {
+            for (found, half) in found.iter_mut().zip(V::splat(pair).halves()) {
+                half.store(found.as_mut_ptr());
+            }
+        }
+        assert!(found[0][..V::LANES].iter().all(|&value| value == 1.5));
+        assert!(found[1][..V::LANES].iter().all(|&value| value == -0.375));
+    }
+
+    #[test]
+    fn halves_of_a_lane_are_two_numbers() {
+        on_each!(halves);
     }
 
     #[test]

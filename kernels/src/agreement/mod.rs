@@ -1,6 +1,7 @@
 //! The fused operations agree with burn's own in value and gradients, at sizes that do and do not
 //! divide vectors and tasks.
 
+mod bf16;
 mod tanh;
 mod unets;
 
@@ -8,9 +9,9 @@ use burn::tensor::{Device, Tensor, TensorData};
 use random::{ChaCha12Rng, SeedableRng};
 
 use super::{
-    DropoutMask, Mask, PackedWeight, attention, conv_transpose1d, conv1d, dropout, gelu_linear,
-    gelu_linear_onto, group_norm_mish, instruction_set, layer_norm, linear, norm_linear,
-    norm_linear_of_three, self_attention,
+    DropoutMask, Factors, Mask, PackedWeight, attention, conv_transpose1d, conv1d, dropout,
+    gelu_linear, gelu_linear_onto, group_norm_mish, instruction_set, layer_norm, linear,
+    norm_linear, norm_linear_of_three, self_attention,
 };
 
 const TOLERANCE: f64 = 2e-6;
@@ -52,6 +53,18 @@ fn compare<const N: usize>(
     fused: impl Fn([Tensor<3>; N]) -> Tensor<3>,
     plain: impl Fn([Tensor<3>; N]) -> Tensor<3>,
 ) {
+    for (index, difference) in differences(shapes, fused, plain).into_iter().enumerate() {
+        assert!(difference < TOLERANCE, "result {index} of {shapes:?}: {difference:e}");
+    }
+}
+
+/// Relative differences of the values and of each gradient.
+#[track_caller]
+fn differences<const N: usize>(
+    shapes: [[usize; 3]; N],
+    fused: impl Fn([Tensor<3>; N]) -> Tensor<3>,
+    plain: impl Fn([Tensor<3>; N]) -> Tensor<3>,
+) -> Vec<f64> {
     let results = |function: &dyn Fn([Tensor<3>; N]) -> Tensor<3>| {
         let inputs = tensors(shapes);
         let value = function(inputs.clone());
@@ -63,21 +76,22 @@ fn compare<const N: usize>(
     };
     let (fused_results, plain_results) = (results(&fused), results(&plain));
     let terms = plain_results[0].len() as f64;
-    for (index, (fused, plain)) in fused_results.iter().zip(&plain_results).enumerate() {
+    let relative = |(fused, plain): (&Vec<f32>, &Vec<f32>)| {
         let norm = |values: &mut dyn Iterator<Item = f32>| {
             values.map(|value| f64::from(value).powi(2)).sum::<f64>().sqrt()
         };
         let difference = norm(&mut fused.iter().zip(plain).map(|(a, b)| a - b));
         // A sum of numbers that cancel has the absolute error of a sum that does not cancel.
         let scale = norm(&mut plain.iter().copied()).max(terms.sqrt());
-        let relative = difference / scale;
-        assert!(relative < TOLERANCE, "result {index} of {shapes:?}: {relative:e}");
-    }
+        difference / scale
+    };
+    let differences = fused_results.iter().zip(&plain_results).map(relative).collect();
     // Without gradients, the values are the same bit for bit.
     let inputs = tensors(shapes);
     let tracked = fused(inputs.clone()).inner();
     let untracked = fused(inputs.map(Tensor::inner));
     assert_eq!(values(tracked), values(untracked));
+    differences
 }
 
 pub(super) fn flat(tensor: Tensor<3>) -> Tensor<1> {
@@ -229,7 +243,9 @@ fn self_attention_agrees() {
             for dropout in [None, dropout_mask(3, 1)] {
                 check_agreement(
                     [[batch, tokens, 3 * heads * width]],
-                    |[projected]| self_attention(projected, heads, mask, dropout.clone()),
+                    |[projected]| {
+                        self_attention(projected, heads, mask, dropout.clone(), Factors::F32)
+                    },
                     |[projected]| {
                         attention::plain_of_itself(projected, heads, mask, dropout.as_ref())
                     },
@@ -264,7 +280,7 @@ fn attention_agrees() {
         for [batch, tokens, heads, width] in [[1, 2, 1, 1], [3, 5, 2, 3], [2, 40, 4, 24]] {
             check_agreement(
                 [[batch, tokens, heads * width]; 3],
-                |[query, key, value]| attention(query, key, value, heads, mask, None),
+                |[query, key, value]| attention(query, key, value, heads, mask, None, Factors::F32),
                 |[query, key, value]| attention::plain(query, key, value, heads, mask, None),
             );
         }
@@ -273,7 +289,7 @@ fn attention_agrees() {
     for (sources, mask) in [(21, Mask::None), (4, Mask::Causal { ahead: 1 })] {
         check_agreement(
             [[2, 3, 8], [2, sources, 8], [2, sources, 8]],
-            |[query, key, value]| attention(query, key, value, 2, mask, None),
+            |[query, key, value]| attention(query, key, value, 2, mask, None, Factors::F32),
             |[query, key, value]| attention::plain(query, key, value, 2, mask, None),
         );
     }
@@ -289,7 +305,7 @@ fn attention_with_dropout_agrees() {
                     [batch, sources, heads * width],
                     [batch, sources, heads * width],
                 ],
-                |[q, k, v]| attention(q, k, v, heads, mask, dropout_mask(3, 1)),
+                |[q, k, v]| attention(q, k, v, heads, mask, dropout_mask(3, 1), Factors::F32),
                 |[q, k, v]| attention::plain(q, k, v, heads, mask, dropout_mask(3, 1).as_ref()),
             );
         }
@@ -334,7 +350,7 @@ fn operations_agree_on_every_instruction_set() {
     instruction_set::tests::with_each(|_| {
         compare(
             [[2, 61, 48]; 3],
-            |[q, k, v]| attention(q, k, v, 2, causal, dropout_mask(2, 0)),
+            |[q, k, v]| attention(q, k, v, 2, causal, dropout_mask(2, 0), Factors::F32),
             |[q, k, v]| attention::plain(q, k, v, 2, causal, dropout_mask(2, 0).as_ref()),
         );
         compare(

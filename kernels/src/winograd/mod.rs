@@ -166,7 +166,7 @@ pub(super) fn kernel_gradient(
                 let Scratch { points, products, sums, panels, .. } = &mut *scratch;
                 for point in 0..POINTS {
                     let values = &products[point * here * columns..][..here * columns];
-                    panels.write_columns(values, columns, here, columns);
+                    panels.write_columns(values, [columns, here], columns);
                     let values = &points[point * channels * columns..][..channels * columns];
                     let left = Left { values, rows: &rows, step: 1 };
                     let sums = &mut sums[point * channels * here..][..channels * here];

@@ -19,7 +19,7 @@ use crate::layers::{LayerNorm, Linear};
 use crate::sizes::{
     LARGEST_RATIO, LARGEST_WIDTH, MOST_LAYERS, MOST_SAMPLES, divides, multiple, within,
 };
-use crate::transformer::{DecoderBlock, EncoderBlock, patches};
+use crate::transformer::{BlockShape, DecoderBlock, EncoderBlock, patches};
 use crate::unet::sinusoid;
 use chain::Chain;
 
@@ -85,21 +85,21 @@ impl Cdt {
         within("samples", extents.samples(), 1, MOST_SAMPLES)?;
         divides("patch", spec.patch, "context", extents.context)?;
         divides("patch", spec.patch, "horizon", extents.horizon)?;
-        let [d_model, heads, patch, samples] =
-            [spec.d_model, spec.heads, spec.patch, extents.samples()].map(|size| size as usize);
-        let tokens = samples / patch;
-        let hidden = d_model * spec.mlp_ratio as usize;
+        let shape =
+            BlockShape::new(spec.d_model, spec.heads, spec.mlp_ratio, spec.matmul_precision);
+        let (d_model, patch) = (shape.d_model, spec.patch as usize);
+        let tokens = extents.samples() as usize / patch;
         let known = KnownInputs::of(spec.residual).channels(extents.joints);
         Ok(Self {
             condition_input: Linear::new(known * patch, d_model, weights),
             condition_positions: weights.normal([tokens + 1, d_model], POSITION_STANDARD_DEVIATION),
             encoder_blocks: (0..spec.encoder_layers)
-                .map(|_| EncoderBlock::new(d_model, heads, hidden, weights))
+                .map(|_| EncoderBlock::new(shape, weights))
                 .collect(),
             input: Linear::new(extents.joints * patch, d_model, weights),
             positions: weights.normal([tokens, d_model], POSITION_STANDARD_DEVIATION),
             decoder_blocks: (0..spec.decoder_layers)
-                .map(|_| DecoderBlock::new(d_model, heads, hidden, weights))
+                .map(|_| DecoderBlock::new(shape, weights))
                 .collect(),
             norm: LayerNorm::new(d_model, weights),
             head: Linear::new(d_model, extents.joints * patch, weights),

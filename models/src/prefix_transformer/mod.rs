@@ -35,7 +35,7 @@ use crate::layers::{LayerNorm, Linear};
 use crate::loss::Loss;
 use crate::randomness::Noise;
 use crate::sizes::{LARGEST_RATIO, LARGEST_WIDTH, MOST_LAYERS, divides, within};
-use crate::transformer::EncoderBlock;
+use crate::transformer::{BlockShape, EncoderBlock};
 
 /// Time over which the velocity relative to the path is faded in, s. It is the time constant of the
 /// heaviest joint behind its damper.
@@ -62,9 +62,9 @@ impl Architecture for PrefixTransformerSpec {
             within("least_context", least, self.patch, context)?;
             divides("patch", self.patch, "least_context", least)?;
         }
-        let [d_model, heads, patch] =
-            [self.d_model, self.heads, self.patch].map(|size| size as usize);
-        let hidden = d_model * self.mlp_ratio as usize;
+        let shape =
+            BlockShape::new(self.d_model, self.heads, self.mlp_ratio, self.matmul_precision);
+        let (d_model, patch) = (shape.d_model, self.patch as usize);
         let tokens = ((context + horizon) / self.patch) as usize;
         let damping = match self.residual {
             Residual::None => 1.0,
@@ -73,9 +73,7 @@ impl Architecture for PrefixTransformerSpec {
         Ok(PrefixTransformer {
             input: Linear::new(samples::channels(joints) * (patch + 1), d_model, weights),
             positions: weights.normal([tokens, d_model], POSITION_STANDARD_DEVIATION),
-            blocks: (0..self.layers)
-                .map(|_| EncoderBlock::new(d_model, heads, hidden, weights))
-                .collect(),
+            blocks: (0..self.layers).map(|_| EncoderBlock::new(shape, weights)).collect(),
             norm: LayerNorm::new(d_model, weights),
             head: Linear::new(d_model, joints * patch, weights),
             patch,

@@ -19,7 +19,7 @@ use crate::layers::{LayerNorm, Linear};
 use crate::loss::Loss;
 use crate::randomness::Noise;
 use crate::sizes::{LARGEST_RATIO, LARGEST_WIDTH, MOST_LAYERS, divides, within};
-use crate::transformer::{DecoderBlock, EncoderBlock, patches};
+use crate::transformer::{BlockShape, DecoderBlock, EncoderBlock, patches};
 
 impl Architecture for RoboMorphSpec {
     type Model = RoboMorph;
@@ -36,9 +36,9 @@ impl Architecture for RoboMorphSpec {
         divides("heads", self.heads, "d_model", self.d_model)?;
         divides("patch", self.patch, "context", context)?;
         divides("patch", self.patch, "horizon", horizon)?;
-        let [d_model, heads, patch] =
-            [self.d_model, self.heads, self.patch].map(|size| size as usize);
-        let hidden = d_model * self.mlp_ratio as usize;
+        let shape =
+            BlockShape::new(self.d_model, self.heads, self.mlp_ratio, self.matmul_precision);
+        let (d_model, patch) = (shape.d_model, self.patch as usize);
         let [context_tokens, horizon_tokens] =
             [context, horizon].map(|samples| (samples / self.patch) as usize);
         let known_inputs = KnownInputs::of(self.residual);
@@ -52,14 +52,14 @@ impl Architecture for RoboMorphSpec {
             encoder_positions: weights
                 .normal([context_tokens, d_model], POSITION_STANDARD_DEVIATION),
             encoder_blocks: (0..self.encoder_layers)
-                .map(|_| EncoderBlock::new(d_model, heads, hidden, weights))
+                .map(|_| EncoderBlock::new(shape, weights))
                 .collect(),
             encoder_norm: LayerNorm::new(d_model, weights),
             decoder_input: Linear::new(known * patch, d_model, weights),
             decoder_positions: weights
                 .normal([horizon_tokens, d_model], POSITION_STANDARD_DEVIATION),
             decoder_blocks: (0..self.decoder_layers)
-                .map(|_| DecoderBlock::new(d_model, heads, hidden, weights))
+                .map(|_| DecoderBlock::new(shape, weights))
                 .collect(),
             decoder_norm: LayerNorm::new(d_model, weights),
             head: Linear::new(d_model, numbers * joints * patch, weights),

@@ -1,8 +1,8 @@
 """Measures the PyTorch twin of a network like `models/examples/model_rates.rs` measures ours.
 
-Reads a question from standard input, `{"config": .., "what": "training" | "inference", "compiled": .., "threads":
-.., "steps": ..}`, with the `config.json` of a checkpoint. Prints `{"version": .., "times": ..}` with the same
-times. All in single precision. A training step is noise, forward pass, loss, backward pass and Adam. Its
+Reads a question from standard input, `{"config": .., "what": "training" | "inference", "compiled": .., "autocast":
+.., "threads": .., "steps": ..}`, with the `config.json` of a checkpoint. Prints `{"version": .., "times": ..}` with the
+same times. All in single precision, or with `torch.autocast` to bf16. A training step is noise, forward pass, loss, backward pass and Adam. Its
 multiply-adds are those of PyTorch's matrix products and convolutions. A prediction is that of
 `torqued.checkpoint.TrainedModel`, but a pass is that of the network alone. PYTHONPATH must contain the repository's
 `python`.
@@ -48,7 +48,7 @@ def inputs(network: torch.nn.Module, config: dict, batch: int) -> list[torch.Ten
     return [torch.randn(batch, samples, network.channels), levels, torch.randn(batch, samples, known)]
 
 
-def training(network: torch.nn.Module, config: dict, compiled: bool, steps: int) -> dict:
+def training(network: torch.nn.Module, config: dict, compiled: bool, autocast: bool, steps: int) -> dict:
     optimizer = torch.optim.Adam(network.parameters(), lr=6e-4)
     given = inputs(network, config, BATCH)
     with torch.no_grad():
@@ -58,7 +58,9 @@ def training(network: torch.nn.Module, config: dict, compiled: bool, steps: int)
 
     def step() -> None:
         optimizer.zero_grad(set_to_none=True)
-        F.mse_loss(forward(given[0] + noise.normal_(), *given[1:]), target).backward()
+        with torch.autocast("cpu", torch.bfloat16, enabled=autocast):
+            predicted = forward(given[0] + noise.normal_(), *given[1:])
+        F.mse_loss(predicted.float(), target).backward()
         optimizer.step()
 
     times = milliseconds(steps, step)
@@ -71,12 +73,12 @@ def training(network: torch.nn.Module, config: dict, compiled: bool, steps: int)
     return result
 
 
-def inference(network: torch.nn.Module, config: dict, compiled: bool, steps: int) -> dict:
+def inference(network: torch.nn.Module, config: dict, compiled: bool, autocast: bool, steps: int) -> dict:
     given = inputs(network, config, 1)
     network.eval()
     if compiled:
         network.compile()
-    with torch.inference_mode():
+    with torch.inference_mode(), torch.autocast("cpu", torch.bfloat16, enabled=autocast):
         times = {"pass_ms": quantiles(milliseconds(PASSES * steps, lambda: network(*given)))}
     if config["model"]["architecture"] == "robomorph":
         return times
@@ -88,7 +90,8 @@ def inference(network: torch.nn.Module, config: dict, compiled: bool, steps: int
             continue
         sampler = {"kind": kind, "steps": passes}
         action = lambda sampler=sampler: model.predict(u, y, sampler=sampler)  # noqa: E731
-        times[name] = quantiles(milliseconds(count * steps, action))
+        with torch.autocast("cpu", torch.bfloat16, enabled=autocast):
+            times[name] = quantiles(milliseconds(count * steps, action))
     return times
 
 
@@ -97,7 +100,8 @@ def main() -> None:
     torch.set_num_threads(question["threads"])
     config = question["config"]
     measure = {"training": training, "inference": inference}[question["what"]]
-    times = measure(network_of(config), config, question["compiled"], question["steps"])
+    modes = (question["compiled"], question["autocast"])
+    times = measure(network_of(config), config, *modes, question["steps"])
     print(json.dumps({"version": torch.__version__, "times": times}))
 
 

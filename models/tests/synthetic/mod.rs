@@ -31,6 +31,7 @@ pub fn train_spec() -> TrainSpec {
             decoder_layers: 1,
             patch: 4,
             mlp_ratio: 2,
+            matmul_precision: spec::MatmulPrecision::F32,
             head: Head::Point,
             output: spec::Output::Positions,
             loss: spec::PointLoss::MeanSquare,

@@ -4,6 +4,7 @@ use utoipa::ToSchema;
 use super::architecture::ArchitectureSpec;
 use super::diffusion::{DiffusionSpec, SamplerSpec};
 use super::loss::PointLoss;
+use super::matmul_precision::MatmulPrecision;
 use super::residual::Residual;
 use super::sampling::Generation;
 use super::sizes::{check_transformer, four, is_one, one};
@@ -27,6 +28,8 @@ pub struct CdtSpec {
     /// Hidden width of the feed-forward blocks as a multiple of `d_model`.
     #[serde(default = "four")]
     pub mlp_ratio: u32,
+    #[serde(default, skip_serializing_if = "MatmulPrecision::is_default")]
+    pub matmul_precision: MatmulPrecision,
     /// Dropout in training: the share of values that are dropped from attention's weights, after
     /// GELU, and from the output of each part of a layer. 0.1 in the paper's code, `p_drop_attn`.
     #[serde(default, skip_serializing_if = "is_zero")]

@@ -3,6 +3,7 @@ use utoipa::ToSchema;
 
 use super::architecture::ArchitectureSpec;
 use super::lengths::Lengths;
+use super::matmul_precision::MatmulPrecision;
 use super::residual::{DampedIntegrator, Residual};
 use super::sizes::{check_transformer, four};
 use crate::check::{Check, Violations};
@@ -24,6 +25,8 @@ pub struct PrefixTransformerSpec {
     /// Hidden width of the feed-forward blocks as a multiple of `d_model`.
     #[serde(default = "four")]
     pub mlp_ratio: u32,
+    #[serde(default, skip_serializing_if = "MatmulPrecision::is_default")]
+    pub matmul_precision: MatmulPrecision,
     /// Length of the shortest context that the model supports, in samples; a multiple of `patch`.
     /// Each training step then ends the context at one random place from here on, and predicts
     /// everything after it. Default: the model supports only the context that it is trained with.

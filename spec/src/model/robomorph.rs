@@ -3,6 +3,7 @@ use utoipa::ToSchema;
 
 use super::architecture::ArchitectureSpec;
 use super::loss::PointLoss;
+use super::matmul_precision::MatmulPrecision;
 use super::residual::Residual;
 use super::sizes::{check_transformer, four, one};
 use crate::check::{Check, Violations};
@@ -22,6 +23,8 @@ pub struct RoboMorphSpec {
     /// Hidden width of the feed-forward blocks as a multiple of `d_model`.
     #[serde(default = "four")]
     pub mlp_ratio: u32,
+    #[serde(default, skip_serializing_if = "MatmulPrecision::is_default")]
+    pub matmul_precision: MatmulPrecision,
     #[serde(default, skip_serializing_if = "Head::is_default")]
     pub head: Head,
     #[serde(default, skip_serializing_if = "Output::is_default")]

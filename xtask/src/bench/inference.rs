@@ -29,12 +29,14 @@ fn rows(network: &Network) -> Vec<Measurement> {
         for quantile in ["p50", "p99"] {
             let pointer = format!("/{key}/{quantile}");
             let Some(ours) = network.ours(&pointer) else { continue };
-            let name = format!("{} {what}, {quantile}", network.preset);
+            let name = format!("{} {what}, {quantile}", network.name);
             let goal = goal.filter(|_| quantile == "p50");
             let eager = network.twin(Twin::Eager, &pointer);
             rows.push(Measurement::compared(&name, ours, eager, "ms", goal));
-            if let Some(compiled) = network.twin(Twin::Compiled, &pointer) {
-                rows.push(Measurement::compared(&name, ours, Some(compiled), "ms", None));
+            for twin in [Twin::Compiled, Twin::Autocast] {
+                if let Some(twin) = network.twin(twin, &pointer) {
+                    rows.push(Measurement::compared(&name, ours, Some(twin), "ms", None));
+                }
             }
         }
     }

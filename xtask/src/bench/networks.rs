@@ -16,7 +16,23 @@ use super::wanted::{BenchmarkResults, Peers, Size, Wanted};
 use crate::places::repository;
 use crate::{peers, product};
 
-const ARCHITECTURES: [&str; 4] = ["robomorph", "cdt", "diffuser", "cdcnn"];
+/// Architectures, each with the numbers that its matrix products read.
+const NETWORKS: [(&str, Matmul); 6] = [
+    ("robomorph", Matmul::F32),
+    ("robomorph", Matmul::Bf16),
+    ("cdt", Matmul::F32),
+    ("cdt", Matmul::Bf16),
+    ("diffuser", Matmul::F32),
+    ("cdcnn", Matmul::F32),
+];
+
+/// The `matmul_precision` of a network.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Matmul {
+    F32,
+    /// The products of the twin's linear maps and attention read bf16, too, in one of its rounds.
+    Bf16,
+}
 
 /// The part of a network that is measured.
 pub(super) struct Subject {
@@ -40,7 +56,7 @@ pub(super) struct Rounds {
 /// A network's rounds.
 pub(super) struct Network {
     pub architecture: &'static str,
-    pub preset: String,
+    pub name: String,
     rounds: Vec<Round>,
 }
 
@@ -51,6 +67,7 @@ struct Round {
     peak: f64,
     eager: Option<Theirs>,
     compiled: Option<Theirs>,
+    autocast: Option<Theirs>,
 }
 
 /// The output of `models/examples/model_rates.rs`.
@@ -73,6 +90,18 @@ pub(super) enum Twin {
     Eager,
     /// The twin after `torch.compile`.
     Compiled,
+    /// The twin under `torch.autocast` to bf16.
+    Autocast,
+}
+
+impl Twin {
+    const fn name(self) -> &'static str {
+        match self {
+            Self::Eager => "eager",
+            Self::Compiled => "compiled",
+            Self::Autocast => "autocast",
+        }
+    }
 }
 
 impl Network {
@@ -86,11 +115,12 @@ impl Network {
         let theirs = self.rounds.iter().map(|round| match twin {
             Twin::Eager => round.eager.as_ref(),
             Twin::Compiled => round.compiled.as_ref(),
+            Twin::Autocast => round.autocast.as_ref(),
         });
         let theirs: Vec<&Theirs> = theirs.flatten().collect();
         let value = median_of(theirs.iter().map(|theirs| number(&theirs.times, pointer)))?;
-        let kind = if twin == Twin::Eager { "eager" } else { "compiled" };
-        Some(Peer { value, version: format!("PyTorch {} {kind}", theirs.first()?.version) })
+        let version = format!("PyTorch {} {}", theirs.first()?.version, twin.name());
+        Some(Peer { value, version })
     }
 
     /// Peak of multiply-adds per second on our threads.
@@ -131,25 +161,34 @@ pub(super) fn run(
             Size::Small => ("small", subject.small),
             Size::Paper => ("paper", subject.paper),
         };
-        for architecture in ARCHITECTURES {
+        for (architecture, matmul) in NETWORKS {
             let preset = format!("{architecture}-{name}");
+            let label = match matmul {
+                Matmul::F32 => preset.clone(),
+                Matmul::Bf16 => format!("{preset}, bf16"),
+            };
             let mut rounds = Vec::new();
             // Compiling takes minutes, and much longer for the paper's networks.
-            let mut twins = match size {
-                Size::Small => vec![Twin::Eager, Twin::Compiled],
-                Size::Paper => vec![Twin::Eager],
+            let mut twins = match (size, matmul) {
+                (_, Matmul::Bf16) => vec![Twin::Eager, Twin::Autocast],
+                (Size::Small, Matmul::F32) => vec![Twin::Eager, Twin::Compiled],
+                (Size::Paper, Matmul::F32) => vec![Twin::Eager],
             };
             for round in 1..=count {
-                eprintln!("{preset}, round {round} of {count}");
-                let round = bench.round(&preset, &twins, steps, &mut notes)?;
+                eprintln!("{label}, round {round} of {count}");
+                let round = bench.round(&preset, matmul, &twins, steps, &mut notes)?;
                 // A twin that ran out of memory once would do so again.
-                twins = round.eager.iter().map(|_| Twin::Eager).collect();
+                twins.retain(|&twin| match twin {
+                    Twin::Eager => round.eager.is_some(),
+                    Twin::Compiled => false,
+                    Twin::Autocast => round.autocast.is_some(),
+                });
                 rounds.push(round);
             }
-            let network = Network { architecture, preset, rounds };
+            let network = Network { architecture, name: label, rounds };
             if let Some([low, high]) = network.ratios(subject.pointer) {
-                let preset = &network.preset;
-                notes.push(format!("{preset}: ratios of single rounds {low:.2} to {high:.2}"));
+                let name = &network.name;
+                notes.push(format!("{name}: ratios of single rounds {low:.2} to {high:.2}"));
             }
             measurements.extend(table(&network));
         }
@@ -169,16 +208,20 @@ impl Bench<'_> {
     fn round(
         &self,
         preset: &str,
+        matmul: Matmul,
         twins: &[Twin],
         steps: usize,
         notes: &mut Vec<String>,
     ) -> anyhow::Result<Round> {
         let mut rates = Command::new(&self.example);
         rates.arg(self.subject.name).args(["--json", "--steps", &steps.to_string(), preset]);
+        if matmul == Matmul::Bf16 {
+            rates.args(["--matmul-precision", "bf16"]);
+        }
         let ours: Vec<Ours> = super::dynamics::answer(&mut rates)?;
         let ours = ours.into_iter().next().context("model_rates measured nothing")?;
         let peak = peak::multiply_adds_per_s(ours.threads);
-        let mut round = Round { ours, peak, eager: None, compiled: None };
+        let mut round = Round { ours, peak, eager: None, compiled: None, autocast: None };
         let Some(python) = &self.python else { return Ok(round) };
         for &twin in twins {
             let answer = match self.ask(python, &round.ours, twin, steps) {
@@ -193,6 +236,7 @@ impl Bench<'_> {
             match twin {
                 Twin::Eager => round.eager = answer,
                 Twin::Compiled => round.compiled = answer,
+                Twin::Autocast => round.autocast = answer,
             }
         }
         Ok(round)
@@ -206,7 +250,7 @@ impl Bench<'_> {
             .current_dir(repository());
         let question = json!({
             "config": ours.config, "what": self.subject.name, "compiled": twin == Twin::Compiled,
-            "threads": ours.threads, "steps": steps,
+            "autocast": twin == Twin::Autocast, "threads": ours.threads, "steps": steps,
         });
         asked(&mut command, &question)
     }
@@ -249,9 +293,10 @@ pub(super) mod tests {
             peak: 1e8,
             eager: theirs.clone().map(|times| Theirs { version: "2".to_owned(), times }),
             compiled: None,
+            autocast: None,
         });
-        let preset = "cdt-small".to_owned();
-        Network { architecture: "cdt", preset, rounds: rounds.collect() }
+        let name = "cdt-small".to_owned();
+        Network { architecture: "cdt", name, rounds: rounds.collect() }
     }
 
     #[test]

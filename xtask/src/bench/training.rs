@@ -21,7 +21,7 @@ pub(super) fn run(wanted: Wanted) -> anyhow::Result<BenchmarkResults> {
 }
 
 fn rows(network: &Network) -> Vec<Measurement> {
-    let preset = &network.preset;
+    let of = &network.name;
     let step = match network.architecture {
         "robomorph" => isa::bound(0.45, 0.60),
         "cdt" => isa::bound(0.40, 0.55),
@@ -33,18 +33,20 @@ fn rows(network: &Network) -> Vec<Measurement> {
         [("step", "/step_ms", "ms", step), ("memory", "/peak_memory_mib", "MiB", MEMORY)]
     {
         let Some(ours) = network.ours(pointer) else { continue };
-        let name = format!("{preset} {what}");
+        let name = format!("{of} {what}");
         let eager = network.twin(Twin::Eager, pointer);
         rows.push(Measurement::compared(&name, ours, eager, unit, Some(goal)));
-        if let Some(compiled) = network.twin(Twin::Compiled, pointer) {
-            rows.push(Measurement::compared(&name, ours, Some(compiled), unit, None));
+        for twin in [Twin::Compiled, Twin::Autocast] {
+            if let Some(twin) = network.twin(twin, pointer) {
+                rows.push(Measurement::compared(&name, ours, Some(twin), unit, None));
+            }
         }
     }
     if let (Some(step_ms), Some(counted)) =
         (network.ours("/step_ms"), network.twin(Twin::Eager, "/multiply_adds"))
     {
         let share = 100.0 * counted.value / (step_ms / 1e3) / network.peak();
-        rows.push(Measurement::alone(format!("{preset} share of peak"), share, "%", None));
+        rows.push(Measurement::alone(format!("{of} share of peak"), share, "%", None));
     }
     rows
 }
