@@ -1,8 +1,11 @@
+use std::sync::Arc;
+
 use burn::tensor::ops::ConvOptions;
 use burn::tensor::{Tensor, module};
 
 use super::correlation::{Correlation, channel_sums};
 use super::fused::{Array, FusedOp, apply, operand};
+use super::packed::{Kept, PackedKernel, kept_or_made};
 use super::winograd;
 
 /// Cross-correlation along the last dimension, zeros beyond the ends, as `torch.nn.Conv1d`:
@@ -14,9 +17,11 @@ pub fn conv1d(
     bias: Tensor<1>,
     stride: usize,
     padding: usize,
+    packed: &PackedKernel,
 ) -> Tensor<3> {
     let operands = [operand(&x), operand(&weight), operand(&bias)];
-    apply(Conv1d { stride, padding }, operands)
+    let at_points = packed.place(weight.is_autodiff());
+    apply(Conv1d { stride, padding, at_points }, operands)
         .unwrap_or_else(|| plain(x, weight, bias, stride, padding))
 }
 
@@ -41,6 +46,8 @@ pub(super) fn plain(
 struct Conv1d {
     stride: usize,
     padding: usize,
+    /// The place for the kernel at the points of tiles.
+    at_points: Option<Arc<Kept<Vec<f32>>>>,
 }
 
 impl Conv1d {
@@ -63,8 +70,14 @@ impl FusedOp<3> for Conv1d {
     fn forward(&self, [x, weight, bias]: &[Array; 3]) -> Array {
         let correlation = self.correlation(x, weight);
         let Correlation { coarse_channels, coarse_samples, .. } = correlation;
-        let y = correlation.forward(x.values(), weight.values(), Some(bias.values()));
-        let batch = y.len() / (coarse_channels * coarse_samples);
+        let (batch, bias) = (x.shape()[0], Some(bias.values()));
+        let y = if correlation.is_tiled(batch) {
+            let make = || correlation.at_points(weight.values());
+            let kernel = kept_or_made(self.at_points.as_deref(), &[weight], make);
+            correlation.forward_tiled(x.values(), &kernel, bias)
+        } else {
+            correlation.forward(x.values(), weight.values(), bias)
+        };
         Array::new(y, &[batch, coarse_channels, coarse_samples])
     }
 

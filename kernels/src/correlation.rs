@@ -43,6 +43,21 @@ impl Correlation {
         correlate(&self.windows(), fine, kernel, bias, self.coarse_channels)
     }
 
+    /// Whether [`Correlation::forward`] of this many trajectories uses tiles.
+    pub fn is_tiled(&self, batch: usize) -> bool {
+        winograd::pays(&self.windows(), self.coarse_channels, batch)
+    }
+
+    /// The kernel for [`Correlation::forward_tiled`].
+    pub fn at_points(&self, kernel: &[f32]) -> Vec<f32> {
+        winograd::kernel_at_points(kernel, self.coarse_channels, self.fine_channels)
+    }
+
+    /// [`Correlation::forward`] with a kernel of [`Correlation::at_points`].
+    pub fn forward_tiled(&self, fine: &[f32], kernel: &[f32], bias: Option<&[f32]>) -> Vec<f32> {
+        winograd::correlate(&self.windows(), fine, kernel, bias, self.coarse_channels)
+    }
+
     /// fine`[i, n]` = bias`[i]` + Σ kernel`[o, i, k]` coarse`[o, j]` over all j and k with
     /// `stride j + k - padding = n`.
     ///
@@ -198,7 +213,8 @@ fn correlate(
         (windows.channels * windows.samples, windows.count, windows.length());
     let batch = series.len() / of_series;
     if winograd::pays(windows, channels, batch) {
-        return winograd::correlate(windows, series, kernel, bias, channels);
+        let kernel = winograd::kernel_at_points(kernel, channels, windows.channels);
+        return winograd::correlate(windows, series, &kernel, bias, channels);
     }
     let threads = rayon::current_num_threads();
     let together = group(length).min(batch.div_ceil(threads));

@@ -4,7 +4,7 @@
 use burn::tensor::Tensor;
 
 use super::agreement::{flat, tensors, values};
-use super::{conv_transpose1d, conv1d, group_norm_mish, mish};
+use super::{PackedKernel, conv_transpose1d, conv1d, group_norm_mish, mish};
 
 /// Distance between the points of a difference.
 const STEP: f64 = 0.02;
@@ -87,7 +87,7 @@ fn of_convolutions() {
     for (kernel, stride, padding) in [(5, 1, 2), (3, 2, 1), (1, 1, 0), (4, 3, 0), (2, 3, 3)] {
         let shapes = [[3, 6, 41], [8, 6, kernel], [1, 1, 8]];
         check_derivative("fused", shapes, |[x, weight, bias]| {
-            conv1d(x, weight, flat(bias), stride, padding)
+            conv1d(x, weight, flat(bias), stride, padding, &PackedKernel::default())
         });
         check_derivative("plain", shapes, |[x, weight, bias]| {
             conv1d::plain(x, weight, flat(bias), stride, padding)
@@ -98,7 +98,7 @@ fn of_convolutions() {
 #[test]
 fn of_convolutions_by_tiles() {
     check_derivative("tiles", [[9, 17, 130], [18, 17, 5], [1, 1, 18]], |[x, weight, bias]| {
-        conv1d(x, weight, flat(bias), 1, 2)
+        conv1d(x, weight, flat(bias), 1, 2, &PackedKernel::default())
     });
 }
 

@@ -60,5 +60,5 @@ pub use layer_norm::layer_norm;
 pub use linear::linear;
 pub use mish::mish;
 pub use norm_linear::{norm_linear, norm_linear_of_three};
-pub use packed::PackedWeight;
+pub use packed::{PackedKernel, PackedWeight};
 pub use tanh::tanh;

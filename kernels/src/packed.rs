@@ -15,14 +15,29 @@ use super::panels::Panels;
 #[derive(Debug, Default)]
 pub struct PackedWeight {
     factors: Factors,
-    kept: Arc<Mutex<Option<Kept>>>,
+    kept: Arc<Kept<Panels>>,
 }
 
+/// The kernel of a convolution, transformed for tiles and kept from one prediction to the next like
+/// a [`PackedWeight`].
+#[derive(Debug, Default)]
+pub struct PackedKernel(Arc<Kept<Vec<f32>>>);
+
+/// A form of some weights that was made before.
 #[derive(Debug)]
-struct Kept {
-    /// The packed weights. Holding them here protects their memory from writes and from reuse.
+pub(super) struct Kept<T>(Mutex<Option<KeptForm<T>>>);
+
+#[derive(Debug)]
+struct KeptForm<T> {
+    /// The weights. Holding them here protects their memory from writes and from reuse.
     weights: Vec<Array>,
-    panels: Arc<Panels>,
+    form: Arc<T>,
+}
+
+impl<T> Default for Kept<T> {
+    fn default() -> Self {
+        Self(Mutex::new(None))
+    }
 }
 
 impl Clone for PackedWeight {
@@ -35,7 +50,7 @@ impl Clone for PackedWeight {
 #[derive(Clone, Debug)]
 pub(super) struct Packing {
     pub factors: Factors,
-    kept: Option<Arc<Mutex<Option<Kept>>>>,
+    kept: Option<Arc<Kept<Panels>>>,
 }
 
 impl PackedWeight {
@@ -59,22 +74,44 @@ impl PackedWeight {
 impl Packing {
     /// W `[output, input]` as the right factor Wᵀ. Several weights are joined along their outputs.
     pub fn transposed(&self, weights: &[&Array]) -> Arc<Panels> {
-        let pack = || Arc::new(pack(self.factors, weights));
-        let Some(kept) = &self.kept else { return pack() };
-        let mut kept = kept.lock().unwrap_or_else(PoisonError::into_inner);
-        match &*kept {
-            Some(kept) if kept.is_of(weights) => Arc::clone(&kept.panels),
-            _ => {
-                let panels = pack();
-                let weights = weights.iter().map(|&weight| weight.clone()).collect();
-                *kept = Some(Kept { weights, panels: Arc::clone(&panels) });
-                panels
-            }
+        kept_or_made(self.kept.as_deref(), weights, || pack(self.factors, weights))
+    }
+}
+
+impl Clone for PackedKernel {
+    fn clone(&self) -> Self {
+        Self::default()
+    }
+}
+
+impl PackedKernel {
+    /// The place for the transformed kernel of an operation. A kernel that records gradients is
+    /// transformed for each call.
+    pub(super) fn place(&self, is_tracked: bool) -> Option<Arc<Kept<Vec<f32>>>> {
+        (!is_tracked).then(|| Arc::clone(&self.0))
+    }
+}
+
+/// The form of `weights` that `kept` has, or that `make` makes. It is kept if there is a place.
+pub(super) fn kept_or_made<T>(
+    kept: Option<&Kept<T>>,
+    weights: &[&Array],
+    make: impl FnOnce() -> T,
+) -> Arc<T> {
+    let Some(Kept(kept)) = kept else { return Arc::new(make()) };
+    let mut kept = kept.lock().unwrap_or_else(PoisonError::into_inner);
+    match &*kept {
+        Some(kept) if kept.is_of(weights) => Arc::clone(&kept.form),
+        _ => {
+            let form = Arc::new(make());
+            let weights = weights.iter().map(|&weight| weight.clone()).collect();
+            *kept = Some(KeptForm { weights, form: Arc::clone(&form) });
+            form
         }
     }
 }
 
-impl Kept {
+impl<T> KeptForm<T> {
     fn is_of(&self, weights: &[&Array]) -> bool {
         let place = |weight: &Array| weight.values().as_ptr();
         self.weights.len() == weights.len()

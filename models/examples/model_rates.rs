@@ -1,9 +1,9 @@
-//! Prints how long a training step of 64 trajectories takes, or a prediction of a single one.
+//! Prints how long a training step takes, or a prediction of a single trajectory.
 //!
 //! `cargo run --release -p models --example model_rates -- training|inference [--json]
-//! [--steps COUNT] [--matmul-precision f32|bf16] [PRESET ..]`
+//! [--steps COUNT] [--batch COUNT] [--matmul-precision f32|bf16] [PRESET ..]`
 //!
-//! A training step is complete: noise, loss, gradients, optimizer. A prediction is one pass of the
+//! A training step has 64 trajectories, or `--batch`, and is complete: noise, loss, gradients, optimizer. A prediction is one pass of the
 //! network. A denoiser also predicts with 5 steps of DDIM and with 100 of DDPM. Every prediction
 //! includes normalization and noise. A first run warms up and does not count.
 //! `tests/peers/pytorch_rates.py` measures the same networks in PyTorch.
@@ -24,7 +24,7 @@ use statistics::measured_quantile;
 /// Joints of the Panda.
 const JOINTS: usize = 7;
 
-const BATCH: usize = 64;
+const BATCH: u32 = 64;
 const DATA: TrainingData =
     TrainingData { samples: 400, joints: JOINTS, rate_hz: 60.0, statistics: None };
 
@@ -46,11 +46,13 @@ fn main() -> Result<(), Box<dyn Error>> {
         Some("inference") => What::Inference,
         _ => return Err("say what to measure: training or inference".into()),
     };
-    let (mut json, mut steps, mut precision, mut wanted) = (false, 5, None, Vec::new());
+    let (mut json, mut steps, mut batch) = (false, 5, BATCH);
+    let (mut precision, mut wanted) = (None, Vec::new());
     while let Some(argument) = arguments.next() {
         match argument.as_str() {
             "--json" => json = true,
             "--steps" => steps = arguments.next().ok_or("--steps needs a number")?.parse()?,
+            "--batch" => batch = arguments.next().ok_or("--batch needs a number")?.parse()?,
             "--matmul-precision" => {
                 precision = Some(arguments.next().ok_or("--matmul-precision needs a name")?);
             }
@@ -63,7 +65,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
     let mut all = Vec::new();
     for preset in wanted {
-        let (config, times) = measure(&preset, precision.as_deref(), what, steps)?;
+        let (config, times) = measure(&preset, precision.as_deref(), what, batch, steps)?;
         if !json {
             println!("{preset:<18} {:>9} parameters  {times}", config["parameters"]);
         }
@@ -81,20 +83,24 @@ fn measure(
     preset: &str,
     precision: Option<&str>,
     what: What,
+    batch: u32,
     steps: usize,
 ) -> Result<(Value, Value), Box<dyn Error>> {
     let mut model = json!({"preset": preset});
     if let Some(precision) = precision {
         model["matmul_precision"] = precision.into();
     }
-    let job = json!({"kind": "train", "data": {"dataset": 1}, "model": model, "steps": 1000});
+    let job = json!({
+        "kind": "train", "data": {"dataset": 1}, "model": model, "steps": 1000,
+        "batch_size": batch,
+    });
     let JobSpec::Train(spec) = spec::parse(job.to_string().as_bytes())? else {
         return Err("not a training".into());
     };
     let device = Device::cpu();
     let mut trainer = Trainer::new(&spec, DATA, "none", &device)?;
     if what == What::Training {
-        let batch = waves(BATCH)?;
+        let batch = waves(batch as usize)?;
         let times = times_ms(steps, || trainer.step(&batch))?;
         let times = json!({"step_ms": measured_quantile(&times, 0.5), "peak_memory_mib": peak_memory_mib()});
         return Ok((serde_json::from_slice(&trainer.checkpoint()?.config)?, times));

@@ -9,8 +9,8 @@ use burn::tensor::{Device, Tensor, TensorData};
 use random::{ChaCha12Rng, SeedableRng};
 
 use super::{
-    DropoutMask, Factors, Mask, PackedWeight, attention, conv_transpose1d, conv1d, dropout,
-    gelu_linear, gelu_linear_onto, group_norm_mish, instruction_set, layer_norm, linear,
+    DropoutMask, Factors, Mask, PackedKernel, PackedWeight, attention, conv_transpose1d, conv1d,
+    dropout, gelu_linear, gelu_linear_onto, group_norm_mish, instruction_set, layer_norm, linear,
     norm_linear, norm_linear_of_three, self_attention,
 };
 
@@ -375,12 +375,12 @@ fn operations_agree_on_every_instruction_set() {
         );
         compare(
             [[3, 20, 70], [24, 20, 3], [1, 1, 24]],
-            |[x, weight, bias]| conv1d(x, weight, flat(bias), 2, 1),
+            |[x, weight, bias]| conv1d(x, weight, flat(bias), 2, 1, &PackedKernel::default()),
             |[x, weight, bias]| conv1d::plain(x, weight, flat(bias), 2, 1),
         );
         compare(
             [[5, 20, 301], [40, 20, 5], [1, 1, 40]],
-            |[x, weight, bias]| conv1d(x, weight, flat(bias), 1, 2),
+            |[x, weight, bias]| conv1d(x, weight, flat(bias), 1, 2, &PackedKernel::default()),
             |[x, weight, bias]| conv1d::plain(x, weight, flat(bias), 1, 2),
         );
         compare(
@@ -405,8 +405,15 @@ fn the_number_of_threads_does_not_change_a_bit() {
                 let inputs = tensors(shapes);
                 let [x, same, weight, bias, up] = inputs.clone();
                 let [_, _, channels] = bias.dims();
-                let y = conv1d(x, same, flat(bias.clone()).slice(0..24), 1, 2);
-                let y = conv1d(y, weight, flat(bias.clone()), 2, 2);
+                let y = conv1d(
+                    x,
+                    same,
+                    flat(bias.clone()).slice(0..24),
+                    1,
+                    2,
+                    &PackedKernel::default(),
+                );
+                let y = conv1d(y, weight, flat(bias.clone()), 2, 2, &PackedKernel::default());
                 let y = group_norm_mish(y, flat(bias.clone()), flat(bias.clone()), channels / 6);
                 let y = conv_transpose1d(y, up, flat(bias.clone()).slice(0..24), 2, 1);
                 let gradients = (y.clone() * y.clone()).sum().backward();

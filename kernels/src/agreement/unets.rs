@@ -3,7 +3,7 @@
 use burn::tensor::{Device, Tensor};
 use proptest::prelude::{Just, ProptestConfig, Strategy, proptest};
 
-use super::super::{conv_transpose1d, conv1d, group_norm_mish, mish};
+use super::super::{PackedKernel, conv_transpose1d, conv1d, group_norm_mish, mish};
 use super::{check_agreement, flat, tensors, values};
 
 #[test]
@@ -72,7 +72,9 @@ fn check_conv1d(x: [usize; 3], [output, kernel]: [usize; 2], stride: usize, padd
     let [_, input, _] = x;
     check_agreement(
         [x, [output, input, kernel], [1, 1, output]],
-        |[x, weight, bias]| conv1d(x, weight, flat(bias), stride, padding),
+        |[x, weight, bias]| {
+            conv1d(x, weight, flat(bias), stride, padding, &PackedKernel::default())
+        },
         |[x, weight, bias]| conv1d::plain(x, weight, flat(bias), stride, padding),
     );
 }
@@ -107,6 +109,10 @@ fn convolutions_agree_at_the_sizes_of_u_nets() {
         ([4, 20, 301], [16, 5], 1, 0),
         ([21, 48, 50], [96, 5], 1, 4),
         ([200, 16, 6], [16, 5], 1, 2),
+        // Fewer trajectories than threads, which divide channels.
+        ([1, 20, 50], [70, 5], 1, 2),
+        ([1, 65, 32], [17, 5], 1, 2),
+        ([1, 16, 401], [100, 5], 1, 9),
         // The padding is so large that the first window of the backward pass begins within the
         // series.
         ([21, 18, 50], [20, 5], 1, 7),
@@ -116,6 +122,23 @@ fn convolutions_agree_at_the_sizes_of_u_nets() {
     }
     check_conv_transpose1d([3, 64, 50], [64, 4], 2, 1);
     check_conv_transpose1d([1, 32, 200], [48, 4], 2, 1);
+}
+
+#[test]
+fn what_is_kept_of_a_kernel_is_not_used_for_another() {
+    let (device, packed) = (Device::flex(), PackedKernel::default());
+    let sum = |value: f64, packed: &PackedKernel| {
+        let x = Tensor::<3>::ones([1, 16, 40], &device);
+        let kernel = Tensor::<3>::ones([16, 16, 5], &device) * value;
+        values(conv1d(x, kernel, Tensor::zeros([16], &device), 1, 2, packed))[20]
+    };
+    // Each kernel is freed before the next is made, so that the next may get its memory.
+    for value in [1.0, 2.0, 3.0] {
+        for packed in [&packed, &packed.clone()] {
+            let error = f64::from(sum(value, packed)) - 80.0 * value;
+            assert!(error.abs() < 1e-3, "{value}: {error}");
+        }
+    }
 }
 
 proptest! {

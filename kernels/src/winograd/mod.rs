@@ -14,7 +14,7 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use super::panels::Panels;
+use super::panels::{Panels, multiples};
 use super::parts::each_part;
 use super::product::{Left, Onto, Right, multiply};
 use super::windows::Windows;
@@ -28,10 +28,10 @@ const TAPS: usize = 5;
 const OUTPUTS: usize = 4;
 const POINTS: usize = OUTPUTS + TAPS - 1;
 
-/// With fewer channels, windows or series, the transforms cost more than they save.
+/// With fewer channels or windows, the transforms cost more than they save, or the vectors of tiles
+/// are not full.
 const CHANNELS: usize = 16;
-const WINDOWS: usize = 1024;
-const SERIES: usize = 4;
+const WINDOWS: usize = 32;
 
 /// Tiles that are multiplied together if trajectories are shorter.
 const TOGETHER: usize = 216;
@@ -40,6 +40,9 @@ const TOGETHER: usize = 216;
 /// rows.
 const ROWS: usize = 48;
 
+/// The rows of a task are a multiple of this, the rows of a register tile.
+const TILE_ROWS: usize = 6;
+
 /// The columns of a task are a multiple of this, the width of the widest vectors.
 const LANES: usize = 16;
 
@@ -47,11 +50,7 @@ const LANES: usize = 16;
 /// series.
 pub(super) fn pays(windows: &Windows, outputs: usize, batch: usize) -> bool {
     let Windows { channels, taps, step, count, .. } = *windows;
-    taps == TAPS
-        && step == 1
-        && channels.min(outputs) >= CHANNELS
-        && batch >= SERIES
-        && batch * count >= WINDOWS
+    taps == TAPS && step == 1 && channels.min(outputs) >= CHANNELS && batch * count >= WINDOWS
 }
 
 /// Transformed values that a convolution with a kernel `[output, input, tap]` of this shape and its
@@ -60,7 +59,8 @@ pub(super) fn scratch([outputs, inputs, taps]: [usize; 3]) -> usize {
     if taps == TAPS { 2 * POINTS * outputs * inputs } else { 0 }
 }
 
-/// `kernel · windows + bias` of all trajectories, to `outputs` channels.
+/// `kernel · windows + bias` of all trajectories, to `outputs` channels. `kernel` is that of
+/// [`kernel_at_points`].
 pub(super) fn correlate(
     windows: &Windows,
     series: &[f32],
@@ -72,8 +72,15 @@ pub(super) fn correlate(
     let tiles = Tiles::of(windows);
     let batch = series.len() / (channels * samples);
     let together = tiles.together().min(batch.div_ceil(rayon::current_num_threads()));
-    let kernel = kernel_at_points(kernel, outputs, channels);
     let correlation = TiledCorrelation { tiles, kernel, bias, outputs };
+    if together == 1 && batch < rayon::current_num_threads() {
+        let mut output = vec![0.0; batch * outputs * count];
+        let each = output.chunks_exact_mut(outputs * count);
+        for (output, series) in each.zip(series.chunks_exact(channels * samples)) {
+            correlation.write_divided(series, output);
+        }
+        return output;
+    }
     each_part(batch * outputs * count, together * outputs * count, |index, output| {
         let first = index * together * channels * samples;
         let length = output.len() / (outputs * count) * channels * samples;
@@ -87,7 +94,7 @@ pub(super) fn correlate(
 struct TiledCorrelation<'a> {
     tiles: Tiles,
     /// `[point, output, input]`
-    kernel: Vec<f32>,
+    kernel: &'a [f32],
     bias: Option<&'a [f32]>,
     outputs: usize,
 }
@@ -95,41 +102,85 @@ struct TiledCorrelation<'a> {
 impl TiledCorrelation<'_> {
     /// Writes the outputs of some trajectories, a few channels at a time.
     fn write(&self, series: &[f32], output: &mut [f32], scratch: &mut Scratch) {
+        let Tiles { windows: Windows { channels, count, .. }, count: tiles } = self.tiles;
         let columns = self.tiles.at_points(series, scratch);
+        let Scratch { points, products, .. } = scratch;
+        let strides = [channels * columns, columns];
         for first in (0..self.outputs).step_by(ROWS) {
-            let channels = first..self.outputs.min(first + ROWS);
-            self.multiply(channels.clone(), columns, scratch);
-            self.finish(channels, columns, &scratch.products, output);
+            let outputs = first..self.outputs.min(first + ROWS);
+            self.multiply(outputs.clone(), columns, points, strides, products);
+            for (trajectory, output) in output.chunks_exact_mut(self.outputs * count).enumerate() {
+                let rows = &mut output[outputs.start * count..outputs.end * count];
+                self.finish(outputs.start, columns, trajectory * tiles, products, rows);
+            }
         }
     }
 
-    /// The products at each point, with rows of `columns` elements.
-    fn multiply(&self, outputs: Range<usize>, columns: usize, scratch: &mut Scratch) {
+    /// Writes the outputs of one trajectory on all threads. They first divide its channels, and
+    /// then those of the output.
+    fn write_divided(&self, series: &[f32], output: &mut [f32]) {
+        let Tiles { windows: Windows { channels, samples, count, .. }, count: tiles } = self.tiles;
+        let tasks = 2 * rayon::current_num_threads();
+        // With a stride of a power of two, rows would share few sets of the first-level cache.
+        let apart = POINTS * tiles + LANES;
+        let task = channels.div_ceil(tasks);
+        let points = each_part(channels * apart, task * apart, |index, places| {
+            with_scratch(|Scratch { padded, .. }| {
+                let series = series[index * task * samples..].chunks_exact(samples);
+                for (series, place) in series.zip(places.chunks_exact_mut(apart)) {
+                    let mut points: Vec<&mut [f32]> = place.chunks_exact_mut(tiles).collect();
+                    self.tiles.pad(series, padded);
+                    points_of_series(padded, tiles, 0, &mut points[..POINTS]);
+                }
+            });
+        });
+        let task = self.outputs.div_ceil(tasks).next_multiple_of(TILE_ROWS).min(ROWS);
+        output.par_chunks_mut(task * count).enumerate().for_each(|(index, output)| {
+            with_scratch(|Scratch { products, .. }| {
+                let outputs = index * task..index * task + output.len() / count;
+                self.multiply(outputs.clone(), tiles, &points, [tiles, apart], products);
+                self.finish(outputs.start, tiles, 0, products, output);
+            });
+        });
+    }
+
+    /// The products at each point, with rows of `columns` elements. In `points`, the strides are
+    /// those of points and of channels.
+    fn multiply(
+        &self,
+        outputs: Range<usize>,
+        columns: usize,
+        points: &[f32],
+        [of_point, of_channel]: [usize; 2],
+        products: &mut Vec<f32>,
+    ) {
         let channels = self.tiles.windows.channels;
-        let rows: Vec<usize> = outputs.map(|output| output * channels).collect();
-        let terms: Vec<usize> = (0..channels).map(|row| row * columns).collect();
-        let Scratch { points, products, .. } = scratch;
+        let (rows, terms) = (multiples(outputs.len(), channels), multiples(channels, of_channel));
         products.resize(POINTS * ROWS * columns, 0.0);
-        let factors = self.kernel.chunks_exact(self.outputs * channels);
-        let factors = factors.zip(points.chunks_exact(channels * columns));
-        for ((kernel, series), to) in factors.zip(products.chunks_exact_mut(ROWS * columns)) {
-            let left = Left { values: kernel, rows: &rows, step: 1 };
-            let right = Right { values: series, terms: &terms };
+        let kernels = self.kernel.chunks_exact(self.outputs * channels).enumerate();
+        for ((point, kernel), to) in kernels.zip(products.chunks_exact_mut(ROWS * columns)) {
+            let left = Left { values: &kernel[outputs.start * channels..], rows: &rows, step: 1 };
+            let right = Right { values: &points[point * of_point..], terms: &terms };
             multiply(left, right, Onto::Nothing, to, columns, columns);
         }
     }
 
-    /// Transforms the products into outputs.
-    fn finish(&self, outputs: Range<usize>, columns: usize, products: &[f32], output: &mut [f32]) {
+    /// Transforms products into consecutive outputs of a trajectory, whose tiles begin at `first`.
+    fn finish(
+        &self,
+        first_output: usize,
+        columns: usize,
+        first: usize,
+        products: &[f32],
+        output: &mut [f32],
+    ) {
         let Tiles { windows: Windows { count, .. }, count: tiles } = self.tiles;
-        for (trajectory, output) in output.chunks_exact_mut(self.outputs * count).enumerate() {
-            let series = output[outputs.start * count..].chunks_exact_mut(count);
-            for ((row, channel), series) in outputs.clone().enumerate().zip(series) {
-                let at = row * columns + trajectory * tiles;
-                let products =
-                    std::array::from_fn(|point| &products[point * ROWS * columns + at..][..tiles]);
-                outputs_of_products(products, self.bias.map_or(0.0, |bias| bias[channel]), series);
-            }
+        for (row, series) in output.chunks_exact_mut(count).enumerate() {
+            let at = row * columns + first;
+            let products =
+                std::array::from_fn(|point| &products[point * ROWS * columns + at..][..tiles]);
+            let bias = self.bias.map_or(0.0, |bias| bias[first_output + row]);
+            outputs_of_products(products, bias, series);
         }
     }
 }
@@ -249,21 +300,28 @@ impl Tiles {
         OUTPUTS * (self.count.next_multiple_of(LANES) + 1)
     }
 
-    /// Transforms the series of some trajectories. Gives the number of columns.
-    fn at_points(&self, series: &[f32], scratch: &mut Scratch) -> usize {
-        let Windows { channels, samples, first, .. } = self.windows;
-        let columns = series.len() / (channels * samples) * self.count;
-        let Scratch { padded, points, .. } = scratch;
-        padded.clear();
+    /// Writes the samples of a channel that windows see, with zeros before and after.
+    fn pad(&self, series: &[f32], padded: &mut Vec<f32>) {
+        let Windows { samples, first, .. } = self.windows;
         padded.resize(self.padded_length(), 0.0);
         // The first window begins before the series or within it.
         let (before, skipped) = (first.min(0).unsigned_abs(), first.max(0).unsigned_abs());
         let seen = samples.saturating_sub(skipped).min(padded.len() - before);
+        padded[..before].fill(0.0);
+        padded[before..before + seen].copy_from_slice(&series[skipped..][..seen]);
+        padded[before + seen..].fill(0.0);
+    }
+
+    /// Transforms the series of some trajectories. Gives the number of columns.
+    fn at_points(&self, series: &[f32], scratch: &mut Scratch) -> usize {
+        let Windows { channels, samples, .. } = self.windows;
+        let columns = series.len() / (channels * samples) * self.count;
+        let Scratch { padded, points, .. } = scratch;
         points.resize(POINTS * channels * columns, 0.0);
         let mut points: Vec<&mut [f32]> = points.chunks_exact_mut(channels * columns).collect();
         for (index, series) in series.chunks_exact(samples).enumerate() {
             let (trajectory, channel) = (index / channels, index % channels);
-            padded[before..before + seen].copy_from_slice(&series[skipped..][..seen]);
+            self.pad(series, padded);
             let at = channel * columns + trajectory * self.count;
             points_of_series(padded, self.count, at, &mut points);
         }
@@ -298,7 +356,7 @@ impl Tiles {
 }
 
 /// Transforms a kernel `[output, input, tap]` to `[point, output, input]`.
-fn kernel_at_points(kernel: &[f32], outputs: usize, inputs: usize) -> Vec<f32> {
+pub(super) fn kernel_at_points(kernel: &[f32], outputs: usize, inputs: usize) -> Vec<f32> {
     let mut points = vec![0.0; POINTS * outputs * inputs];
     let mut rows: Vec<Vec<&mut [f32]>> = (0..outputs).map(|_| Vec::new()).collect();
     for point in points.chunks_exact_mut(outputs * inputs) {

@@ -1,5 +1,6 @@
 use burn::module::{Module, Param};
 use burn::tensor::Tensor;
+use kernels::PackedKernel;
 
 use crate::activations::Activations;
 use crate::initialization::InitialWeights;
@@ -13,6 +14,8 @@ pub(crate) struct Conv1d {
     bias: Param<Tensor<1>>,
     stride: usize,
     padding: usize,
+    #[module(skip)]
+    packed: PackedKernel,
 }
 
 impl Conv1d {
@@ -31,6 +34,7 @@ impl Conv1d {
             bias: weights.uniform([output], bound),
             stride,
             padding,
+            packed: PackedKernel::default(),
         }
     }
 
@@ -42,7 +46,8 @@ impl Conv1d {
         let shape = [batch, output, (samples + 2 * padding - kernel) / stride + 1];
         x.works_with(kernels::scratch_of_conv1d([output, input, kernel]));
         A::operation([x], [true], shape, |[x]| {
-            kernels::conv1d(x, self.weight.val(), self.bias.val(), stride, padding)
+            let (weight, bias) = (self.weight.val(), self.bias.val());
+            kernels::conv1d(x, weight, bias, stride, padding, &self.packed)
         })
     }
 }

@@ -1,7 +1,7 @@
 """Measures the PyTorch twin of a network like `models/examples/model_rates.rs` measures ours.
 
 Reads a question from standard input, `{"config": .., "what": "training" | "inference", "compiled": .., "autocast":
-.., "threads": .., "steps": ..}`, with the `config.json` of a checkpoint. Prints `{"version": .., "times": ..}` with the
+.., "batch": .., "threads": .., "steps": ..}`, with the `config.json` of a checkpoint. Prints `{"version": .., "times": ..}` with the
 same times. All in single precision, or with `torch.autocast` to bf16. A training step is noise, forward pass, loss, backward pass and Adam. Its
 multiply-adds are those of PyTorch's matrix products and convolutions. A prediction is that of
 `torqued.checkpoint.TrainedModel`, but a pass is that of the network alone. PYTHONPATH must contain the repository's
@@ -20,7 +20,6 @@ import torch.nn.functional as F
 from torch.utils.flop_counter import FlopCounterMode
 from torqued.checkpoint import TrainedModel, network_of
 
-BATCH = 64
 PASSES, CHAINS = 20, 4
 
 
@@ -48,13 +47,14 @@ def inputs(network: torch.nn.Module, config: dict, batch: int) -> list[torch.Ten
     return [torch.randn(batch, samples, network.channels), levels, torch.randn(batch, samples, known)]
 
 
-def training(network: torch.nn.Module, config: dict, compiled: bool, autocast: bool, steps: int) -> dict:
+def training(network: torch.nn.Module, question: dict) -> dict:
+    config, steps, autocast = question["config"], question["steps"], question["autocast"]
     optimizer = torch.optim.Adam(network.parameters(), lr=6e-4)
-    given = inputs(network, config, BATCH)
+    given = inputs(network, config, question["batch"])
     with torch.no_grad():
         target = torch.randn_like(network(*given))
     noise = torch.empty_like(given[0])
-    forward = torch.compile(network) if compiled else network
+    forward = torch.compile(network) if question["compiled"] else network
 
     def step() -> None:
         optimizer.zero_grad(set_to_none=True)
@@ -66,17 +66,18 @@ def training(network: torch.nn.Module, config: dict, compiled: bool, autocast: b
     times = milliseconds(steps, step)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     result = {"step_ms": float(np.median(times)), "peak_memory_mib": peak}
-    if not compiled:
+    if not question["compiled"]:
         with FlopCounterMode(display=False) as counter:
             step()
         result["multiply_adds"] = counter.get_total_flops() / 2
     return result
 
 
-def inference(network: torch.nn.Module, config: dict, compiled: bool, autocast: bool, steps: int) -> dict:
+def inference(network: torch.nn.Module, question: dict) -> dict:
+    config, steps, autocast = question["config"], question["steps"], question["autocast"]
     given = inputs(network, config, 1)
     network.eval()
-    if compiled:
+    if question["compiled"]:
         network.compile()
     with torch.inference_mode(), torch.autocast("cpu", torch.bfloat16, enabled=autocast):
         times = {"pass_ms": quantiles(milliseconds(PASSES * steps, lambda: network(*given)))}
@@ -98,10 +99,8 @@ def inference(network: torch.nn.Module, config: dict, compiled: bool, autocast: 
 def main() -> None:
     question = json.load(sys.stdin)
     torch.set_num_threads(question["threads"])
-    config = question["config"]
     measure = {"training": training, "inference": inference}[question["what"]]
-    modes = (question["compiled"], question["autocast"])
-    times = measure(network_of(config), config, *modes, question["steps"])
+    times = measure(network_of(question["config"]), question)
     print(json.dumps({"version": torch.__version__, "times": times}))
 
 

@@ -33,7 +33,17 @@ const CONTEXT: usize = 320;
 
 /// The network that predicts in one pass. The others are denoisers.
 const ONE_PASS: &str = "robomorph";
-const DENOISERS: [&str; 3] = ["cdt", "diffuser", "cdcnn"];
+
+/// Architectures, each with the numbers that its matrix products read.
+const NETWORKS: [(&str, &str); 6] = [
+    ("cdt", F32),
+    ("cdt", "bf16"),
+    ("diffuser", F32),
+    ("cdcnn", F32),
+    (ONE_PASS, F32),
+    (ONE_PASS, "bf16"),
+];
+const F32: &str = "f32";
 
 pub(super) fn run(wanted: Wanted) -> anyhow::Result<BenchmarkResults> {
     if wanted.peers == Peers::Measured {
@@ -42,8 +52,8 @@ pub(super) fn run(wanted: Wanted) -> anyhow::Result<BenchmarkResults> {
     let torqued = product::build()?;
     let data = tempfile::Builder::new().prefix("torqued-bench-").tempdir()?;
     let workers = Serving::start(&torqued, data.path(), 1)?;
-    for architecture in DENOISERS.into_iter().chain([ONE_PASS]) {
-        train(&torqued, data.path(), &workers, architecture)?;
+    for network in NETWORKS {
+        train(&torqued, data.path(), &workers, network)?;
     }
     drop(workers);
 
@@ -52,8 +62,11 @@ pub(super) fn run(wanted: Wanted) -> anyhow::Result<BenchmarkResults> {
     let checkpoints = checkpoints(&torqued, &server)?;
     let mut measurements = Vec::new();
     let mut threads = Value::Null;
-    for (architecture, checkpoint) in checkpoints {
-        let name = format!("{architecture}-small");
+    for (architecture, precision, checkpoint) in checkpoints {
+        let mut name = format!("{architecture}-small");
+        if precision != F32 {
+            name += &format!(", {precision}");
+        }
         let mut p99_of_steps = Vec::new();
         let all = if architecture == ONE_PASS { &STEPS[..1] } else { &STEPS[..] };
         for &steps in all {
@@ -95,13 +108,22 @@ pub(super) fn run(wanted: Wanted) -> anyhow::Result<BenchmarkResults> {
 }
 
 /// Trains for one step, which leaves a checkpoint.
-fn train(torqued: &Path, data: &Path, server: &Serving, architecture: &str) -> anyhow::Result<()> {
+fn train(
+    torqued: &Path,
+    data: &Path,
+    server: &Serving,
+    (architecture, precision): (&str, &str),
+) -> anyhow::Result<()> {
+    let mut model = json!({"preset": format!("{architecture}-small")});
+    if precision != F32 {
+        model["matmul_precision"] = precision.into();
+    }
     let spec = json!({
         "kind": "train", "data": {"stream": {"preset": "D1-multisine"}}, "context": CONTEXT,
-        "model": {"preset": format!("{architecture}-small")}, "batch_size": 4, "steps": 1,
+        "model": model, "batch_size": 4, "steps": 1,
         "optimizer": {"warmup_steps": 0}, "sampled_trajectories": 1, "validation_trajectories": 1,
     });
-    let file = data.join(format!("{architecture}.json"));
+    let file = data.join(format!("{architecture}-{precision}.json"));
     std::fs::write(&file, spec.to_string())?;
     let mut submit = Command::new(torqued);
     submit.args(["submit", "--watch", "--server", &server.url]).arg(&file);
@@ -120,18 +142,20 @@ struct Job {
     checkpoints: Vec<i64>,
 }
 
-/// The architecture and the checkpoint of each training.
-fn checkpoints(torqued: &Path, server: &Serving) -> anyhow::Result<Vec<(String, i64)>> {
+/// The architecture, the precision and the checkpoint of each training.
+fn checkpoints(torqued: &Path, server: &Serving) -> anyhow::Result<Vec<(String, String, i64)>> {
     let mut jobs = Command::new(torqued);
     let list: JobList =
         super::dynamics::answer(jobs.args(["jobs", "--json", "--server", &server.url]))?;
     let of = |job: &Job| {
-        let architecture = job.spec.pointer("/model/architecture")?.as_str()?.to_owned();
-        Some((architecture, *job.checkpoints.last()?))
+        let model = job.spec.get("model")?;
+        let architecture = model.get("architecture")?.as_str()?.to_owned();
+        let precision = model.get("matmul_precision").and_then(Value::as_str).unwrap_or(F32);
+        Some((architecture, precision.to_owned(), *job.checkpoints.last()?))
     };
     let mut found: Vec<_> = list.jobs.iter().filter_map(of).collect();
     found.sort();
-    ensure!(found.len() == DENOISERS.len() + 1, "not every training left a checkpoint");
+    ensure!(found.len() == NETWORKS.len(), "not every training left a checkpoint");
     Ok(found)
 }
 

@@ -7,6 +7,7 @@ use super::wanted::{BenchmarkResults, Wanted};
 const SUBJECT: Subject = Subject {
     name: "inference",
     pointer: "/pass_ms/p50",
+    has_batches: false,
     small: Rounds { count: 5, steps: 6 },
     paper: Rounds { count: 3, steps: 1 },
 };

@@ -26,6 +26,12 @@ const NETWORKS: [(&str, Matmul); 6] = [
     ("cdcnn", Matmul::F32),
 ];
 
+/// Trajectories of a training step.
+const BATCH: u32 = 64;
+
+/// Those of a CDT of the paper's size. With 64 of them PyTorch needs more than 24 GiB.
+const BATCH_OF_LARGE_CDT: u32 = 16;
+
 /// The `matmul_precision` of a network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Matmul {
@@ -40,6 +46,8 @@ pub(super) struct Subject {
     pub name: &'static str,
     /// JSON pointer to the number whose ratio is printed for each round.
     pub pointer: &'static str,
+    /// Whether it is about batches rather than single trajectories.
+    pub has_batches: bool,
     pub small: Rounds,
     /// Rounds for networks of the paper's size.
     pub paper: Rounds,
@@ -150,7 +158,7 @@ pub(super) fn run(
         Peers::LeftOut => None,
         Peers::Measured => Some(peers::pytorch()?),
     };
-    let bench = Bench { subject, example, python };
+    let bench = Bench { subject, example, python, batch: BATCH, matmul: Matmul::F32 };
     let mut notes = Vec::new();
     let mut measurements = Vec::new();
     for size in [Size::Small, Size::Paper] {
@@ -163,10 +171,18 @@ pub(super) fn run(
         };
         for (architecture, matmul) in NETWORKS {
             let preset = format!("{architecture}-{name}");
-            let label = match matmul {
-                Matmul::F32 => preset.clone(),
-                Matmul::Bf16 => format!("{preset}, bf16"),
+            let batch = match (architecture, size) {
+                ("cdt", Size::Paper) => BATCH_OF_LARGE_CDT,
+                _ => BATCH,
             };
+            let mut label = preset.clone();
+            if matmul == Matmul::Bf16 {
+                label += ", bf16";
+            }
+            if batch != BATCH && subject.has_batches {
+                label += &format!(", batches of {batch}");
+            }
+            let bench = Bench { batch, matmul, ..bench.clone() };
             let mut rounds = Vec::new();
             // Compiling takes minutes, and much longer for the paper's networks.
             let mut twins = match (size, matmul) {
@@ -176,7 +192,7 @@ pub(super) fn run(
             };
             for round in 1..=count {
                 eprintln!("{label}, round {round} of {count}");
-                let round = bench.round(&preset, matmul, &twins, steps, &mut notes)?;
+                let round = bench.round(&preset, &twins, steps, &mut notes)?;
                 // A twin that ran out of memory once would do so again.
                 twins.retain(|&twin| match twin {
                     Twin::Eager => round.eager.is_some(),
@@ -197,25 +213,28 @@ pub(super) fn run(
     Ok(BenchmarkResults { notes, measurements })
 }
 
+#[derive(Clone)]
 struct Bench<'a> {
     subject: &'a Subject,
     example: PathBuf,
     /// Python with PyTorch.
     python: Option<PathBuf>,
+    batch: u32,
+    matmul: Matmul,
 }
 
 impl Bench<'_> {
     fn round(
         &self,
         preset: &str,
-        matmul: Matmul,
         twins: &[Twin],
         steps: usize,
         notes: &mut Vec<String>,
     ) -> anyhow::Result<Round> {
         let mut rates = Command::new(&self.example);
         rates.arg(self.subject.name).args(["--json", "--steps", &steps.to_string(), preset]);
-        if matmul == Matmul::Bf16 {
+        rates.args(["--batch", &self.batch.to_string()]);
+        if self.matmul == Matmul::Bf16 {
             rates.args(["--matmul-precision", "bf16"]);
         }
         let ours: Vec<Ours> = super::dynamics::answer(&mut rates)?;
@@ -250,7 +269,7 @@ impl Bench<'_> {
             .current_dir(repository());
         let question = json!({
             "config": ours.config, "what": self.subject.name, "compiled": twin == Twin::Compiled,
-            "autocast": twin == Twin::Autocast, "threads": ours.threads, "steps": steps,
+            "autocast": twin == Twin::Autocast, "batch": self.batch, "threads": ours.threads, "steps": steps,
         });
         asked(&mut command, &question)
     }

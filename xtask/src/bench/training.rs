@@ -1,4 +1,4 @@
-//! Training steps with 64 trajectories each: their time, their memory, and their share of the
+//! Training steps: their time, their memory, and their share of the
 //! processor's multiply-adds by PyTorch's count.
 
 use super::isa;
@@ -9,6 +9,7 @@ use super::wanted::{BenchmarkResults, Wanted};
 const SUBJECT: Subject = Subject {
     name: "training",
     pointer: "/step_ms",
+    has_batches: true,
     small: Rounds { count: 7, steps: 4 },
     paper: Rounds { count: 3, steps: 1 },
 };
