@@ -13,7 +13,7 @@ use super::wanted::{BenchmarkResults, Peers, Wanted};
 use crate::{process, product};
 
 /// The whole quickstart on two cores without a GPU, in seconds.
-const GOAL_FIRST: Goal = Goal::AtMost(300.0);
+const GOAL_FIRST: Goal = Goal::AtMost(60.0);
 /// A second run, which has nothing to compute.
 const GOAL_SECOND: Goal = Goal::AtMost(10.0);
 
