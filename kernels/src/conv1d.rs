@@ -71,7 +71,7 @@ impl FusedOp<3> for Conv1d {
         let correlation = self.correlation(x, weight);
         let Correlation { coarse_channels, coarse_samples, .. } = correlation;
         let (batch, bias) = (x.shape()[0], Some(bias.values()));
-        let y = if correlation.is_tiled(batch) {
+        let y = if correlation.is_tiled() {
             let make = || correlation.at_points(weight.values());
             let kernel = kept_or_made(self.at_points.as_deref(), &[weight], make);
             correlation.forward_tiled(x.values(), &kernel, bias)

@@ -43,9 +43,9 @@ impl Correlation {
         correlate(&self.windows(), fine, kernel, bias, self.coarse_channels)
     }
 
-    /// Whether [`Correlation::forward`] of this many trajectories uses tiles.
-    pub fn is_tiled(&self, batch: usize) -> bool {
-        winograd::pays(&self.windows(), self.coarse_channels, batch)
+    /// Whether [`Correlation::forward`] uses tiles.
+    pub fn is_tiled(&self) -> bool {
+        winograd::pays(&self.windows(), self.coarse_channels)
     }
 
     /// The kernel for [`Correlation::forward_tiled`].
@@ -93,7 +93,7 @@ impl Correlation {
     pub fn kernel_gradient(&self, fine: &[f32], coarse: &[f32]) -> Vec<f32> {
         let (outputs, samples) = (self.coarse_channels, self.coarse_samples);
         let windows = self.windows();
-        if winograd::pays(&windows, outputs, coarse.len() / (outputs * samples)) {
+        if winograd::pays(&windows, outputs) {
             return winograd::kernel_gradient(&windows, fine, coarse, outputs);
         }
         let length = windows.length();
@@ -212,7 +212,7 @@ fn correlate(
     let (of_series, count, length) =
         (windows.channels * windows.samples, windows.count, windows.length());
     let batch = series.len() / of_series;
-    if winograd::pays(windows, channels, batch) {
+    if winograd::pays(windows, channels) {
         let kernel = winograd::kernel_at_points(kernel, channels, windows.channels);
         return winograd::correlate(windows, series, &kernel, bias, channels);
     }

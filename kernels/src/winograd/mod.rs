@@ -46,11 +46,11 @@ const TILE_ROWS: usize = 6;
 /// The columns of a task are a multiple of this, the width of the widest vectors.
 const LANES: usize = 16;
 
-/// Whether this is faster for a correlation with `outputs` channels and these windows of `batch`
-/// series.
-pub(super) fn pays(windows: &Windows, outputs: usize, batch: usize) -> bool {
+/// Whether this is faster for a correlation with `outputs` channels and these windows. It does not
+/// depend on the number of series, so that their results do not either.
+pub(super) fn pays(windows: &Windows, outputs: usize) -> bool {
     let Windows { channels, taps, step, count, .. } = *windows;
-    taps == TAPS && step == 1 && channels.min(outputs) >= CHANNELS && batch * count >= WINDOWS
+    taps == TAPS && step == 1 && channels.min(outputs) >= CHANNELS && count >= WINDOWS
 }
 
 /// Transformed values that a convolution with a kernel `[output, input, tap]` of this shape and its
