@@ -496,8 +496,8 @@ mod tests {
     use proptest::prelude::{ProptestConfig, proptest};
 
     use super::super::instruction_set;
-    use super::super::pairs::Pair;
-    use super::{Left, Number, Onto, Right, multiply};
+    use super::super::panels::multiples;
+    use super::*;
 
     const UNTOUCHED: f32 = 77.0;
 
@@ -557,7 +557,14 @@ mod tests {
             2 => Onto::Columns(&of_columns),
             _ => Onto::Rows(&of_rows),
         };
-        let check_output = |output: &[f32], name: &str| {
+        let left_factor = Left { values: &left, rows: &left_rows, step };
+        let right_factor = Right { values: &right, terms: &terms };
+        instruction_set::tests::with_each(|set| {
+            let mut output = before.clone();
+            for row in output.chunks_mut(stride) {
+                row[columns..].fill(UNTOUCHED);
+            }
+            multiply(left_factor, right_factor, onto, &mut output, columns, stride);
             for (m, (row, before)) in output.chunks(stride).zip(before.chunks(stride)).enumerate() {
                 for (n, &found) in row[..columns].iter().enumerate() {
                     let start = match onto {
@@ -575,25 +582,40 @@ mod tests {
                         magnitude += product.abs();
                     }
                     let error = (f64::from(found) - exact).abs() / magnitude;
-                    assert!(error < 1e-6, "{name} element {m}, {n}: {found} for {exact}");
+                    assert!(error < 1e-6, "{set:?} element {m}, {n}: {found} for {exact}");
                 }
-                assert!(row[columns..].iter().all(|&value| value == UNTOUCHED), "{name}");
+                assert!(row[columns..].iter().all(|&value| value == UNTOUCHED), "{set:?}");
             }
-        };
-        let fresh = || {
-            let mut output = before.clone();
-            for row in output.chunks_mut(stride) {
-                row[columns..].fill(UNTOUCHED);
-            }
-            output
-        };
-        let left = Left { values: &left, rows: &left_rows, step };
-        let right = Right { values: &right, terms: &terms };
-        instruction_set::tests::with_each(|set| {
-            let mut output = fresh();
-            multiply(left, right, onto, &mut output, columns, stride);
-            check_output(&output, &set.to_string());
         });
+    }
+
+    /// The tests above use AVX-512 BF16 where the processor has it.
+    #[cfg(target_arch = "x86_64")]
+    #[test]
+    fn avx512_without_bf16_extends_pairs() {
+        let InstructionSet::Avx512(_) = InstructionSet::best() else { return };
+        let (rows, columns, depth) = (29, 150, 40);
+        let (left, right): (Vec<Pair>, Vec<Pair>) =
+            (wave(rows * depth, 0.7), wave(depth * columns, 1.1));
+        let (left_rows, terms) = (multiples(rows, depth), multiples(depth, columns));
+        let mut found = vec![UNTOUCHED; rows * columns];
+        let product = Product {
+            left: Left { values: &left, rows: &left_rows, step: 1 },
+            right: Right { values: &right, terms: &terms },
+            onto: Onto::Nothing,
+            output: found.as_mut_ptr(),
+            columns,
+            stride: columns,
+        };
+        // SAFETY: the processor has the instructions, and the sizes are those of the slices.
+        unsafe { avx512::<ExtendedPairs>(&product) };
+        for (index, found) in found.into_iter().enumerate() {
+            let (m, n) = (index / columns, index % columns);
+            let products =
+                (0..depth).flat_map(|k| left[m * depth + k].products(right[k * columns + n]));
+            let exact: f64 = products.sum();
+            assert!((f64::from(found) - exact).abs() < 1e-4, "{m}, {n}: {found} for {exact}");
+        }
     }
 
     #[test]

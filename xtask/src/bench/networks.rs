@@ -36,7 +36,7 @@ const BATCH_OF_LARGE_CDT: u32 = 16;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Matmul {
     F32,
-    /// The products of the twin's linear maps and attention read bf16, too, in one of its rounds.
+    /// Its twin is measured with f32, and under `torch.autocast`.
     Bf16,
 }
 
