@@ -91,8 +91,8 @@ pub(super) fn forward_of_onto(
     })
 }
 
-/// dx = dy W, where dy has `output` columns, and products read `factors`. `then` is called with some rows of dx and the index of
-/// their first element.
+/// dx = dy W, where dy has `output` columns, and products read `factors`. `then` is called with some
+/// rows of dx and the index of their first element.
 pub(super) fn input_gradient(
     dy: &[f32],
     weight: &[f32],

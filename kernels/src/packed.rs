@@ -54,7 +54,7 @@ pub(super) struct Packing {
 }
 
 impl PackedWeight {
-    /// Empty.
+    /// Nothing is kept at first.
     pub fn new(factors: Factors) -> Self {
         Self { factors, kept: Arc::default() }
     }
@@ -93,22 +93,23 @@ impl PackedKernel {
 }
 
 /// The form of `weights` that `kept` has, or that `make` makes. It is kept if there is a place.
+///
+/// Nothing is locked while it is made. `make` divides its work among threads, and a thread that
+/// waits for its share may take up another operation on the same weights.
 pub(super) fn kept_or_made<T>(
     kept: Option<&Kept<T>>,
     weights: &[&Array],
     make: impl FnOnce() -> T,
 ) -> Arc<T> {
     let Some(Kept(kept)) = kept else { return Arc::new(make()) };
-    let mut kept = kept.lock().unwrap_or_else(PoisonError::into_inner);
-    match &*kept {
-        Some(kept) if kept.is_of(weights) => Arc::clone(&kept.form),
-        _ => {
-            let form = Arc::new(make());
-            let weights = weights.iter().map(|&weight| weight.clone()).collect();
-            *kept = Some(KeptForm { weights, form: Arc::clone(&form) });
-            form
-        }
+    let lock = || kept.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some(kept) = lock().as_ref().filter(|kept| kept.is_of(weights)) {
+        return Arc::clone(&kept.form);
     }
+    let form = Arc::new(make());
+    let weights = weights.iter().map(|&weight| weight.clone()).collect();
+    *lock() = Some(KeptForm { weights, form: Arc::clone(&form) });
+    form
 }
 
 impl<T> KeptForm<T> {

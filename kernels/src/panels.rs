@@ -3,9 +3,8 @@ use std::cell::RefCell;
 use rayon::prelude::*;
 
 use super::factors::Factors;
-use super::instruction_set::detected;
 use super::pairs::{Pair, across_rows, along_rows};
-use super::product::{Left, Number, Onto, Right, multiply};
+use super::product::{Left, Number, Onto, Right, multiply, tile_columns};
 use super::transposition::transpose;
 
 /// The widths of panels are a multiple of this, the width of the widest vectors.
@@ -49,7 +48,7 @@ thread_local! {
 }
 
 impl Panels {
-    /// Of no columns.
+    /// Panels of no columns.
     pub fn new(factors: Factors) -> Self {
         let numbers = match factors {
             Factors::F32 => Numbers::Singles(Vec::new()),
@@ -146,11 +145,11 @@ impl Panels {
     /// tile, if the matrix is wide enough. In a wider panel the rows of a tile would share few sets
     /// of the first-level cache.
     fn resize(&mut self, [depth, columns]: [usize; 2]) -> (usize, usize) {
-        let (rows, tile) = match self.numbers {
-            Numbers::Singles(_) => (depth, f32::tile_columns(detected())),
-            Numbers::Pairs(_) => (depth.div_ceil(2), Pair::tile_columns(detected())),
+        let rows = match self.numbers {
+            Numbers::Singles(_) => depth,
+            Numbers::Pairs(_) => depth.div_ceil(2),
         };
-        let width = tile.next_multiple_of(LANES).min(columns.next_multiple_of(LANES));
+        let width = tile_columns().next_multiple_of(LANES).min(columns.next_multiple_of(LANES));
         if (self.rows.len(), self.width) != (rows, width) {
             self.rows.clear();
             self.rows.extend((0..rows).map(|row| row * width));

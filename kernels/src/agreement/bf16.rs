@@ -5,6 +5,7 @@ use burn::tensor::Tensor;
 use super::{
     Factors, Mask, PackedWeight, attention, differences, dropout_mask, flat, gelu_linear,
     gelu_linear_onto, instruction_set, linear, matrix, norm_linear, norm_linear_of_three,
+    shapes_of_norm_linear,
 };
 
 /// A factor's relative error is at most 2^-9, and about half of that in the mean square. The result
@@ -49,16 +50,9 @@ fn linear_differs_by_rounding() {
 
 #[test]
 fn norm_linear_differs_by_rounding() {
-    for [batch, tokens, input, output] in SIZES {
-        let shapes = [
-            [batch, tokens, input],
-            [1, 1, input],
-            [1, 1, input],
-            [1, output, input],
-            [1, 1, output],
-        ];
+    for sizes in SIZES {
         check(
-            shapes,
+            shapes_of_norm_linear(sizes),
             |[x, scale, shift, weight, bias]| {
                 norm_linear(x, [flat(scale), flat(shift)], matrix(weight), flat(bias), &packed())
             },

@@ -167,18 +167,17 @@ fn what_is_kept_of_three_weights_is_not_used_for_others() {
     assert_eq!(sums([&third, &second, &second]), [61.0, 41.0, 41.0]);
 }
 
+/// The shapes of x, of the norm's scale and shift, of the weight and of the bias.
+fn shapes_of_norm_linear([batch, tokens, input, output]: [usize; 4]) -> [[usize; 3]; 5] {
+    let norm = [1, 1, input];
+    [[batch, tokens, input], norm, norm, [1, output, input], [1, 1, output]]
+}
+
 #[test]
 fn norm_linear_agrees() {
-    for [batch, tokens, input, output] in [[1, 1, 8, 1], [3, 5, 7, 9], [4, 40, 140, 96]] {
-        let shapes = [
-            [batch, tokens, input],
-            [1, 1, input],
-            [1, 1, input],
-            [1, output, input],
-            [1, 1, output],
-        ];
+    for sizes in [[1, 1, 8, 1], [3, 5, 7, 9], [4, 40, 140, 96]] {
         check_agreement(
-            shapes,
+            shapes_of_norm_linear(sizes),
             |[x, scale, shift, weight, bias]| {
                 let norm = [flat(scale), flat(shift)];
                 norm_linear(x, norm, matrix(weight), flat(bias), &PackedWeight::default())
