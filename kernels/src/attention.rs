@@ -5,7 +5,7 @@ use super::dropout::{self, DropoutMask};
 use super::factors::Factors;
 use super::fused::{Array, FusedOp, apply, operand};
 use super::panels::{Panels, multiples};
-use super::parts::{each_part, in_parts};
+use super::parts::in_parts;
 use super::product::{Left, Onto};
 use super::softmax::{softmax, softmax_gradient};
 use super::vectorized;
@@ -267,20 +267,24 @@ impl Extents<'_> {
     ) -> Array {
         let Self { tokens, sources, d_model, width, strides, factors, .. } = *self;
         let part = tokens * d_model;
-        let output = each_part(batch * part, part, |index, output| {
+        let heads = || {
+            let panels = || (Panels::new(factors), Panels::new(factors));
+            (0..d_model / width).map(|_| panels()).collect::<Vec<_>>()
+        };
+        let (output, _) = in_parts(batch * part, part, heads, |heads, index, output| {
             let [query, key, value] = of(index);
-            let heads = (0..d_model).step_by(width).map(|head| {
-                let key = Panels::of_columns(factors, &key[head..], [width, sources], strides[1]);
-                (key, Panels::of_rows(factors, &value[head..], [sources, width], strides[2]))
-            });
-            let heads: Vec<_> = heads.collect();
+            for (head, (keys, values)) in (0..d_model).step_by(width).zip(heads.iter_mut()) {
+                keys.write_columns(&key[head..], [width, sources], strides[1]);
+                values.write_rows(&value[head..], [sources, width], strides[2]);
+            }
+            let heads = &heads[..];
             output
                 .par_chunks_mut(TOKENS * d_model)
                 .zip(query.par_chunks(TOKENS * strides[0]))
                 .enumerate()
                 .for_each_init(Vec::new, |probabilities, (part, (output, query))| {
                     let first = [index, part * TOKENS];
-                    self.rows(query, &heads, first, output, probabilities);
+                    self.rows(query, heads, first, output, probabilities);
                 });
         });
         Array::new(output, &[batch, tokens, d_model])

@@ -72,30 +72,56 @@ mod x86 {
 // The following functions are unsafe because they use the vectors' instructions. They read and
 // write whole vectors inside a slice, and the lanes of the last vector that lie inside.
 
+/// Rows that go through each part of softmax together. A row waits for its greatest score and for
+/// its sum. A processor computes the same part of other rows meanwhile, because it looks only a few
+/// hundred instructions ahead.
+const TOGETHER: usize = 8;
+
 #[inline(always)]
 unsafe fn all_rows<V: Vector>(scores: &mut [f32], width: usize, scale: f32, visible: usize) {
-    for (index, row) in scores.chunks_exact_mut(width).enumerate() {
-        let (seen, hidden) = row.split_at_mut(visible.saturating_add(index).min(width));
-        hidden.fill(0.0);
+    for (index, rows) in scores.chunks_mut(TOGETHER * width).enumerate() {
+        let visible = |row| visible.saturating_add(index * TOGETHER + row).min(width);
+        let (mut greatest, mut sums) = ([0.0; TOGETHER], [0.0; TOGETHER]);
         // SAFETY: see above.
-        unsafe { softmax_row::<V>(seen, scale) };
+        unsafe {
+            for (index, row) in rows.chunks_exact_mut(width).enumerate() {
+                let (seen, hidden) = row.split_at_mut(visible(index));
+                hidden.fill(0.0);
+                greatest[index] = greatest_of::<V>(seen);
+            }
+            for (index, row) in rows.chunks_exact_mut(width).enumerate() {
+                let seen = &mut row[..visible(index)];
+                sums[index] = replace_by_powers::<V>(seen, greatest[index], scale);
+            }
+            for (index, row) in rows.chunks_exact_mut(width).enumerate() {
+                multiply::<V>(&mut row[..visible(index)], 1.0 / sums[index]);
+            }
+        }
     }
 }
 
 #[inline(always)]
-unsafe fn softmax_row<V: Vector>(row: &mut [f32], scale: f32) {
+unsafe fn greatest_of<V: Vector>(row: &[f32]) -> f32 {
+    let whole = row.len() / V::LANES * V::LANES;
+    let from = row.as_ptr();
+    // SAFETY: see above.
+    unsafe {
+        let none = V::splat(f32::NEG_INFINITY);
+        let mut greatest = V::load_masked(from.add(whole), V::mask(row.len() - whole), none);
+        for first in (0..whole).step_by(V::LANES) {
+            greatest = greatest.max(V::load(from.add(first)));
+        }
+        greatest.greatest()
+    }
+}
+
+/// Replaces each score by e^(`scale` (score - `greatest`)), and gives their sum.
+#[inline(always)]
+unsafe fn replace_by_powers<V: Vector>(row: &mut [f32], greatest: f32, scale: f32) -> f32 {
     let whole = row.len() / V::LANES * V::LANES;
     let to = row.as_mut_ptr();
     // SAFETY: see above.
     unsafe {
-        let tail = V::mask(row.len() - whole);
-        let none = V::splat(f32::NEG_INFINITY);
-        let mut greatest = V::load_masked(to.add(whole), tail, none);
-        for first in (0..whole).step_by(V::LANES) {
-            greatest = greatest.max(V::load(to.add(first)));
-        }
-        let greatest = greatest.greatest();
-
         let (scale, greatest) = (V::splat(scale), V::splat(greatest));
         let mut sums = V::splat(0.0);
         for first in (0..whole).step_by(V::LANES) {
@@ -105,20 +131,30 @@ unsafe fn softmax_row<V: Vector>(row: &mut [f32], scale: f32) {
         }
         let mut sum = sums.total();
         if whole < row.len() {
+            let (tail, none) = (V::mask(row.len() - whole), V::splat(f32::NEG_INFINITY));
             let scores = V::load_masked(to.add(whole), tail, none);
             exp(scores.sub(greatest).mul(scale)).store_masked(to.add(whole), tail);
             for &power in row.get_unchecked(whole..) {
                 sum += power;
             }
         }
+        sum
+    }
+}
 
-        let to = row.as_mut_ptr();
-        let inverse = V::splat(1.0 / sum);
+#[inline(always)]
+unsafe fn multiply<V: Vector>(row: &mut [f32], factor: f32) {
+    let whole = row.len() / V::LANES * V::LANES;
+    let to = row.as_mut_ptr();
+    // SAFETY: see above.
+    unsafe {
+        let factor = V::splat(factor);
         for first in (0..whole).step_by(V::LANES) {
-            V::load(to.add(first)).mul(inverse).store(to.add(first));
+            V::load(to.add(first)).mul(factor).store(to.add(first));
         }
-        let rest = V::load_masked(to.add(whole), tail, none);
-        rest.mul(inverse).store_masked(to.add(whole), tail);
+        let (tail, zero) = (V::mask(row.len() - whole), V::splat(0.0));
+        let rest = V::load_masked(to.add(whole), tail, zero);
+        rest.mul(factor).store_masked(to.add(whole), tail);
     }
 }
 
