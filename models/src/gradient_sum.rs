@@ -11,6 +11,7 @@ use crate::ModelError;
 use crate::optimizer::NamedGradients;
 use crate::parameters::for_each_parameter;
 use crate::sequence_model::SequenceModel;
+use crate::single_threads::on_one_thread;
 
 /// Loss and gradients of some micro-batches of a batch.
 pub(crate) struct GradientSum {
@@ -78,10 +79,13 @@ pub(crate) fn over_micro_batches(
     };
     let next = AtomicUsize::new(0);
     let sum = InOrder::default();
+    // If every thread has the same number of micro-batches, none could help another one.
+    let is_even =
+        at_once > 1 && at_once == rayon::current_num_threads() && count.is_multiple_of(at_once);
     rayon::scope(|scope| {
-        for model in models {
+        for (place, model) in models.into_iter().enumerate() {
             let (next, sum, part) = (&next, &sum, &part);
-            scope.spawn(move |_| {
+            let work = move || {
                 loop {
                     let index = next.fetch_add(1, Ordering::Relaxed);
                     if index >= count {
@@ -89,7 +93,8 @@ pub(crate) fn over_micro_batches(
                     }
                     sum.add(index, part(&model, index));
                 }
-            });
+            };
+            scope.spawn(move |_| if is_even { on_one_thread(place, work) } else { work() });
         }
     });
     sum.total().expect("every batch has a micro-batch")

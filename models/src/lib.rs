@@ -48,6 +48,7 @@ mod sampling;
 mod schedule;
 mod sequence_model;
 mod shapes;
+mod single_threads;
 mod sizes;
 mod trained_model;
 mod trainer;

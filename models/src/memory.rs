@@ -71,7 +71,7 @@ struct Counts {
     parameters: u64,
     /// Numbers that a step keeps of one trajectory for the backward pass.
     kept: u64,
-    /// The largest temporary buffer of a step, whatever its batch.
+    /// The largest temporary buffer of a micro-batch, whatever its size.
     worked_with: u64,
 }
 
@@ -103,7 +103,7 @@ impl Counts {
         let activation_bytes = at_once * self.kept * F32;
         let used = (state_bytes + activation_bytes)
             .max(of_parameters(COPIES_OF_A_CHECKPOINT + 3 * average))
-            + self.worked_with * F32;
+            + divided.at_once as u64 * self.worked_with * F32;
         TrainingMemory {
             parameters: self.parameters,
             state_bytes,
