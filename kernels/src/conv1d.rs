@@ -20,8 +20,7 @@ pub fn conv1d(
     packed: &PackedKernel,
 ) -> Tensor<3> {
     let operands = [operand(&x), operand(&weight), operand(&bias)];
-    let at_points = packed.place(weight.is_autodiff());
-    apply(Conv1d { stride, padding, at_points }, operands)
+    apply(Conv1d::new(stride, padding, packed, weight.is_autodiff()), operands)
         .unwrap_or_else(|| plain(x, weight, bias, stride, padding))
 }
 
@@ -43,7 +42,7 @@ pub(super) fn plain(
 
 /// dx is the adjoint correlation of dy, db = Σ dy over trajectories and samples.
 #[derive(Clone, Debug)]
-struct Conv1d {
+pub(super) struct Conv1d {
     stride: usize,
     padding: usize,
     /// The place for the kernel at the points of tiles.
@@ -51,6 +50,10 @@ struct Conv1d {
 }
 
 impl Conv1d {
+    pub fn new(stride: usize, padding: usize, packed: &PackedKernel, is_tracked: bool) -> Self {
+        Self { stride, padding, at_points: packed.place(is_tracked) }
+    }
+
     fn correlation(&self, x: &Array, weight: &Array) -> Correlation {
         let [_, fine_channels, fine_samples] = *x.shape() else { unreachable!("of rank 3") };
         let [coarse_channels, _, kernel] = *weight.shape() else { unreachable!("of rank 3") };

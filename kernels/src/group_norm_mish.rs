@@ -33,22 +33,35 @@ pub(super) fn plain(x: Tensor<3>, weight: Tensor<1>, bias: Tensor<1>, groups: us
 /// A task is one group of one trajectory, which stays in the cache. The backward pass computes
 /// mean, deviation and Mish's slope again from x, so that only x is kept.
 #[derive(Clone, Debug)]
-struct GroupNormMish {
-    groups: usize,
+pub(super) struct GroupNormMish {
+    pub groups: usize,
 }
 
-impl FusedOp<3> for GroupNormMish {
-    fn forward(&self, [x, weight, bias]: &[Array; 3]) -> Array {
+impl GroupNormMish {
+    /// The values of the result. `then` is called with those of a group, and with the index of its
+    /// first channel among the channels of all trajectories.
+    pub fn values(
+        &self,
+        [x, weight, bias]: &[Array; 3],
+        then: impl Fn(&mut [f32], usize) + Send + Sync,
+    ) -> Vec<f32> {
         let channels = weight.width() / self.groups;
         let task = channels * x.width();
-        let y = each_part(x.values().len(), task, |index, y| {
+        each_part(x.values().len(), task, |index, y| {
             let x = &x.values()[index * task..][..y.len()];
             let group = index % self.groups * channels;
             let weight = &weight.values()[group..group + channels];
             let bias = &bias.values()[group..group + channels];
             vectorized::group_norm_mish(x, weight, bias, EPSILON, y);
-        });
-        Array::new(y, x.shape())
+            then(y, index * channels);
+        })
+    }
+}
+
+impl FusedOp<3> for GroupNormMish {
+    fn forward(&self, inputs: &[Array; 3]) -> Array {
+        let [x, ..] = inputs;
+        Array::new(self.values(inputs, |_, _| ()), x.shape())
     }
 
     fn backward(&self, [x, weight, bias]: &[Array; 3], dy: &Array) -> [Array; 3] {

@@ -257,6 +257,38 @@ vectorized! {
 }
 
 vectorized! {
+    /// Σ a b of each row of `width` elements.
+    fn products_of_rows(a: &[f32], b: &[f32], width: usize, sums: &mut [f32]) {
+        let rows = a.chunks_exact(width).zip(b.chunks_exact(width));
+        for (total, (a, b)) in sums.iter_mut().zip(rows) {
+            *total = sum_of_products::<FUSED>(a, b, 0.0);
+        }
+    }
+}
+
+vectorized! {
+    /// Multiplies each row of `width` elements by its factor.
+    fn multiply_rows(rows: &mut [f32], width: usize, factors: &[f32]) {
+        for (row, factor) in rows.chunks_exact_mut(width).zip(factors) {
+            for value in row {
+                *value *= factor;
+            }
+        }
+    }
+}
+
+vectorized! {
+    /// Adds its term to each row of `width` elements.
+    fn add_to_rows(rows: &mut [f32], width: usize, terms: &[f32]) {
+        for (row, term) in rows.chunks_exact_mut(width).zip(terms) {
+            for value in row {
+                *value += term;
+            }
+        }
+    }
+}
+
+vectorized! {
     /// total += each row of `total.len()` elements that begin `stride` apart.
     fn add_rows(rows: &[f32], stride: usize, total: &mut [f32]) {
         for row in rows.chunks(stride) {

@@ -3,7 +3,9 @@
 use burn::tensor::{Device, Tensor};
 use proptest::prelude::{Just, ProptestConfig, Strategy, proptest};
 
-use super::super::{PackedKernel, conv_transpose1d, conv1d, group_norm_mish, mish};
+use super::super::{
+    PackedKernel, PerChannel, conv_transpose1d, conv1d, group_norm_mish, mish, norm_conv1d,
+};
 use super::{check_agreement, flat, tensors, values};
 
 #[test]
@@ -122,6 +124,52 @@ fn convolutions_agree_at_the_sizes_of_u_nets() {
     }
     check_conv_transpose1d([3, 64, 50], [64, 4], 2, 1);
     check_conv_transpose1d([1, 32, 200], [48, 4], 2, 1);
+}
+
+/// The shapes of x, of the norm's weight and bias, of the scale and the shift, of the kernel and of
+/// its bias.
+fn shapes_of_norm_conv1d([batch, input, samples]: [usize; 3], output: usize) -> [[usize; 3]; 7] {
+    let (norm, each) = ([1, 1, input], [batch, input, 1]);
+    [[batch, input, samples], norm, norm, each, each, [output, input, 5], [1, 1, output]]
+}
+
+/// Sizes with and without Winograd's tiles, and a single trajectory.
+#[test]
+fn norm_conv1d_agrees() {
+    for (x, output, groups) in
+        [([3, 8, 7], 5, 2), ([1, 24, 50], 17, 8), ([5, 32, 99], 48, 8), ([2, 4, 400], 16, 4)]
+    {
+        let shapes = shapes_of_norm_conv1d(x, output);
+        check_agreement(
+            shapes,
+            |[x, weight, bias, scale, shift, kernel, of_kernel]| {
+                let (norm, between) =
+                    ([flat(weight), flat(bias)], PerChannel { scale: Some(scale), shift });
+                let packed = PackedKernel::default();
+                norm_conv1d(x, norm, groups, between, kernel, flat(of_kernel), &packed)
+            },
+            |[x, weight, bias, scale, shift, kernel, of_kernel]| {
+                let (norm, between) =
+                    ([flat(weight), flat(bias)], PerChannel { scale: Some(scale), shift });
+                norm_conv1d::plain(x, norm, groups, between, kernel, flat(of_kernel))
+            },
+        );
+        let [x, weight, bias, _, shift, kernel, of_kernel] = shapes;
+        check_agreement(
+            [x, weight, bias, shift, kernel, of_kernel],
+            |[x, weight, bias, shift, kernel, of_kernel]| {
+                let (norm, between) =
+                    ([flat(weight), flat(bias)], PerChannel { scale: None, shift });
+                let packed = PackedKernel::default();
+                norm_conv1d(x, norm, groups, between, kernel, flat(of_kernel), &packed)
+            },
+            |[x, weight, bias, shift, kernel, of_kernel]| {
+                let (norm, between) =
+                    ([flat(weight), flat(bias)], PerChannel { scale: None, shift });
+                norm_conv1d::plain(x, norm, groups, between, kernel, flat(of_kernel))
+            },
+        );
+    }
 }
 
 #[test]

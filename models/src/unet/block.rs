@@ -1,7 +1,7 @@
-use burn::module::{Module, Param};
-use burn::tensor::Tensor;
+use burn::module::Module;
 
 use super::convolution::Conv1d;
+use super::group_norm::GroupNormMish;
 use crate::activations::{Activations, mish};
 use crate::initialization::InitialWeights;
 use crate::layers::Linear;
@@ -27,41 +27,24 @@ impl Modulation {
     }
 }
 
-/// Scale and shift of `torch.nn.GroupNorm`.
-#[derive(Module, Debug)]
-struct GroupNorm {
-    /// `[channel]`, initially 1.
-    weight: Param<Tensor<1>>,
-    /// `[channel]`, initially 0.
-    bias: Param<Tensor<1>>,
-}
-
 /// Convolution, group normalization in 8 groups, Mish.
 #[derive(Module, Debug)]
 pub(crate) struct ConvBlock {
     conv: Conv1d,
-    norm: GroupNorm,
+    norm: GroupNormMish,
 }
 
 impl ConvBlock {
     pub fn new(input: usize, output: usize, weights: &mut InitialWeights<'_>) -> Self {
         Self {
             conv: Conv1d::new(input, output, KERNEL, 1, KERNEL / 2, weights),
-            norm: GroupNorm {
-                weight: weights.constant([output], 1.0),
-                bias: weights.constant([output], 0.0),
-            },
+            norm: GroupNormMish::new(output, weights),
         }
     }
 
     /// `[batch, input, sample]` to `[batch, output, sample]`.
     pub fn forward<A: Activations>(&self, x: A) -> A {
-        let x = self.conv.forward(x);
-        let shape = x.dims();
-        A::operation([x], [true], shape, |[x]| {
-            let GroupNorm { weight, bias } = &self.norm;
-            kernels::group_norm_mish(x, weight.val(), bias.val(), spec::GROUPS as usize)
-        })
+        self.norm.forward(self.conv.forward(x))
     }
 }
 
@@ -99,16 +82,17 @@ impl ResidualBlock {
     /// Maps `x` `[batch, input, sample]` to `[batch, output, sample]`, with `condition` `[batch, 1,
     /// width]`.
     pub fn forward<A: Activations>(&self, x: A, condition: &A) -> A {
-        let hidden = self.first.forward(x.clone());
+        let hidden = self.first.conv.forward(x.clone());
         let numbers = self.condition.forward(mish(condition.clone())).transposed();
-        let hidden = match self.modulation {
-            Modulation::Shift => hidden.plus(numbers),
+        let (scale, shift) = match self.modulation {
+            Modulation::Shift => (None, numbers),
             Modulation::ScaleAndShift => {
                 let [scale, shift] = numbers.halves(1);
-                hidden.times(scale).plus(shift)
+                (Some(scale), shift)
             }
         };
-        let hidden = self.second.forward(hidden);
+        let hidden = self.second.conv.forward_normed(hidden, &self.first.norm, scale, shift);
+        let hidden = self.second.norm.forward(hidden);
         match &self.skip {
             None => hidden.plus(x),
             Some(skip) => hidden.plus(skip.forward(x)),

@@ -5,6 +5,7 @@
 
 mod block;
 mod convolution;
+mod group_norm;
 mod level_embedding;
 
 use burn::module::Module;
