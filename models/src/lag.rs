@@ -42,19 +42,13 @@ impl LaggedPath {
         Self { measured, driven, share }
     }
 
-    /// The path that begins at `start`, a sample with a measured position.
-    fn from(&self, start: usize) -> Walk {
-        let position = self.measured[start];
-        // The first sample has no velocity before it. Its velocity is the one without a lag.
-        let before = start.checked_sub(1).map(|before| position - self.measured[before]);
-        Walk { sample: start, position, step: before.unwrap_or(self.driven[start]) }
-    }
-
-    /// Advances along a path by one sample.
-    fn advance(&self, walk: &mut Walk) {
-        walk.step += self.share * (self.driven[walk.sample] - walk.step);
-        walk.position += walk.step;
-        walk.sample += 1;
+    /// The displacement in the sample before `start`, rad. Before the first sample it is the one
+    /// without a lag.
+    fn step_before(&self, start: usize) -> f64 {
+        match start.checked_sub(1) {
+            Some(before) => self.measured[start] - self.measured[before],
+            None => self.driven[start],
+        }
     }
 
     /// For each of the `horizon` samples after the context, the path and its error. The error after
@@ -62,40 +56,65 @@ impl LaggedPath {
     /// k samples. It never falls with k.
     pub fn ahead(&self, horizon: usize) -> Vec<(f64, f64)> {
         let last = self.measured.len() - 1;
-        // All starts advance side by side, because a single path would wait for each of its own
-        // additions.
-        let mut walks: Vec<Walk> =
-            (1..last).step_by(STRIDE).map(|start| self.from(start)).collect();
-        let begin = self.measured[last];
-        let mut walk = self.from(last);
+        // All starts advance side by side. A single path would wait for each of its own additions.
+        let starts = || (1..last).step_by(STRIDE);
+        let mut positions: Vec<f64> = starts().map(|start| self.measured[start]).collect();
+        let mut steps: Vec<f64> = starts().map(|start| self.step_before(start)).collect();
+        let driven = Strided::new(&self.driven[1..]);
+        let measured = Strided::new(&self.measured[1..]);
+        let (begin, mut position, mut step) =
+            (self.measured[last], self.measured[last], self.step_before(last));
         let mut error = LEAST_ERROR_RAD;
-        let ahead = (0..horizon).map(|_| {
-            let unfinished = walks.partition_point(|walk| walk.sample < last);
-            walks.truncate(unfinished);
-            let mut sum = 0.0;
-            for walk in &mut walks {
-                self.advance(walk);
-                sum += (walk.position - self.measured[walk.sample]).powi(2);
+        let ahead = (0..horizon).map(|k| {
+            let unfinished = last.saturating_sub(k + 1).div_ceil(STRIDE);
+            positions.truncate(unfinished);
+            let driven = driven.from(k, unfinished);
+            for ((position, step), driven) in positions.iter_mut().zip(&mut steps).zip(driven) {
+                *step += self.share * (driven - *step);
+                *position += *step;
             }
-            if !walks.is_empty() {
-                error = error.max((sum / walks.len() as f64).sqrt());
+            if unfinished > 0 {
+                let squares = squared_distance(&positions, measured.from(k + 1, unfinished));
+                error = error.max((squares / unfinished as f64).sqrt());
             }
-            self.advance(&mut walk);
-            error = error.max(LEAST_ERROR * (walk.position - begin).abs());
-            (walk.position, error)
+            step += self.share * (self.driven[last + k] - step);
+            position += step;
+            error = error.max(LEAST_ERROR * (position - begin).abs());
+            (position, error)
         });
         ahead.collect()
     }
 }
 
-/// A point on a path.
-struct Walk {
-    /// The sample of the point.
-    sample: usize,
-    /// rad
-    position: f64,
-    /// The displacement since the sample before, rad.
-    step: f64,
+/// A series in another order, so that every [`STRIDE`]th value is the neighbour of the one before.
+struct Strided([Vec<f64>; STRIDE]);
+
+impl Strided {
+    fn new(values: &[f64]) -> Self {
+        Self(std::array::from_fn(|first| {
+            values.iter().skip(first).step_by(STRIDE).copied().collect()
+        }))
+    }
+
+    /// `count` values from `first` on, [`STRIDE`] apart.
+    fn from(&self, first: usize, count: usize) -> &[f64] {
+        &self.0[first % STRIDE][first / STRIDE..][..count]
+    }
+}
+
+/// Σ (a - b)².
+fn squared_distance(a: &[f64], b: &[f64]) -> f64 {
+    /// A sum of one term after the other would wait for each addition.
+    const SUMS: usize = 8;
+    let ((a_blocks, a_rest), (b_blocks, b_rest)) = (a.as_chunks::<SUMS>(), b.as_chunks::<SUMS>());
+    let mut sums = [0.0; SUMS];
+    for (a, b) in a_blocks.iter().zip(b_blocks) {
+        for ((sum, a), b) in sums.iter_mut().zip(a).zip(b) {
+            *sum += (a - b) * (a - b);
+        }
+    }
+    let rest: f64 = a_rest.iter().zip(b_rest).map(|(a, b)| (a - b) * (a - b)).sum();
+    sums.iter().sum::<f64>() + rest
 }
 
 #[cfg(test)]
