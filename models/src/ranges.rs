@@ -41,18 +41,18 @@ impl DataRanges {
     }
 
     fn of_tracks(u: Track<'_>, y: Track<'_>, rate_hz: f64) -> Self {
-        let mut of_u = Ends::new(u.joints());
-        u.iter().for_each(|sample| of_u.add(sample.iter().map(|&value| f64::from(value))));
-        let (mut of_y, mut of_steps) = (Ends::new(y.joints()), Ends::new(y.joints()));
-        y.iter().for_each(|sample| of_y.add(sample.iter().map(|&value| f64::from(value))));
-        for (before, after) in y.iter().zip(y.iter().skip(1)) {
-            let pairs = before.iter().zip(after);
-            of_steps.add(pairs.map(|(&before, &after)| f64::from(after) - f64::from(before)));
-        }
+        let joints = u.joints();
+        let (u, y) = (u.values(), y.values());
+        let after = y.get(joints..).unwrap_or_default();
+        let steps = Ends::of(joints, after, |block, first| {
+            for (value, &before) in block.iter_mut().zip(&y[first..]) {
+                *value -= f64::from(before);
+            }
+        });
         Self {
-            u_nm: of_u.ranges(1.0),
-            y_rad: of_y.ranges(1.0),
-            rate_rad_s: of_steps.ranges(rate_hz),
+            u_nm: Ends::of(joints, u, |_, _| ()).ranges(1.0),
+            y_rad: Ends::of(joints, y, |_, _| ()).ranges(1.0),
+            rate_rad_s: steps.ranges(rate_hz),
         }
     }
 
@@ -108,20 +108,35 @@ impl DataRanges {
     }
 }
 
-/// Smallest and largest value of each joint, computed sample by sample, because training does this
-/// for every batch.
+/// Samples that are compared side by side, because training does this for every batch.
+const SIDE_BY_SIDE: usize = 8;
+
+/// Smallest and largest value of each joint.
 struct Ends(Vec<[f64; 2]>);
 
 impl Ends {
-    fn new(joints: usize) -> Self {
-        Self(vec![[f64::INFINITY, f64::NEG_INFINITY]; joints])
-    }
-
-    fn add(&mut self, sample: impl Iterator<Item = f64>) {
-        for ([least, largest], value) in self.0.iter_mut().zip(sample) {
-            *least = least.min(value);
-            *largest = largest.max(value);
+    /// The ends of `values` `[sample, joint]`, after `change` of some neighbouring values. `change`
+    /// also gets the index of the first one.
+    fn of(joints: usize, values: &[f32], change: impl Fn(&mut [f64], usize)) -> Self {
+        let length = SIDE_BY_SIDE * joints;
+        let mut least = vec![f64::INFINITY; length];
+        let mut largest = vec![f64::NEG_INFINITY; length];
+        let mut changed = Vec::with_capacity(length);
+        for (index, values) in values.chunks(length).enumerate() {
+            changed.clear();
+            changed.extend(values.iter().map(|&value| f64::from(value)));
+            change(&mut changed, index * length);
+            for ((least, largest), &value) in least.iter_mut().zip(&mut largest).zip(&changed) {
+                *least = least.min(value);
+                *largest = largest.max(value);
+            }
         }
+        let of_joint = |joint: usize| {
+            let least = least[joint..].iter().step_by(joints).copied();
+            let largest = largest[joint..].iter().step_by(joints).copied();
+            [least.fold(f64::INFINITY, f64::min), largest.fold(f64::NEG_INFINITY, f64::max)]
+        };
+        Self((0..joints).map(of_joint).collect())
     }
 
     /// The ranges times `scale`; 0 without values. Adding 0 turns -0 into 0, so that the order of

@@ -2,6 +2,7 @@
 
 use models::Interrupt;
 use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
 use series::{Observed, Track};
 
 use super::filtered::smoothed;
@@ -41,37 +42,46 @@ impl Predictor for Arx {
     }
 
     fn predict(&self, observed: &Observed<'_>) -> Result<Vec<f32>, EvaluationError> {
-        let (horizon, joints) = (observed.horizon(), observed.joints());
-        let period = 1.0 / observed.rate_hz();
-        let mut predicted = vec![0.0; observed.robots() * horizon * joints];
         let smoothed = smoothed(observed)?;
         let smoothed = smoothed.as_ref().map(|series| series.observed(observed.context()));
         let interrupt = Interrupt::current();
-        for scenario in 0..observed.robots() {
-            interrupt.leave_if_raised();
-            let measured = observed.y(scenario);
-            let positions = smoothed.as_ref().map_or(measured, |smoothed| smoothed.y(scenario));
-            let torques = observed.u(scenario);
-            let last = observed.context() - 1;
-            for joint in 0..joints {
-                let velocities: Vec<f64> = mean_velocities(positions, joint, period).collect();
-                let series = JointSeries { velocities: &velocities, torques, joint };
-                let mut position = f64::from(positions[last][joint]);
-                let law = if smoothed.is_some() {
-                    let velocities: Vec<f64> = mean_velocities(measured, joint, period).collect();
-                    series.choose(&[series, JointSeries { velocities: &velocities, ..series }])
-                } else {
-                    series.choose(&[series])
-                };
-                let future = series.rollout(law.as_ref(), last, horizon);
-                for (step, velocity) in future.into_iter().enumerate() {
-                    position += velocity * period;
-                    predicted[(scenario * horizon + step) * joints + joint] = to_f32(position);
-                }
-            }
-        }
-        Ok(predicted)
+        let each = (0..observed.robots()).into_par_iter();
+        Ok(each
+            .flat_map_iter(|scenario| {
+                interrupt.leave_if_raised();
+                let smoothed = smoothed.as_ref().map(|smoothed| smoothed.y(scenario));
+                predict_one(observed, scenario, smoothed)
+            })
+            .collect())
     }
+}
+
+/// The positions of a scenario's horizon, `[horizon, joint]`. With noise, `smoothed` has those of
+/// the context without it.
+fn predict_one(observed: &Observed<'_>, scenario: usize, smoothed: Option<Track<'_>>) -> Vec<f32> {
+    let (horizon, joints) = (observed.horizon(), observed.joints());
+    let period = 1.0 / observed.rate_hz();
+    let (measured, torques) = (observed.y(scenario), observed.u(scenario));
+    let positions = smoothed.unwrap_or(measured);
+    let last = observed.context() - 1;
+    let mut predicted = vec![0.0; horizon * joints];
+    for joint in 0..joints {
+        let velocities: Vec<f64> = mean_velocities(positions, joint, period).collect();
+        let series = JointSeries { velocities: &velocities, torques, joint };
+        let mut position = f64::from(positions[last][joint]);
+        let law = if smoothed.is_some() {
+            let velocities: Vec<f64> = mean_velocities(measured, joint, period).collect();
+            series.choose(&[series, JointSeries { velocities: &velocities, ..series }])
+        } else {
+            series.choose(&[series])
+        };
+        let future = series.rollout(law.as_ref(), last, horizon);
+        for (predicted, velocity) in predicted[joint..].iter_mut().step_by(joints).zip(future) {
+            position += velocity * period;
+            *predicted = to_f32(position);
+        }
+    }
+    predicted
 }
 
 /// The data of one joint.
