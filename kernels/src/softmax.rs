@@ -73,8 +73,8 @@ mod x86 {
 // write whole vectors inside a slice, and the lanes of the last vector that lie inside.
 
 /// Rows that go through each part of softmax together. A row waits for its greatest score and for
-/// its sum. A processor computes the same part of other rows meanwhile, because it looks only a few
-/// hundred instructions ahead.
+/// its sum. Meanwhile the processor computes the same part of the next rows, which are among the few
+/// hundred instructions that it looks ahead.
 const TOGETHER: usize = 8;
 
 #[inline(always)]

@@ -175,27 +175,29 @@ async fn a_worker_does_its_tasks_on_one_connection_and_replaces_a_broken_one() {
                     WHERE datname = current_database() AND application_name = 'torqued'";
         cluster.psql(database.name(), &format!("SELECT {query} {from}"))
     };
-    // The database ends a session some time after its client closed the connection.
-    let wait_until_none_is_left = || {
+    // The database ends a session some time after its client closed the connection. An idle
+    // connection in the worker's pool would stay for half a minute.
+    let wait_until_sessions_are = |expected: &str| {
         let began = Instant::now();
-        while of_torqued("count(*)") != "0" {
-            assert!(began.elapsed() < LONG);
+        while of_torqued("count(*)") != expected {
+            let waited = began.elapsed();
+            assert!(waited < Duration::from_secs(10), "{} sessions", of_torqued("count(*)"));
         }
     };
-    wait_until_none_is_left();
+    wait_until_sessions_are("0");
     let worker = Store::open_at(&location, Access::Worker).await.unwrap();
     for _ in 0..10 {
         do_one(&worker).await;
     }
-    assert_eq!(of_torqued("count(*)"), "1");
+    wait_until_sessions_are("1");
     of_torqued("pg_terminate_backend(pid)");
-    wait_until_none_is_left();
+    wait_until_sessions_are("0");
     // A connection that was just used is not tested.
     tokio::time::sleep(Duration::from_millis(300)).await;
     for _ in 0..9 {
         do_one(&worker).await;
     }
-    assert_eq!(of_torqued("count(*)"), "1");
+    wait_until_sessions_are("1");
     tokio::time::timeout(LONG, worker.close()).await.unwrap();
 }
 
