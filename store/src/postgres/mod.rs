@@ -177,9 +177,9 @@ impl Transaction {
             let ended = sqlx::raw_sql(statement).execute(self.connection()).await;
             ended.map_err(StoreError::database(self.operation))?;
             self.is_open = false;
-            if let Some(connection) = self.connection.take() {
-                self.kept.keep(connection, &self.pool);
-            }
+        }
+        if let Some(connection) = self.connection.take() {
+            self.kept.keep(connection, &self.pool);
         }
         Ok(())
     }
