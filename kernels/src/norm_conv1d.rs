@@ -7,8 +7,8 @@ use super::group_norm_mish::GroupNormMish;
 use super::packed::PackedKernel;
 use super::{conv1d, group_norm_mish, vectorized};
 
-/// What a condition does to each channel of each trajectory: a product and then a sum, both
-/// `[batch, channel, 1]`.
+/// The factor and the term that a condition gives each channel of each trajectory, both `[batch,
+/// channel, 1]`. The product comes before the sum.
 #[derive(Clone, Debug)]
 pub struct PerChannel {
     pub scale: Option<Tensor<3>>,
@@ -72,7 +72,7 @@ struct NormConv1d {
 }
 
 impl NormConv1d {
-    /// z
+    /// Computes z.
     fn between(&self, norm: &[Array; 3], scale: Option<&Array>, shift: &Array) -> Array {
         let [x, ..] = norm;
         let (samples, shifts) = (x.width(), shift.values());
@@ -108,6 +108,7 @@ impl NormConv1d {
         let (dh, d_scale) = match scale {
             None => (dz, None),
             Some(scale) => {
+                // h is computed once more here, because h and z together would need twice the memory.
                 let mut dh = self.norm.values(&norm, |_, _| ());
                 let mut d_scale = vec![0.0; scale.values().len()];
                 d_scale
@@ -129,7 +130,7 @@ impl NormConv1d {
 }
 
 struct Gradients {
-    /// Of x, and of the norm's weight and bias.
+    /// The gradients of x and of the norm's weight and bias.
     norm: [Array; 3],
     d_scale: Option<Array>,
     d_shift: Array,

@@ -86,7 +86,7 @@ impl LaggedPath {
     }
 }
 
-/// A series in another order, so that every [`STRIDE`]th value is the neighbour of the one before.
+/// A series in another order: values that were [`STRIDE`] apart are neighbours.
 struct Strided([Vec<f64>; STRIDE]);
 
 impl Strided {
