@@ -75,7 +75,7 @@ fn built() -> String {
 }
 
 impl Device {
-    /// The processor, through burn's `flex` backend, with as many threads as rayon has.
+    /// The processor, through burn's `flex` backend. Our own operations use all threads of rayon's pool.
     pub fn cpu() -> Self {
         Self::plain(DeviceKind::Cpu, burn::tensor::Device::flex())
     }
