@@ -1,5 +1,7 @@
 //! `x Wᵀ + b` on the rows of slices, and its gradients, on all threads.
 
+use std::cell::RefCell;
+
 use rayon::prelude::*;
 
 use super::factors::Factors;
@@ -156,6 +158,20 @@ impl Task {
     }
 }
 
+/// Buffers of [`parameter_gradients`].
+#[derive(Default)]
+struct Scratch {
+    /// Some rows of dy.
+    values: Vec<f32>,
+    /// As many rows of x.
+    panels: Panels,
+}
+
+thread_local! {
+    /// The buffers for the next call, which need no clearing then.
+    static SCRATCH: RefCell<Scratch> = RefCell::default();
+}
+
 /// dW = dyᵀ x and db = Σ dy, in tasks of some rows of dW. Products read `factors`.
 pub(super) fn parameter_gradients(
     x: &[f32],
@@ -177,8 +193,9 @@ pub(super) fn parameter_gradients(
         // few sets of the first-level cache. The pairs of bf16 are such a copy, too.
         let (count, stride) = (d_bias.len(), d_bias.len() + APART);
         let columns = multiples(count, 1);
-        let mut values = Vec::new();
-        let mut panels = Panels::new(factors);
+        let mut scratch = SCRATCH.take();
+        let Scratch { values, panels } = &mut scratch;
+        panels.set_factors(factors);
         let mut onto = Onto::Nothing;
         for (x, dy) in x.chunks(depth * input).zip(dy.chunks(depth * output)) {
             panels.write_rows(x, [x.len() / input, input], input);
@@ -189,7 +206,7 @@ pub(super) fn parameter_gradients(
                     for (row, dy) in values.chunks_exact_mut(stride).zip(dy.chunks(output)) {
                         row[..count].copy_from_slice(&dy[..count]);
                     }
-                    Left { values: &values, rows: &columns, step: stride }
+                    Left { values, rows: &columns, step: stride }
                 }
                 Factors::Bf16 => Left { values: dy, rows: &columns, step: output },
             };
@@ -197,5 +214,6 @@ pub(super) fn parameter_gradients(
             onto = Onto::Output;
             vectorized::add_rows(dy, output, d_bias);
         }
+        SCRATCH.set(scratch);
     });
 }

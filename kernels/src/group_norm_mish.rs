@@ -2,6 +2,7 @@ use burn::tensor::Tensor;
 
 use super::fused::{Array, FusedOp, apply, operand};
 use super::parts::{each_part, in_parts};
+use super::vectorized::ChannelGradients;
 use super::{mish, vectorized};
 
 /// PyTorch's default, added to the variance.
@@ -56,15 +57,15 @@ impl GroupNormMish {
             then(y, index * channels);
         })
     }
-}
 
-impl FusedOp<3> for GroupNormMish {
-    fn forward(&self, inputs: &[Array; 3]) -> Array {
-        let [x, ..] = inputs;
-        Array::new(self.values(inputs, |_, _| ()), x.shape())
-    }
-
-    fn backward(&self, [x, weight, bias]: &[Array; 3], dy: &Array) -> [Array; 3] {
+    /// The gradients of scale y + shift, where y is the result. Scale and shift have a number for
+    /// each channel of each trajectory.
+    pub fn gradients(
+        &self,
+        [x, weight, bias]: [&Array; 3],
+        scale: Option<&Array>,
+        dy: &Array,
+    ) -> GroupNormGradients {
         let all_channels = weight.width();
         let channels = all_channels / self.groups;
         let task = channels * x.width();
@@ -78,22 +79,68 @@ impl FusedOp<3> for GroupNormMish {
                 let group = index % self.groups * channels;
                 let weight = &weight.values()[group..group + channels];
                 let bias = &bias.values()[group..group + channels];
-                let (mut d_weight, mut d_bias) = (vec![0.0; channels], vec![0.0; channels]);
-                let sums = [&mut d_weight[..], &mut d_bias[..]];
-                vectorized::group_norm_mish_gradient(x, [weight, bias], EPSILON, dy, dx, sums);
-                (d_weight, d_bias)
+                let scale =
+                    scale.map_or(&[][..], |scale| &scale.values()[index * channels..][..channels]);
+                let mut sums = [(); 4].map(|()| vec![0.0; channels]);
+                let [d_weight, d_bias, d_scale, d_shift] = &mut sums;
+                let gradients = ChannelGradients {
+                    weight: d_weight,
+                    bias: d_bias,
+                    scale: d_scale,
+                    shift: d_shift,
+                };
+                vectorized::group_norm_mish_gradient(
+                    x,
+                    [weight, bias],
+                    scale,
+                    EPSILON,
+                    dy,
+                    dx,
+                    gradients,
+                );
+                sums
             },
         );
-        // The gradients of each trajectory, which are summed at the end.
-        let (weight_parts, bias_parts): (Vec<_>, Vec<_>) = sums.into_iter().unzip();
-        let (weight_parts, bias_parts) = (weight_parts.concat(), bias_parts.concat());
+        // The sums of each channel of each trajectory.
+        let mut all = [(); 4].map(|()| Vec::with_capacity(x.values().len() / x.width()));
+        for sums in sums {
+            for (all, sums) in all.iter_mut().zip(sums) {
+                all.extend(sums);
+            }
+        }
+        let [weight_parts, bias_parts, d_scale, d_shift] = all;
         let (mut d_weight, mut d_bias) = (vec![0.0; all_channels], vec![0.0; all_channels]);
         vectorized::add_rows(&weight_parts, all_channels, &mut d_weight);
         vectorized::add_rows(&bias_parts, all_channels, &mut d_bias);
-        [
-            Array::new(dx, x.shape()),
-            Array::new(d_weight, weight.shape()),
-            Array::new(d_bias, bias.shape()),
-        ]
+        GroupNormGradients {
+            x: Array::new(dx, x.shape()),
+            weight: Array::new(d_weight, weight.shape()),
+            bias: Array::new(d_bias, bias.shape()),
+            scale: d_scale,
+            shift: d_shift,
+        }
+    }
+}
+
+/// The gradients of [`GroupNormMish::gradients`].
+pub(super) struct GroupNormGradients {
+    pub x: Array,
+    pub weight: Array,
+    pub bias: Array,
+    /// Zeros without a scale.
+    pub scale: Vec<f32>,
+    pub shift: Vec<f32>,
+}
+
+impl FusedOp<3> for GroupNormMish {
+    fn forward(&self, inputs: &[Array; 3]) -> Array {
+        let [x, ..] = inputs;
+        Array::new(self.values(inputs, |_, _| ()), x.shape())
+    }
+
+    fn backward(&self, inputs: &[Array; 3], dy: &Array) -> [Array; 3] {
+        let GroupNormGradients { x, weight, bias, .. } =
+            self.gradients(inputs.each_ref(), None, dy);
+        [x, weight, bias]
     }
 }

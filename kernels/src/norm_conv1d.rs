@@ -1,5 +1,4 @@
 use burn::tensor::Tensor;
-use rayon::prelude::*;
 
 use super::conv1d::Conv1d;
 use super::fused::{Array, FusedOp, apply, operand};
@@ -63,8 +62,7 @@ pub(super) fn plain(
 }
 
 /// With h = Mish(norm(x)) and z = scale h + shift: dz and the kernel's gradient are those of the
-/// convolution, dh = scale dz, and of each channel of a trajectory, dscale = Σ dz h and dshift =
-/// Σ dz. dx and the norm's gradients follow from dh.
+/// convolution. The other gradients follow from dz.
 #[derive(Clone, Debug)]
 struct NormConv1d {
     norm: GroupNormMish,
@@ -97,35 +95,14 @@ impl NormConv1d {
         let norm = norm.map(Clone::clone);
         let z = self.between(&norm, scale, shift);
         let [dz, d_weight, d_bias] = self.conv.backward(&[z, weight.clone(), bias.clone()], dy);
-        let (samples, dz_values) = (dz.width(), dz.values());
-        let per_trajectory = shift.values().len() / shift.shape()[0];
-        let each_dz = dz_values.par_chunks(per_trajectory * samples);
-
-        let mut d_shift = vec![0.0; shift.values().len()];
-        let shifts = d_shift.par_chunks_mut(per_trajectory);
-        shifts.zip(each_dz.clone()).for_each(|(sums, dz)| vectorized::row_sums(dz, samples, sums));
-
-        let (dh, d_scale) = match scale {
-            None => (dz, None),
-            Some(scale) => {
-                // h is computed once more here, because h and z together would need twice the memory.
-                let mut dh = self.norm.values(&norm, |_, _| ());
-                let mut d_scale = vec![0.0; scale.values().len()];
-                d_scale
-                    .par_chunks_mut(per_trajectory)
-                    .zip(scale.values().par_chunks(per_trajectory))
-                    .zip(dh.par_chunks_mut(per_trajectory * samples).zip(each_dz))
-                    .for_each(|((sums, scale), (h, dz))| {
-                        vectorized::products_of_rows(h, dz, samples, sums);
-                        h.copy_from_slice(dz);
-                        vectorized::multiply_rows(h, samples, scale);
-                    });
-                let d_scale = Array::new(d_scale, scale.shape());
-                (Array::new(dh, norm[0].shape()), Some(d_scale))
-            }
-        };
-        let d_shift = Array::new(d_shift, shift.shape());
-        Gradients { norm: self.norm.backward(&norm, &dh), d_scale, d_shift, d_weight, d_bias }
+        let norm = self.norm.gradients(norm.each_ref(), scale, &dz);
+        Gradients {
+            d_scale: scale.map(|scale| Array::new(norm.scale, scale.shape())),
+            d_shift: Array::new(norm.shift, shift.shape()),
+            norm: [norm.x, norm.weight, norm.bias],
+            d_weight,
+            d_bias,
+        }
     }
 }
 

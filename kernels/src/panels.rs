@@ -10,6 +10,9 @@ use super::transposition::transpose;
 /// The widths of panels are a multiple of this, the width of the widest vectors.
 const LANES: usize = 16;
 
+/// The width of whole panels with AVX-512.
+const WIDE: usize = 4 * LANES;
+
 /// Elements below which a second thread does not pay.
 const TASK: usize = 65_536;
 
@@ -36,6 +39,15 @@ enum Numbers {
     Pairs(Vec<Pair>),
 }
 
+impl Numbers {
+    fn factors(&self) -> Factors {
+        match self {
+            Self::Singles(_) => Factors::F32,
+            Self::Pairs(_) => Factors::Bf16,
+        }
+    }
+}
+
 impl Default for Panels {
     fn default() -> Self {
         Self::new(Factors::F32)
@@ -55,6 +67,13 @@ impl Panels {
             Factors::Bf16 => Numbers::Pairs(Vec::new()),
         };
         Self { numbers, depth: 0, columns: 0, width: 0, rows: Vec::new() }
+    }
+
+    /// Empties this if it has other numbers.
+    pub fn set_factors(&mut self, factors: Factors) {
+        if self.numbers.factors() != factors {
+            *self = Self::new(factors);
+        }
     }
 
     /// Packs a matrix whose element (k, n) is `values[k row_stride + n]`.
@@ -90,9 +109,10 @@ impl Panels {
                     let first = index * width;
                     let rows = values[first..].chunks(row_stride);
                     // A copy of a known length is compiled without a call.
-                    match width.min(columns - first) {
-                        LANES if width == LANES => copy_rows::<LANES>(panel, rows),
-                        seen => {
+                    match (width, width.min(columns - first)) {
+                        (LANES, LANES) => copy_rows::<LANES>(panel, rows),
+                        (WIDE, WIDE) => copy_rows::<WIDE>(panel, rows),
+                        (width, seen) => {
                             for (row, from) in panel.chunks_exact_mut(width).zip(rows) {
                                 row[..seen].copy_from_slice(&from[..seen]);
                             }

@@ -139,18 +139,29 @@ vectorized! {
     }
 }
 
+/// Gradients of numbers that a channel has, each the sum over its samples.
+pub(super) struct ChannelGradients<'a> {
+    pub weight: &'a mut [f32],
+    pub bias: &'a mut [f32],
+    /// Empty if there is no factor.
+    pub scale: &'a mut [f32],
+    pub shift: &'a mut [f32],
+}
+
 vectorized! {
-    /// With z = x̂ weight + bias, dz = mish'(z) dy and h = dz weight:
-    /// dx = (h - mean(h) - x̂ mean(h x̂)) / deviation, and of each channel Σ dz x̂ and Σ dz.
+    /// The gradients of y = scale mish(z) + shift with z = x̂ weight + bias, where `scale` may be
+    /// empty. With dz = scale mish'(z) dy and h = dz weight:
+    /// dx = (h - mean(h) - x̂ mean(h x̂)) / deviation.
     fn group_norm_mish_gradient(
         x: &[f32],
         weight_and_bias: [&[f32]; 2],
+        scale: &[f32],
         epsilon: f32,
         dy: &[f32],
         dx: &mut [f32],
-        sums: [&mut [f32]; 2],
+        gradients: ChannelGradients<'_>,
     ) {
-        let ([weight, bias], [d_weight, d_bias]) = (weight_and_bias, sums);
+        let [weight, bias] = weight_and_bias;
         let samples = x.len() / weight.len();
         let (mean, inverse_deviation) = moments::<FUSED>(x, epsilon);
         let (mut sum_h, mut sum_hx) = (0.0, 0.0);
@@ -158,13 +169,21 @@ vectorized! {
             let range = channel * samples..(channel + 1) * samples;
             let (x, dy, dx) = (&x[range.clone()], &dy[range.clone()], &mut dx[range]);
             let (weight, bias) = (weight[channel], bias[channel]);
-            for ((dz, &x), &dy) in dx.iter_mut().zip(x).zip(dy) {
-                *dz = mish_slope::<FUSED>((x - mean) * inverse_deviation * weight + bias) * dy;
+            let z = |x: f32| (x - mean) * inverse_deviation * weight + bias;
+            if let Some(&scale) = scale.get(channel) {
+                gradients.scale[channel] = scaled_mish_gradient::<FUSED>(z, x, scale, dy, dx);
+            } else {
+                for ((dz, &x), &dy) in dx.iter_mut().zip(x).zip(dy) {
+                    *dz = mish_slope::<FUSED>(z(x)) * dy;
+                }
             }
-            d_weight[channel] = sum_of_products::<FUSED>(dx, x, mean) * inverse_deviation;
-            d_bias[channel] = sum(dx);
-            sum_h += d_bias[channel] * weight;
-            sum_hx += d_weight[channel] * weight;
+            let d_weight = sum_of_products::<FUSED>(dx, x, mean) * inverse_deviation;
+            let d_bias = sum(dx);
+            gradients.weight[channel] = d_weight;
+            gradients.bias[channel] = d_bias;
+            gradients.shift[channel] = sum(dy);
+            sum_h += d_bias * weight;
+            sum_hx += d_weight * weight;
         }
         let (mean_h, mean_hx) = (sum_h / x.len() as f32, sum_hx / x.len() as f32);
         for ((x, dx), &weight) in
@@ -252,16 +271,6 @@ vectorized! {
     fn row_sums(rows: &[f32], width: usize, sums: &mut [f32]) {
         for (total, row) in sums.iter_mut().zip(rows.chunks_exact(width)) {
             *total = sum(row);
-        }
-    }
-}
-
-vectorized! {
-    /// Σ a b of each row of `width` elements.
-    fn products_of_rows(a: &[f32], b: &[f32], width: usize, sums: &mut [f32]) {
-        let rows = a.chunks_exact(width).zip(b.chunks_exact(width));
-        for (total, (a, b)) in sums.iter_mut().zip(rows) {
-            *total = sum_of_products::<FUSED>(a, b, 0.0);
         }
     }
 }
@@ -395,14 +404,50 @@ fn mish_of<const FUSED: bool>(x: f32) -> f32 {
     x.clamp(MISH_IS_ZERO, f32::INFINITY) * (n / (n + 2.0))
 }
 
-/// d/dx mish = n / (n + 2) + 4 x eˣ (1 + eˣ) / (n + 2)².
 #[inline(always)]
 fn mish_slope<const FUSED: bool>(x: f32) -> f32 {
-    let x = x.clamp(MISH_IS_ZERO, MISH_IS_LINEAR);
-    let power = exponential::<FUSED>(x);
+    let (_, slope) = mish_and_slope::<FUSED>(x);
+    slope
+}
+
+/// Mish and d/dx mish = n / (n + 2) + 4 x eˣ (1 + eˣ) / (n + 2)².
+#[inline(always)]
+fn mish_and_slope<const FUSED: bool>(x: f32) -> (f32, f32) {
+    let within = x.clamp(MISH_IS_ZERO, MISH_IS_LINEAR);
+    let power = exponential::<FUSED>(within);
     let n = power * (power + 2.0);
     let inverse = 1.0 / (n + 2.0);
-    inverse * (n + 4.0 * x * power * (1.0 + power) * inverse)
+    let slope = inverse * (n + 4.0 * within * power * (1.0 + power) * inverse);
+    (x.clamp(MISH_IS_ZERO, f32::INFINITY) * (n * inverse), slope)
+}
+
+/// dz = scale mish'(z) dy of a channel, with z a function of x. Gives Σ mish(z) dy.
+#[inline(always)]
+fn scaled_mish_gradient<const FUSED: bool>(
+    z: impl Fn(f32) -> f32,
+    x: &[f32],
+    scale: f32,
+    dy: &[f32],
+    dz: &mut [f32],
+) -> f32 {
+    let mut lanes = [0.0; LANES];
+    let (x_blocks, x_rest) = x.as_chunks::<LANES>();
+    let (dy_blocks, dy_rest) = dy.as_chunks::<LANES>();
+    let (dz_blocks, dz_rest) = dz.as_chunks_mut::<LANES>();
+    for ((x, dy), dz) in x_blocks.iter().zip(dy_blocks).zip(dz_blocks) {
+        for lane in 0..LANES {
+            let (value, slope) = mish_and_slope::<FUSED>(z(x[lane]));
+            dz[lane] = scale * slope * dy[lane];
+            lanes[lane] = multiply_add::<FUSED>(value, dy[lane], lanes[lane]);
+        }
+    }
+    let mut total = add_lanes(lanes);
+    for ((&x, &dy), dz) in x_rest.iter().zip(dy_rest).zip(dz_rest) {
+        let (value, slope) = mish_and_slope::<FUSED>(z(x));
+        *dz = scale * slope * dy;
+        total += value * dy;
+    }
+    total
 }
 
 /// a b + c, rounded once if `FUSED`. Without the instruction a fused sum would be slow.

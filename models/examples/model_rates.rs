@@ -1,11 +1,12 @@
 //! Prints how long a training step takes, or a prediction of a single trajectory.
 //!
 //! `cargo run --release -p models --example model_rates -- training|inference [--json]
-//! [--steps COUNT] [--batch COUNT] [--matmul-precision f32|bf16] [PRESET ..]`
+//! [--steps COUNT] [--batch COUNT] [--device NAME] [--matmul-precision f32|bf16] [PRESET ..]`
 //!
 //! A training step has 64 trajectories, or `--batch`, and is complete: noise, loss, gradients, optimizer. A prediction is one pass of the
 //! network. A denoiser also predicts with 5 steps of DDIM and with 100 of DDPM. Every prediction
-//! includes normalization and noise. A first run warms up and does not count.
+//! includes normalization and noise. A first run warms up and does not count. A device other than the processor needs a
+//! build with its feature, such as `--features models/gpu`.
 //! `tests/peers/pytorch_rates.py` measures the same networks in PyTorch.
 
 /// The allocator that the product uses.
@@ -15,7 +16,7 @@ mod allocator;
 use std::error::Error;
 use std::time::Instant;
 
-use models::{Device, ModelError, Sampling, TrainedModel, Trainer, TrainingData};
+use models::{Device, DeviceKind, ModelError, Sampling, TrainedModel, Trainer, TrainingData};
 use serde_json::{Value, json};
 use series::{Series, Shape, ShapeError};
 use spec::{JobSpec, PresetPlace, SamplerKind, SamplerSpec};
@@ -48,11 +49,13 @@ fn main() -> Result<(), Box<dyn Error>> {
     };
     let (mut json, mut steps, mut batch) = (false, 5, BATCH);
     let (mut precision, mut wanted) = (None, Vec::new());
+    let mut device = DeviceKind::Cpu;
     while let Some(argument) = arguments.next() {
         match argument.as_str() {
             "--json" => json = true,
             "--steps" => steps = arguments.next().ok_or("--steps needs a number")?.parse()?,
             "--batch" => batch = arguments.next().ok_or("--batch needs a number")?.parse()?,
+            "--device" => device = arguments.next().ok_or("--device needs a name")?.parse()?,
             "--matmul-precision" => {
                 precision = Some(arguments.next().ok_or("--matmul-precision needs a name")?);
             }
@@ -63,9 +66,10 @@ fn main() -> Result<(), Box<dyn Error>> {
         let models = spec::presets().iter().filter(|preset| preset.place == PresetPlace::Model);
         wanted = models.map(|preset| preset.name.clone()).collect();
     }
+    let device = Device::open(device)?;
     let mut all = Vec::new();
     for preset in wanted {
-        let (config, times) = measure(&preset, precision.as_deref(), what, batch, steps)?;
+        let (config, times) = measure(&preset, precision.as_deref(), what, batch, steps, &device)?;
         if !json {
             println!("{preset:<18} {:>9} parameters  {times}", config["parameters"]);
         }
@@ -85,6 +89,7 @@ fn measure(
     what: What,
     batch: u32,
     steps: usize,
+    device: &Device,
 ) -> Result<(Value, Value), Box<dyn Error>> {
     let mut model = json!({"preset": preset});
     if let Some(precision) = precision {
@@ -97,8 +102,7 @@ fn measure(
     let JobSpec::Train(spec) = spec::parse(job.to_string().as_bytes())? else {
         return Err("not a training".into());
     };
-    let device = Device::cpu();
-    let mut trainer = Trainer::new(&spec, DATA, "none", &device)?;
+    let mut trainer = Trainer::new(&spec, DATA, "none", device)?;
     if what == What::Training {
         let batch = waves(batch as usize)?;
         let times = times_ms(steps, || trainer.step(&batch))?;
@@ -108,7 +112,7 @@ fn measure(
 
     let files = trainer.checkpoint()?;
     drop(trainer);
-    let model = TrainedModel::from_files(&files, &device)?;
+    let model = TrainedModel::from_files(&files, device)?;
     let waves = waves(1)?;
     let input = waves.observed(model.context());
     let mut times = json!({});

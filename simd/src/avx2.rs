@@ -104,6 +104,40 @@ impl Vector for F32x8 {
             [_mm256_slli_epi32::<16>(pairs), high].map(|half| Self(_mm256_castsi256_ps(half)))
         }
     }
+
+    #[inline(always)]
+    unsafe fn apart(self, other: Self) -> [Self; 2] {
+        // SAFETY: see above.
+        unsafe {
+            // Pairs of lanes of both vectors come in turn and are put in order.
+            let even = _mm256_castps_pd(_mm256_shuffle_ps::<0x88>(self.0, other.0));
+            let odd = _mm256_castps_pd(_mm256_shuffle_ps::<0xdd>(self.0, other.0));
+            [even, odd].map(|pairs| Self(_mm256_castpd_ps(_mm256_permute4x64_pd::<0xd8>(pairs))))
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn in_turn(self, other: Self) -> [Self; 2] {
+        // SAFETY: see above.
+        unsafe {
+            let low = _mm256_unpacklo_ps(self.0, other.0);
+            let high = _mm256_unpackhi_ps(self.0, other.0);
+            [
+                Self(_mm256_permute2f128_ps::<0x20>(low, high)),
+                Self(_mm256_permute2f128_ps::<0x31>(low, high)),
+            ]
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn shifted(self, next: Self) -> Self {
+        // SAFETY: see above.
+        unsafe {
+            let turned = _mm256_blend_ps::<1>(self.0, next.0);
+            let lanes = _mm256_setr_epi32(1, 2, 3, 4, 5, 6, 7, 0);
+            Self(_mm256_permutevar8x32_ps(turned, lanes))
+        }
+    }
 }
 
 #[inline]

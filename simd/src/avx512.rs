@@ -98,6 +98,35 @@ impl Vector for F32x16 {
     }
 
     #[inline(always)]
+    unsafe fn apart(self, other: Self) -> [Self; 2] {
+        // SAFETY: see above.
+        unsafe {
+            let even = _mm512_setr_epi32(0, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 22, 24, 26, 28, 30);
+            let odd = _mm512_add_epi32(even, _mm512_set1_epi32(1));
+            [even, odd].map(|lanes| Self(_mm512_permutex2var_ps(self.0, lanes, other.0)))
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn in_turn(self, other: Self) -> [Self; 2] {
+        // SAFETY: see above.
+        unsafe {
+            let low = _mm512_setr_epi32(0, 16, 1, 17, 2, 18, 3, 19, 4, 20, 5, 21, 6, 22, 7, 23);
+            let high = _mm512_add_epi32(low, _mm512_set1_epi32(8));
+            [low, high].map(|lanes| Self(_mm512_permutex2var_ps(self.0, lanes, other.0)))
+        }
+    }
+
+    #[inline(always)]
+    unsafe fn shifted(self, next: Self) -> Self {
+        // SAFETY: see above.
+        unsafe {
+            let [this, next] = [self.0, next.0].map(|lanes| _mm512_castps_si512(lanes));
+            Self(_mm512_castsi512_ps(_mm512_alignr_epi32::<1>(next, this)))
+        }
+    }
+
+    #[inline(always)]
     unsafe fn greatest(self) -> f32 {
         // SAFETY: see above.
         unsafe { _mm512_reduce_max_ps(self.0) }

@@ -66,6 +66,25 @@ pub trait Vector: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = 
     /// See [`Vector::mask`].
     unsafe fn halves(self) -> [Self; 2];
 
+    /// Of the lanes of both vectors, one after the other, every second one: from the first on, and
+    /// from the second on.
+    ///
+    /// # Safety
+    /// See [`Vector::mask`].
+    unsafe fn apart(self, other: Self) -> [Self; 2];
+
+    /// The lanes of both vectors in turn: the inverse of [`Vector::apart`].
+    ///
+    /// # Safety
+    /// See [`Vector::mask`].
+    unsafe fn in_turn(self, other: Self) -> [Self; 2];
+
+    /// All lanes but the first, followed by the first lane of `next`.
+    ///
+    /// # Safety
+    /// See [`Vector::mask`].
+    unsafe fn shifted(self, next: Self) -> Self;
+
     /// The greatest lane.
     ///
     /// # Safety
@@ -208,6 +227,24 @@ impl Vector for Unfused {
         }
         [low, high]
     }
+
+    #[inline(always)]
+    unsafe fn apart(self, other: Self) -> [Self; 2] {
+        let ([a, b, c, d], [e, f, g, h]) = (self.0, other.0);
+        [Self([a, c, e, g]), Self([b, d, f, h])]
+    }
+
+    #[inline(always)]
+    unsafe fn in_turn(self, other: Self) -> [Self; 2] {
+        let ([a, b, c, d], [e, f, g, h]) = (self.0, other.0);
+        [Self([a, e, b, f]), Self([c, g, d, h])]
+    }
+
+    #[inline(always)]
+    unsafe fn shifted(self, next: Self) -> Self {
+        let ([_, b, c, d], [e, ..]) = (self.0, next.0);
+        Self([b, c, d, e])
+    }
 }
 
 #[cfg(test)]
@@ -332,6 +369,32 @@ mod tests {
     #[test]
     fn halves_of_a_lane_are_two_numbers() {
         on_each!(halves);
+    }
+
+    fn orders<V: Vector>() {
+        let lanes = V::LANES;
+        let numbers: Vec<f32> = (0..32).map(|number| number as f32).collect();
+        let mut found = [[0.0; 16]; 5];
+        // SAFETY: see `masks`. There are as many numbers as lanes of two vectors.
+        unsafe {
+            let [a, b] = [V::load(numbers.as_ptr()), V::load(numbers[lanes..].as_ptr())];
+            let [even, odd] = a.apart(b);
+            let [first, second] = even.in_turn(odd);
+            let results = [even, odd, first, second, a.shifted(b)];
+            for (found, result) in found.iter_mut().zip(results) {
+                result.store(found.as_mut_ptr());
+            }
+        }
+        let expected = [2, 2, 1, 1, 1].into_iter().zip([0, 1, 0, lanes, 1]);
+        for (found, (step, first)) in found.iter().zip(expected) {
+            let expected = numbers[first..].iter().step_by(step).take(lanes);
+            assert!(found.iter().take(lanes).eq(expected), "{step} {first}: {found:?}");
+        }
+    }
+
+    #[test]
+    fn lanes_are_reordered_as_the_names_say() {
+        on_each!(orders);
     }
 
     #[test]

@@ -119,20 +119,17 @@ impl TiledCorrelation<'_> {
     /// Writes the outputs of one trajectory on all threads. They first divide its channels, and
     /// then those of the output.
     fn write_divided(&self, series: &[f32], output: &mut [f32]) {
-        let Tiles { windows: Windows { channels, samples, count, .. }, count: tiles } = self.tiles;
+        let Tiles { windows: Windows { channels, samples, first, count, .. }, count: tiles } =
+            self.tiles;
         let tasks = 2 * rayon::current_num_threads();
         // With a stride of a power of two, rows would share few sets of the first-level cache.
         let apart = POINTS * tiles + LANES;
         let task = channels.div_ceil(tasks);
         let points = each_part(channels * apart, task * apart, |index, places| {
-            with_scratch(|Scratch { padded, .. }| {
-                let series = series[index * task * samples..].chunks_exact(samples);
-                for (series, place) in series.zip(places.chunks_exact_mut(apart)) {
-                    let mut points: Vec<&mut [f32]> = place.chunks_exact_mut(tiles).collect();
-                    self.tiles.pad(series, padded);
-                    points_of_series(padded, tiles, 0, &mut points[..POINTS]);
-                }
-            });
+            let series = series[index * task * samples..].chunks_exact(samples);
+            for (series, place) in series.zip(places.chunks_exact_mut(apart)) {
+                points_of_series(series, first, tiles, 0, &mut by_point(place, tiles));
+            }
         });
         let task = self.outputs.div_ceil(tasks).next_multiple_of(TILE_ROWS).min(ROWS);
         output.par_chunks_mut(task * count).enumerate().for_each(|(index, output)| {
@@ -174,11 +171,10 @@ impl TiledCorrelation<'_> {
         products: &[f32],
         output: &mut [f32],
     ) {
-        let Tiles { windows: Windows { count, .. }, count: tiles } = self.tiles;
+        let count = self.tiles.windows.count;
         for (row, series) in output.chunks_exact_mut(count).enumerate() {
             let at = row * columns + first;
-            let products =
-                std::array::from_fn(|point| &products[point * ROWS * columns + at..][..tiles]);
+            let products = std::array::from_fn(|point| &products[point * ROWS * columns + at..]);
             let bias = self.bias.map_or(0.0, |bias| bias[first_output + row]);
             outputs_of_products(products, bias, series);
         }
@@ -259,8 +255,6 @@ struct Tiles {
 /// Buffers of a task.
 #[derive(Default)]
 struct Scratch {
-    /// A series with zeros at its ends.
-    padded: Vec<f32>,
     /// `[point, channel, column]`. A column is a tile of a trajectory.
     points: Vec<f32>,
     /// `[point, output channel, column]`.
@@ -294,36 +288,19 @@ impl Tiles {
         (TOGETHER / self.count).max(1)
     }
 
-    /// Length of a padded series: whole blocks of tiles, and the samples that the last one sees
-    /// beyond its outputs.
-    fn padded_length(&self) -> usize {
-        OUTPUTS * (self.count.next_multiple_of(LANES) + 1)
-    }
-
-    /// Writes the samples of a channel that windows see, with zeros before and after.
-    fn pad(&self, series: &[f32], padded: &mut Vec<f32>) {
-        let Windows { samples, first, .. } = self.windows;
-        padded.resize(self.padded_length(), 0.0);
-        // The first window begins before the series or within it.
-        let (before, skipped) = (first.min(0).unsigned_abs(), first.max(0).unsigned_abs());
-        let seen = samples.saturating_sub(skipped).min(padded.len() - before);
-        padded[..before].fill(0.0);
-        padded[before..before + seen].copy_from_slice(&series[skipped..][..seen]);
-        padded[before + seen..].fill(0.0);
-    }
-
     /// Transforms the series of some trajectories. Gives the number of columns.
     fn at_points(&self, series: &[f32], scratch: &mut Scratch) -> usize {
-        let Windows { channels, samples, .. } = self.windows;
+        let Windows { channels, samples, first, .. } = self.windows;
         let columns = series.len() / (channels * samples) * self.count;
-        let Scratch { padded, points, .. } = scratch;
-        points.resize(POINTS * channels * columns, 0.0);
-        let mut points: Vec<&mut [f32]> = points.chunks_exact_mut(channels * columns).collect();
-        for (index, series) in series.chunks_exact(samples).enumerate() {
-            let (trajectory, channel) = (index / channels, index % channels);
-            self.pad(series, padded);
-            let at = channel * columns + trajectory * self.count;
-            points_of_series(padded, self.count, at, &mut points);
+        scratch.points.resize(POINTS * channels * columns, 0.0);
+        let mut points = by_point(&mut scratch.points, channels * columns);
+        // In this order, numbers that are written beyond the last tile are overwritten later.
+        for channel in 0..channels {
+            for (trajectory, series) in series.chunks_exact(channels * samples).enumerate() {
+                let series = &series[channel * samples..][..samples];
+                let at = channel * columns + trajectory * self.count;
+                points_of_series(series, first, self.count, at, &mut points);
+            }
         }
         columns
     }
@@ -338,18 +315,14 @@ impl Tiles {
     ) {
         let samples = self.windows.count;
         let columns = coarse.len() / (all * samples) * self.count;
-        let Scratch { padded, products, .. } = scratch;
-        padded.clear();
-        padded.resize(self.padded_length(), 0.0);
+        let products = &mut scratch.products;
         products.resize(POINTS * outputs.len() * columns, 0.0);
-        let mut points: Vec<&mut [f32]> =
-            products.chunks_exact_mut(outputs.len() * columns).collect();
-        for (trajectory, coarse) in coarse.chunks_exact(all * samples).enumerate() {
-            let coarse = coarse[outputs.start * samples..outputs.end * samples].chunks(samples);
-            for (output, coarse) in coarse.enumerate() {
-                padded[..samples].copy_from_slice(coarse);
-                let at = output * columns + trajectory * self.count;
-                points_of_outputs(padded, self.count, at, &mut points);
+        let mut points = by_point(products, outputs.len() * columns);
+        // See `at_points`.
+        for (row, output) in outputs.enumerate() {
+            for (trajectory, coarse) in coarse.chunks_exact(all * samples).enumerate() {
+                let gradients = &coarse[output * samples..][..samples];
+                points_of_outputs(gradients, row * columns + trajectory * self.count, &mut points);
             }
         }
     }
@@ -358,14 +331,19 @@ impl Tiles {
 /// Transforms a kernel `[output, input, tap]` to `[point, output, input]`.
 pub(super) fn kernel_at_points(kernel: &[f32], outputs: usize, inputs: usize) -> Vec<f32> {
     let mut points = vec![0.0; POINTS * outputs * inputs];
-    let mut rows: Vec<Vec<&mut [f32]>> = (0..outputs).map(|_| Vec::new()).collect();
-    for point in points.chunks_exact_mut(outputs * inputs) {
-        for (rows, row) in rows.iter_mut().zip(point.chunks_exact_mut(inputs)) {
-            rows.push(row);
-        }
-    }
+    let mut rows =
+        by_point(&mut points, outputs * inputs).map(|point| point.chunks_exact_mut(inputs));
+    let mut rows: Vec<[&mut [f32]; POINTS]> = (0..outputs)
+        .map(|_| rows.each_mut().map(|rows| rows.next().expect("a row for each output")))
+        .collect();
     rows.par_iter_mut().zip(kernel.par_chunks(inputs * TAPS)).for_each(|(points, taps)| {
         points_of_taps(taps, points);
     });
     points
+}
+
+/// The values of each point, which are `length` apart.
+fn by_point(values: &mut [f32], length: usize) -> [&mut [f32]; POINTS] {
+    let mut parts = values.chunks_exact_mut(length);
+    std::array::from_fn(|_| parts.next().expect("values for each point"))
 }

@@ -1,212 +1,306 @@
 //! The transforms between samples, taps or outputs and values at the points.
 
-use super::super::vectorized::vectorized;
-use super::{LANES, OUTPUTS, POINTS, TAPS};
+use simd::{InstructionSet, Unfused, Vector};
 
-/// A vector of the widest instruction set.
-type Block = [f32; LANES];
+use super::super::instruction_set::detected;
+use super::{OUTPUTS, POINTS, TAPS};
 
-/// Splits a block into four: every fourth number, beginning with each of the first four.
-#[inline(always)]
-fn apart(block: &[f32]) -> [Block; OUTPUTS] {
-    let mut phases = [[0.0; LANES]; OUTPUTS];
-    let (quads, _) = block.as_chunks::<OUTPUTS>();
-    for (lane, quad) in quads.iter().take(LANES).enumerate() {
-        for phase in 0..OUTPUTS {
-            phases[phase][lane] = quad[phase];
-        }
-    }
-    phases
-}
+/// Defines a function that calls a generic one with the widest vectors of the processor.
+macro_rules! on_vectors {
+    ($(#[$attribute:meta])* fn $name:ident($($argument:ident: $type:ty),* $(,)?) = $generic:ident) => {
+        $(#[$attribute])*
+        pub(super) fn $name($($argument: $type),*) {
+            #[cfg(target_arch = "x86_64")]
+            #[target_feature(enable = "avx512f")]
+            fn avx512($($argument: $type),*) {
+                // SAFETY: this function is compiled for the vectors' instructions.
+                unsafe { $generic::<simd::F32x16>($($argument),*) }
+            }
 
-/// The inverse of [`apart`].
-#[inline(always)]
-fn in_turn(phases: &[Block; OUTPUTS]) -> [f32; OUTPUTS * LANES] {
-    let mut block = [0.0; OUTPUTS * LANES];
-    let (quads, _) = block.as_chunks_mut::<OUTPUTS>();
-    for (lane, quad) in quads.iter_mut().enumerate() {
-        for phase in 0..OUTPUTS {
-            quad[phase] = phases[phase][lane];
-        }
-    }
-    block
-}
+            #[cfg(target_arch = "x86_64")]
+            #[target_feature(enable = "avx2,fma")]
+            fn avx2($($argument: $type),*) {
+                // SAFETY: see above.
+                unsafe { $generic::<simd::F32x8>($($argument),*) }
+            }
 
-/// A block of numbers from `at` on, with zeros beyond the end.
-#[inline(always)]
-fn block_at(values: &[f32], at: usize) -> Block {
-    let values = &values[at..];
-    if let Some(block) = values.first_chunk::<LANES>() {
-        return *block;
-    }
-    let mut block = [0.0; LANES];
-    for (number, &value) in block.iter_mut().zip(values) {
-        *number = value;
-    }
-    block
-}
-
-#[inline(always)]
-fn blocks_at(points: &[&[f32]; POINTS], at: usize) -> [Block; POINTS] {
-    let mut blocks = [[0.0; LANES]; POINTS];
-    for (block, point) in blocks.iter_mut().zip(points) {
-        *block = block_at(point, at);
-    }
-    blocks
-}
-
-/// Writes up to a block of numbers for each point.
-#[inline(always)]
-fn put(values: &[Block; POINTS], at: usize, count: usize, points: &mut [&mut [f32]]) {
-    for (values, point) in values.iter().zip(points) {
-        let place = &mut point[at..at + count];
-        if let Some(place) = place.first_chunk_mut::<LANES>() {
-            *place = *values;
-        } else {
-            for (place, &value) in place.iter_mut().zip(values) {
-                *place = value;
+            match detected() {
+                #[cfg(target_arch = "x86_64")]
+                // SAFETY: the processor has these instructions.
+                InstructionSet::Avx512(_) => unsafe { avx512($($argument),*) },
+                #[cfg(target_arch = "x86_64")]
+                // SAFETY: the processor has these instructions.
+                InstructionSet::Avx2(_) => unsafe { avx2($($argument),*) },
+                // SAFETY: these vectors need no instructions.
+                InstructionSet::Portable => unsafe { $generic::<Unfused>($($argument),*) },
             }
         }
-    }
+    };
 }
 
-vectorized! {
-    /// Transforms the `count` tiles of a padded series. The values of each point are written from
-    /// `at` on.
-    fn points_of_series(padded: &[f32], count: usize, at: usize, points: &mut [&mut [f32]]) {
-        for first in (0..count).step_by(LANES) {
-            let [x0, x1, x2, x3] = apart(&padded[OUTPUTS * first..][..OUTPUTS * LANES]);
-            let [x4, x5, x6, x7] = apart(&padded[OUTPUTS * (first + 1)..][..OUTPUTS * LANES]);
-            let mut values = [[0.0; LANES]; POINTS];
-            for lane in 0..LANES {
-                let [a, b, c, d] = [x0[lane], x1[lane], x2[lane], x3[lane]];
-                let [e, f, g, h] = [x4[lane], x5[lane], x6[lane], x7[lane]];
-                // A pair of points ±p shares the even and the odd part of the polynomial.
-                let (even, odd) = (c + g - 4.25 * e, b + f - 4.25 * d);
-                values[1][lane] = even + odd;
-                values[2][lane] = even - odd;
-                let (even, odd) = (4.0 * c + g - 5.0 * e, 2.0 * b + 0.5 * f - 2.5 * d);
-                values[3][lane] = even + odd;
-                values[4][lane] = even - odd;
-                let (even, odd) = (0.25 * c + g - 1.25 * e, 0.5 * b + 2.0 * f - 2.5 * d);
-                values[5][lane] = even + odd;
-                values[6][lane] = even - odd;
-                values[0][lane] = g - a + 5.25 * (c - e);
-                values[7][lane] = h - b + 5.25 * (d - f);
-            }
-            put(&values, at + first, LANES.min(count - first), points);
-        }
-    }
+on_vectors! {
+    /// Transforms the `count` tiles of a series, whose first one begins at sample `start`. There are
+    /// zeros beyond the ends of the series. The values of each point are written from `at` on. They
+    /// are followed by up to a vector of others, where there is room.
+    fn points_of_series(
+        series: &[f32],
+        start: isize,
+        count: usize,
+        at: usize,
+        points: &mut [&mut [f32]; POINTS],
+    ) = series_at_points
 }
 
-vectorized! {
+on_vectors! {
     /// Transforms the gradients of outputs in the same way.
-    fn points_of_outputs(padded: &[f32], count: usize, at: usize, points: &mut [&mut [f32]]) {
-        for first in (0..count).step_by(LANES) {
-            let [y0, y1, y2, y3] = apart(&padded[OUTPUTS * first..][..OUTPUTS * LANES]);
-            let mut values = [[0.0; LANES]; POINTS];
-            for lane in 0..LANES {
-                let [a, b, c, d] = [y0[lane], y1[lane], y2[lane], y3[lane]];
-                values[0][lane] = a;
-                let (even, odd) = (a + c, b + d);
-                values[1][lane] = even + odd;
-                values[2][lane] = even - odd;
-                let (even, odd) = (a + 0.25 * c, 0.5 * b + 0.125 * d);
-                values[3][lane] = even + odd;
-                values[4][lane] = even - odd;
-                let (even, odd) = (a + 4.0 * c, 2.0 * b + 8.0 * d);
-                values[5][lane] = even + odd;
-                values[6][lane] = even - odd;
-                values[7][lane] = d;
-            }
-            put(&values, at + first, LANES.min(count - first), points);
+    fn points_of_outputs(gradients: &[f32], at: usize, points: &mut [&mut [f32]; POINTS]) =
+        outputs_at_points
+}
+
+on_vectors! {
+    /// Transforms consecutive kernels.
+    fn points_of_taps(taps: &[f32], points: &mut [&mut [f32]; POINTS]) = taps_at_points
+}
+
+on_vectors! {
+    /// Transforms the products into outputs and adds `bias`. Products beyond the last tile are
+    /// ignored.
+    fn outputs_of_products(products: [&[f32]; POINTS], bias: f32, outputs: &mut [f32]) =
+        outputs_of
+}
+
+on_vectors! {
+    /// Transforms the gradients at the points into gradients of the taps.
+    fn taps_of_points(points: [&[f32]; POINTS], taps: [&mut [f32]; TAPS]) = taps_of
+}
+
+// Each function below must be inlined into one that is compiled for the instructions of its
+// vectors, and that runs on a processor with them.
+
+#[inline(always)]
+unsafe fn series_at_points<V: Vector>(
+    series: &[f32],
+    start: isize,
+    count: usize,
+    at: usize,
+    points: &mut [&mut [f32]; POINTS],
+) {
+    // SAFETY: here and below, the caller guarantees the instructions.
+    unsafe {
+        let times = |factor: f32, vector: V| V::splat(factor) * vector;
+        let mut tiles = tiles_at::<V>(series, start);
+        for first in (0..count).step_by(V::LANES) {
+            let next = (OUTPUTS * (first + V::LANES)).cast_signed();
+            let next = tiles_at::<V>(series, start + next);
+            let [a, b, c, d] = tiles;
+            // A tile sees the next one's samples, too.
+            let [e, f] = [a.shifted(next[0]), b.shifted(next[1])];
+            let [g, h] = [c.shifted(next[2]), d.shifted(next[3])];
+            tiles = next;
+
+            // A pair of points ±p shares the even and the odd part of the polynomial.
+            let ones = (c + g - times(4.25, e), b + f - times(4.25, d));
+            let halves =
+                (times(4.0, c) + g - times(5.0, e), times(2.0, b) + times(0.5, f) - times(2.5, d));
+            let twos = (
+                times(0.25, c) + g - times(1.25, e),
+                times(0.5, b) + times(2.0, f) - times(2.5, d),
+            );
+            let zero = g - a + times(5.25, c - e);
+            let infinity = h - b + times(5.25, d - f);
+            put(zero, [ones, halves, twos], infinity, at + first, points);
         }
     }
 }
 
-vectorized! {
-    /// Transforms consecutive kernels.
-    fn points_of_taps(taps: &[f32], points: &mut [&mut [f32]]) {
+#[inline(always)]
+unsafe fn outputs_at_points<V: Vector>(
+    gradients: &[f32],
+    at: usize,
+    points: &mut [&mut [f32]; POINTS],
+) {
+    // SAFETY: see above.
+    unsafe {
+        let times = |factor: f32, vector: V| V::splat(factor) * vector;
+        for first in (0..gradients.len().div_ceil(OUTPUTS)).step_by(V::LANES) {
+            let [a, b, c, d] = tiles_at::<V>(gradients, (OUTPUTS * first).cast_signed());
+            let ones = (a + c, b + d);
+            let halves = (a + times(0.25, c), times(0.5, b) + times(0.125, d));
+            let twos = (a + times(4.0, c), times(2.0, b) + times(8.0, d));
+            put(a, [ones, halves, twos], d, at + first, points);
+        }
+    }
+}
+
+#[inline(always)]
+unsafe fn taps_at_points<V: Vector>(taps: &[f32], points: &mut [&mut [f32]; POINTS]) {
+    // SAFETY: see above.
+    unsafe {
+        let times = |factor: f32, vector: V| V::splat(factor) * vector;
         let (kernels, _) = taps.as_chunks::<TAPS>();
-        for (block, kernels) in kernels.chunks(LANES).enumerate() {
-            let mut taps = [[0.0; LANES]; TAPS];
+        for (block, kernels) in kernels.chunks(V::LANES).enumerate() {
+            let mut taps = [[0.0; MOST_LANES]; TAPS];
             for (lane, kernel) in kernels.iter().enumerate() {
                 for tap in 0..TAPS {
                     taps[tap][lane] = kernel[tap];
                 }
             }
-            let mut values = [[0.0; LANES]; POINTS];
-            for lane in 0..LANES {
-                let [a, b, c, d, e] =
-                    [taps[0][lane], taps[1][lane], taps[2][lane], taps[3][lane], taps[4][lane]];
-                values[0][lane] = -a;
-                let (even, odd) = ((a + c + e) * (-2.0 / 9.0), (b + d) * (-2.0 / 9.0));
-                values[1][lane] = even + odd;
-                values[2][lane] = even - odd;
-                let (even, odd) =
-                    ((16.0 * a + 4.0 * c + e) * (2.0 / 45.0), (8.0 * b + 2.0 * d) * (2.0 / 45.0));
-                values[3][lane] = even + odd;
-                values[4][lane] = even - odd;
-                let (even, odd) =
-                    ((a + 4.0 * c + 16.0 * e) * (1.0 / 90.0), (2.0 * b + 8.0 * d) * (1.0 / 90.0));
-                values[5][lane] = even + odd;
-                values[6][lane] = even - odd;
-                values[7][lane] = e;
-            }
-            put(&values, LANES * block, kernels.len(), points);
+            let [a, b, c, d, e] = vectors(&taps.each_ref().map(|taps| &taps[..]), 0);
+            let ones = (times(-2.0 / 9.0, a + c + e), times(-2.0 / 9.0, b + d));
+            let halves = (
+                times(2.0 / 45.0, times(16.0, a) + times(4.0, c) + e),
+                times(2.0 / 45.0, times(8.0, b) + times(2.0, d)),
+            );
+            let twos = (
+                times(1.0 / 90.0, a + times(4.0, c) + times(16.0, e)),
+                times(1.0 / 90.0, times(2.0, b) + times(8.0, d)),
+            );
+            put(times(-1.0, a), [ones, halves, twos], e, V::LANES * block, points);
         }
     }
 }
 
-vectorized! {
-    /// Transforms the products into outputs and adds `bias`.
-    fn outputs_of_products(products: [&[f32]; POINTS], bias: f32, outputs: &mut [f32]) {
-        for (block, outputs) in outputs.chunks_mut(OUTPUTS * LANES).enumerate() {
-            let [zero, a, b, c, d, e, f, infinity] = blocks_at(&products, LANES * block);
-            let mut phases = [[0.0; LANES]; OUTPUTS];
-            for lane in 0..LANES {
-                let (one, half, two) = (a[lane] + b[lane], c[lane] + d[lane], e[lane] + f[lane]);
-                phases[0][lane] = zero[lane] + bias + one + half + two;
-                phases[2][lane] = bias + one + 0.25 * half + 4.0 * two;
-                let (one, half, two) = (a[lane] - b[lane], c[lane] - d[lane], e[lane] - f[lane]);
-                phases[1][lane] = bias + one + 0.5 * half + 2.0 * two;
-                phases[3][lane] = infinity[lane] + bias + one + 0.125 * half + 8.0 * two;
-            }
-            let values = in_turn(&phases);
-            if let Some(outputs) = outputs.first_chunk_mut() {
-                *outputs = values;
-            } else {
-                outputs.copy_from_slice(&values[..outputs.len()]);
+#[inline(always)]
+unsafe fn outputs_of<V: Vector>(products: [&[f32]; POINTS], bias: f32, outputs: &mut [f32]) {
+    // SAFETY: see above.
+    unsafe {
+        let times = |factor: f32, vector: V| V::splat(factor) * vector;
+        let bias = V::splat(bias);
+        for first in (0..outputs.len().div_ceil(OUTPUTS)).step_by(V::LANES) {
+            let [zero, a, b, c, d, e, f, infinity] = vectors::<V, POINTS>(&products, first);
+            let (one, half, two) = (a + b, c + d, e + f);
+            let y0 = zero + bias + one + half + two;
+            let y2 = bias + one + times(0.25, half) + times(4.0, two);
+            let (one, half, two) = (a - b, c - d, e - f);
+            let y1 = bias + one + times(0.5, half) + times(2.0, two);
+            let y3 = infinity + bias + one + times(0.125, half) + times(8.0, two);
+            // The inverse of `tiles_at`.
+            let ([even, odd], [other_even, other_odd]) = (y0.in_turn(y2), y1.in_turn(y3));
+            let (first_half, second_half) = (even.in_turn(other_even), odd.in_turn(other_odd));
+            let all = first_half.into_iter().chain(second_half);
+            for (index, vector) in all.enumerate() {
+                store_at(vector, outputs, OUTPUTS * first + index * V::LANES);
             }
         }
     }
 }
 
-vectorized! {
-    /// Transforms the gradients at the points into gradients of the taps.
-    fn taps_of_points(points: [&[f32]; POINTS], taps: [&mut [f32]; TAPS]) {
-        let [ta, tb, tc, td, te] = taps;
-        for first in (0..ta.len()).step_by(LANES) {
-            let [zero, a, b, c, d, e, f, infinity] = blocks_at(&points, first);
-            let mut values = [[0.0; LANES]; TAPS];
-            for lane in 0..LANES {
-                let one = (a[lane] + b[lane]) * (-2.0 / 9.0);
-                let half = (c[lane] + d[lane]) * (2.0 / 45.0);
-                let two = (e[lane] + f[lane]) * (1.0 / 90.0);
-                values[0][lane] = one + 16.0 * half + two - zero[lane];
-                values[2][lane] = one + 4.0 * half + 4.0 * two;
-                values[4][lane] = one + half + 16.0 * two + infinity[lane];
-                let one = (a[lane] - b[lane]) * (-2.0 / 9.0);
-                let half = (c[lane] - d[lane]) * (2.0 / 45.0);
-                let two = (e[lane] - f[lane]) * (1.0 / 90.0);
-                values[1][lane] = one + 8.0 * half + 2.0 * two;
-                values[3][lane] = one + 2.0 * half + 8.0 * two;
-            }
-            let places = [&mut *ta, &mut *tb, &mut *tc, &mut *td, &mut *te];
-            for (place, values) in places.into_iter().zip(&values) {
-                let count = LANES.min(place.len() - first);
-                place[first..first + count].copy_from_slice(&values[..count]);
-            }
+#[inline(always)]
+unsafe fn taps_of<V: Vector>(points: [&[f32]; POINTS], taps: [&mut [f32]; TAPS]) {
+    // SAFETY: see above.
+    unsafe {
+        let times = |factor: f32, vector: V| V::splat(factor) * vector;
+        for first in (0..taps[0].len()).step_by(V::LANES) {
+            let [zero, a, b, c, d, e, f, infinity] = vectors::<V, POINTS>(&points, first);
+            let one = times(-2.0 / 9.0, a + b);
+            let half = times(2.0 / 45.0, c + d);
+            let two = times(1.0 / 90.0, e + f);
+            store_at(one + times(16.0, half) + two - zero, taps[0], first);
+            store_at(one + times(4.0, half) + times(4.0, two), taps[2], first);
+            store_at(one + half + times(16.0, two) + infinity, taps[4], first);
+            let one = times(-2.0 / 9.0, a - b);
+            let half = times(2.0 / 45.0, c - d);
+            let two = times(1.0 / 90.0, e - f);
+            store_at(one + times(8.0, half) + times(2.0, two), taps[1], first);
+            store_at(one + times(2.0, half) + times(8.0, two), taps[3], first);
+        }
+    }
+}
+
+/// [`Vector::LANES`] is at most this.
+const MOST_LANES: usize = 16;
+
+/// Writes the values at 0, at ±1, ±1/2 and ±2 from their even and odd parts, and at ∞.
+#[inline(always)]
+unsafe fn put<V: Vector>(
+    zero: V,
+    parts: [(V, V); 3],
+    infinity: V,
+    at: usize,
+    points: &mut [&mut [f32]; POINTS],
+) {
+    // SAFETY: see above.
+    unsafe {
+        store_at(zero, points[0], at);
+        for (index, (even, odd)) in parts.into_iter().enumerate() {
+            store_at(even + odd, points[1 + 2 * index], at);
+            store_at(even - odd, points[2 + 2 * index], at);
+        }
+        store_at(infinity, points[POINTS - 1], at);
+    }
+}
+
+/// Every fourth sample from `start` on, and the same from each of the next three on: a tile in each
+/// lane. There are zeros beyond the ends of the series.
+#[inline(always)]
+unsafe fn tiles_at<V: Vector>(series: &[f32], start: isize) -> [V; OUTPUTS] {
+    // SAFETY: see above.
+    unsafe {
+        let mut samples = [V::splat(0.0); OUTPUTS];
+        for (index, vector) in samples.iter_mut().enumerate() {
+            *vector = samples_at(series, start + (index * V::LANES).cast_signed());
+        }
+        let [even, odd] = samples[0].apart(samples[1]);
+        let [next_even, next_odd] = samples[2].apart(samples[3]);
+        let ([first, third], [second, fourth]) = (even.apart(next_even), odd.apart(next_odd));
+        [first, second, third, fourth]
+    }
+}
+
+#[inline(always)]
+unsafe fn samples_at<V: Vector>(series: &[f32], start: isize) -> V {
+    // SAFETY: see above. The array has room for a vector.
+    unsafe {
+        if start >= 0 {
+            return load_at(series, start.unsigned_abs());
+        }
+        let mut samples = [0.0; MOST_LANES];
+        let before = start.unsigned_abs().min(V::LANES);
+        for (place, &sample) in samples[before..V::LANES].iter_mut().zip(series) {
+            *place = sample;
+        }
+        V::load(samples.as_ptr())
+    }
+}
+
+/// A vector of each, from `at` on.
+#[inline(always)]
+unsafe fn vectors<V: Vector, const N: usize>(values: &[&[f32]; N], at: usize) -> [V; N] {
+    // SAFETY: see above.
+    unsafe {
+        let mut vectors = [V::splat(0.0); N];
+        for (vector, values) in vectors.iter_mut().zip(values) {
+            *vector = load_at(values, at);
+        }
+        vectors
+    }
+}
+
+/// A vector from `at` on, with zeros beyond the end.
+#[inline(always)]
+unsafe fn load_at<V: Vector>(values: &[f32], at: usize) -> V {
+    let values = &values[at.min(values.len())..];
+    // SAFETY: see above. Only values are read.
+    unsafe {
+        if values.len() >= V::LANES {
+            V::load(values.as_ptr())
+        } else {
+            V::load_masked(values.as_ptr(), V::mask(values.len()), V::splat(0.0))
+        }
+    }
+}
+
+/// Writes a vector from `at` on, or as many of its lanes as have room.
+#[inline(always)]
+unsafe fn store_at<V: Vector>(vector: V, to: &mut [f32], at: usize) {
+    let at = at.min(to.len());
+    let to = &mut to[at..];
+    // SAFETY: see above. Only the places are written.
+    unsafe {
+        if to.len() >= V::LANES {
+            vector.store(to.as_mut_ptr());
+        } else {
+            vector.store_masked(to.as_mut_ptr(), V::mask(to.len()));
         }
     }
 }

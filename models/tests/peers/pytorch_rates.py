@@ -5,7 +5,7 @@ Reads a question from standard input, `{"config": .., "what": "training" | "infe
 same times. All in single precision, or with `torch.autocast` to bf16. A training step is noise, forward pass, loss, backward pass and Adam. Its
 multiply-adds are those of PyTorch's matrix products and convolutions. A prediction is that of
 `torqued.checkpoint.TrainedModel`, but a pass is that of the network alone. PYTHONPATH must contain the repository's
-`python`.
+`python`. The question may have a `"device"`, such as "cuda", for steps and passes on it.
 """
 
 import json
@@ -24,11 +24,16 @@ PASSES, CHAINS = 20, 4
 
 
 def milliseconds(count: int, action: Callable[[], object]) -> list[float]:
-    action()
+    def finish() -> None:
+        action()
+        if torch.get_default_device().type == "cuda":
+            torch.cuda.synchronize()
+
+    finish()
     times = []
     for _ in range(max(count, 1)):
         start = time.perf_counter()
-        action()
+        finish()
         times.append(1e3 * (time.perf_counter() - start))
     return times
 
@@ -58,7 +63,7 @@ def training(network: torch.nn.Module, question: dict) -> dict:
 
     def step() -> None:
         optimizer.zero_grad(set_to_none=True)
-        with torch.autocast("cpu", torch.bfloat16, enabled=autocast):
+        with torch.autocast(torch.get_default_device().type, torch.bfloat16, enabled=autocast):
             predicted = forward(given[0] + noise.normal_(), *given[1:])
         F.mse_loss(predicted.float(), target).backward()
         optimizer.step()
@@ -79,9 +84,10 @@ def inference(network: torch.nn.Module, question: dict) -> dict:
     network.eval()
     if question["compiled"]:
         network.compile()
-    with torch.inference_mode(), torch.autocast("cpu", torch.bfloat16, enabled=autocast):
+    kind = torch.get_default_device().type
+    with torch.inference_mode(), torch.autocast(kind, torch.bfloat16, enabled=autocast):
         times = {"pass_ms": quantiles(milliseconds(PASSES * steps, lambda: network(*given)))}
-    if config["model"]["architecture"] == "robomorph":
+    if config["model"]["architecture"] == "robomorph" or kind != "cpu":
         return times
     model = TrainedModel(network, {**config, "normalizer": "context"})
     u = np.random.randn(1, config["samples"], 7).astype(np.float32)
@@ -99,6 +105,7 @@ def inference(network: torch.nn.Module, question: dict) -> dict:
 def main() -> None:
     question = json.load(sys.stdin)
     torch.set_num_threads(question["threads"])
+    torch.set_default_device(question.get("device", "cpu"))
     measure = {"training": training, "inference": inference}[question["what"]]
     times = measure(network_of(question["config"]), question)
     print(json.dumps({"version": torch.__version__, "times": times}))

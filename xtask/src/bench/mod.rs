@@ -18,6 +18,7 @@ mod serving;
 mod training;
 mod wanted;
 
+use std::num::NonZeroUsize;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -42,6 +43,10 @@ pub struct Arguments {
     /// Measure only networks of this size
     #[arg(long, value_name = "SIZE")]
     size: Option<Size>,
+
+    /// Rounds for every network instead of 3 or 7; medians of fewer are less reliable
+    #[arg(long, value_name = "COUNT")]
+    rounds: Option<NonZeroUsize>,
 
     /// Instruction set for us and our peers instead of the fastest, such as avx2
     #[arg(long, value_name = "SET")]
@@ -126,7 +131,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     eprintln!("{}: {}", benchmark.name, benchmark.about);
     let peers = if arguments.peers { Peers::Measured } else { Peers::LeftOut };
     let machine = machine::description();
-    let wanted = Wanted { peers, size: arguments.size };
+    let wanted = Wanted { peers, size: arguments.size, rounds: arguments.rounds };
     let BenchmarkResults { notes, measurements } = (benchmark.run)(wanted)?;
     println!("{}\n{machine}", command_line(arguments));
     for note in notes {
@@ -151,6 +156,7 @@ fn command_line(arguments: &Arguments) -> String {
         Some(Size::Small) => " --size small",
         Some(Size::Paper) => " --size paper",
     };
+    let rounds = arguments.rounds.map_or_else(String::new, |count| format!(" --rounds {count}"));
     let isa = arguments.isa.map_or_else(String::new, |set| format!(" --isa {set}").to_lowercase());
-    format!("cargo xtask bench {}{peers}{size}{isa}", arguments.name)
+    format!("cargo xtask bench {}{peers}{size}{rounds}{isa}", arguments.name)
 }

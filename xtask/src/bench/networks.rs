@@ -1,6 +1,7 @@
 //! Measures our networks and their PyTorch twins alternately, in separate processes.
 
 use std::io::Write;
+use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
@@ -169,6 +170,7 @@ pub(super) fn run(
             Size::Small => ("small", subject.small),
             Size::Paper => ("paper", subject.paper),
         };
+        let count = wanted.rounds.map_or(count, NonZeroUsize::get);
         for (architecture, matmul) in NETWORKS {
             let preset = format!("{architecture}-{name}");
             let batch = match (architecture, size) {

@@ -1,5 +1,7 @@
 //! The options and the results of a benchmark.
 
+use std::num::NonZeroUsize;
+
 use clap::ValueEnum;
 
 use super::measurement::Measurement;
@@ -17,6 +19,8 @@ pub struct Wanted {
     pub peers: Peers,
     /// Only networks of this size; all without it.
     pub size: Option<Size>,
+    /// Rounds of every network; without it as many as its size needs.
+    pub rounds: Option<NonZeroUsize>,
 }
 
 /// The size of the networks' presets.
