@@ -235,7 +235,7 @@ fn write_taps(sums: &[f32], outputs: usize, gradient: &mut [f32]) {
     for channel in 0..channels {
         let sums =
             std::array::from_fn(|point| &sums[(point * channels + channel) * outputs..][..outputs]);
-        taps_of_points(sums, taps.each_mut().map(Vec::as_mut_slice));
+        taps_of_points(sums, &mut taps.each_mut().map(Vec::as_mut_slice));
         for (output, row) in gradient.chunks_exact_mut(channels * TAPS).enumerate() {
             for (tap, taps) in row[channel * TAPS..][..TAPS].iter_mut().zip(&taps) {
                 *tap = taps[output];

@@ -71,7 +71,7 @@ on_vectors! {
 
 on_vectors! {
     /// Transforms the gradients at the points into gradients of the taps.
-    fn taps_of_points(points: [&[f32]; POINTS], taps: [&mut [f32]; TAPS]) = taps_of
+    fn taps_of_points(points: [&[f32]; POINTS], taps: &mut [&mut [f32]; TAPS]) = taps_of
 }
 
 // Each function below must be inlined into one that is compiled for the instructions of its
@@ -186,7 +186,7 @@ unsafe fn outputs_of<V: Vector>(products: [&[f32]; POINTS], bias: f32, outputs: 
 }
 
 #[inline(always)]
-unsafe fn taps_of<V: Vector>(points: [&[f32]; POINTS], taps: [&mut [f32]; TAPS]) {
+unsafe fn taps_of<V: Vector>(points: [&[f32]; POINTS], taps: &mut [&mut [f32]; TAPS]) {
     // SAFETY: see above.
     unsafe {
         let times = |factor: f32, vector: V| V::splat(factor) * vector;
