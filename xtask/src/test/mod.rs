@@ -4,6 +4,7 @@ mod counts;
 mod failures;
 mod install;
 
+use std::num::NonZeroUsize;
 use std::process::{Command, ExitCode};
 use std::time::Instant;
 
@@ -200,6 +201,7 @@ fn nextest_or_cargo_test(quick: bool) -> Command {
         // Hundreds of tests start servers and wait for them. One that failed on a machine that
         // stood still for a while is tried again and is named at the end of the run.
         command.args(["--retries", "1"]);
+        command.args(["--test-threads", &test_threads().to_string()]);
         if without_postgresql {
             command.args(["--filterset", "not test(/^postgres::/)"]);
         }
@@ -214,6 +216,12 @@ fn nextest_or_cargo_test(quick: bool) -> Command {
         }
         command
     }
+}
+
+/// Tests that run at the same time. They wait for servers, workers and timeouts for half of their
+/// time, so a few cores can run more tests than cores.
+fn test_threads() -> usize {
+    std::thread::available_parallelism().map_or(1, NonZeroUsize::get).max(4)
 }
 
 /// Builds models and program with further devices, and runs only their tests.
