@@ -106,7 +106,7 @@ impl Vector for F32x8 {
     }
 
     #[inline(always)]
-    unsafe fn apart(self, other: Self) -> [Self; 2] {
+    unsafe fn deinterleave(self, other: Self) -> [Self; 2] {
         // SAFETY: see above.
         unsafe {
             // Pairs of lanes of both vectors come in turn and are put in order.
@@ -117,7 +117,7 @@ impl Vector for F32x8 {
     }
 
     #[inline(always)]
-    unsafe fn in_turn(self, other: Self) -> [Self; 2] {
+    unsafe fn interleave(self, other: Self) -> [Self; 2] {
         // SAFETY: see above.
         unsafe {
             let low = _mm256_unpacklo_ps(self.0, other.0);

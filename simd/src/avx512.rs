@@ -98,7 +98,7 @@ impl Vector for F32x16 {
     }
 
     #[inline(always)]
-    unsafe fn apart(self, other: Self) -> [Self; 2] {
+    unsafe fn deinterleave(self, other: Self) -> [Self; 2] {
         // SAFETY: see above.
         unsafe {
             let even = _mm512_setr_epi32(0, 2, 4, 6, 8, 10, 12, 14, 16, 18, 20, 22, 24, 26, 28, 30);
@@ -108,7 +108,7 @@ impl Vector for F32x16 {
     }
 
     #[inline(always)]
-    unsafe fn in_turn(self, other: Self) -> [Self; 2] {
+    unsafe fn interleave(self, other: Self) -> [Self; 2] {
         // SAFETY: see above.
         unsafe {
             let low = _mm512_setr_epi32(0, 16, 1, 17, 2, 18, 3, 19, 4, 20, 5, 21, 6, 22, 7, 23);

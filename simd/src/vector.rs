@@ -66,18 +66,18 @@ pub trait Vector: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = 
     /// See [`Vector::mask`].
     unsafe fn halves(self) -> [Self; 2];
 
-    /// Of the lanes of both vectors, one after the other, every second one: from the first on, and
-    /// from the second on.
+    /// The lanes with even and those with odd numbers, where `other`'s lanes are counted after this
+    /// vector's.
     ///
     /// # Safety
     /// See [`Vector::mask`].
-    unsafe fn apart(self, other: Self) -> [Self; 2];
+    unsafe fn deinterleave(self, other: Self) -> [Self; 2];
 
-    /// The lanes of both vectors in turn: the inverse of [`Vector::apart`].
+    /// The lanes of both vectors in turn: the inverse of [`Vector::deinterleave`].
     ///
     /// # Safety
     /// See [`Vector::mask`].
-    unsafe fn in_turn(self, other: Self) -> [Self; 2];
+    unsafe fn interleave(self, other: Self) -> [Self; 2];
 
     /// All lanes but the first, followed by the first lane of `next`.
     ///
@@ -229,13 +229,13 @@ impl Vector for Unfused {
     }
 
     #[inline(always)]
-    unsafe fn apart(self, other: Self) -> [Self; 2] {
+    unsafe fn deinterleave(self, other: Self) -> [Self; 2] {
         let ([a, b, c, d], [e, f, g, h]) = (self.0, other.0);
         [Self([a, c, e, g]), Self([b, d, f, h])]
     }
 
     #[inline(always)]
-    unsafe fn in_turn(self, other: Self) -> [Self; 2] {
+    unsafe fn interleave(self, other: Self) -> [Self; 2] {
         let ([a, b, c, d], [e, f, g, h]) = (self.0, other.0);
         [Self([a, e, b, f]), Self([c, g, d, h])]
     }
@@ -378,8 +378,8 @@ mod tests {
         // SAFETY: see `masks`. There are as many numbers as lanes of two vectors.
         unsafe {
             let [a, b] = [V::load(numbers.as_ptr()), V::load(numbers[lanes..].as_ptr())];
-            let [even, odd] = a.apart(b);
-            let [first, second] = even.in_turn(odd);
+            let [even, odd] = a.deinterleave(b);
+            let [first, second] = even.interleave(odd);
             let results = [even, odd, first, second, a.shifted(b)];
             for (found, result) in found.iter_mut().zip(results) {
                 result.store(found.as_mut_ptr());
@@ -393,7 +393,7 @@ mod tests {
     }
 
     #[test]
-    fn lanes_are_reordered_as_the_names_say() {
+    fn lanes_are_deinterleaved_interleaved_and_shifted() {
         on_each!(orders);
     }
 

@@ -40,8 +40,8 @@ macro_rules! on_vectors {
 
 on_vectors! {
     /// Transforms the `count` tiles of a series, whose first one begins at sample `start`. There are
-    /// zeros beyond the ends of the series. The values of each point are written from `at` on. They
-    /// are followed by up to a vector of others, where there is room.
+    /// zeros beyond the ends of the series. The values of each point are written from `at` on.
+    /// Up to a vector of meaningless numbers follows them, where there is room.
     fn points_of_series(
         series: &[f32],
         start: isize,
@@ -175,8 +175,9 @@ unsafe fn outputs_of<V: Vector>(products: [&[f32]; POINTS], bias: f32, outputs: 
             let y1 = bias + one + times(0.5, half) + times(2.0, two);
             let y3 = infinity + bias + one + times(0.125, half) + times(8.0, two);
             // The inverse of `tiles_at`.
-            let ([even, odd], [other_even, other_odd]) = (y0.in_turn(y2), y1.in_turn(y3));
-            let (first_half, second_half) = (even.in_turn(other_even), odd.in_turn(other_odd));
+            let ([even, odd], [other_even, other_odd]) = (y0.interleave(y2), y1.interleave(y3));
+            let (first_half, second_half) =
+                (even.interleave(other_even), odd.interleave(other_odd));
             let all = first_half.into_iter().chain(second_half);
             for (index, vector) in all.enumerate() {
                 store_at(vector, outputs, OUTPUTS * first + index * V::LANES);
@@ -240,9 +241,10 @@ unsafe fn tiles_at<V: Vector>(series: &[f32], start: isize) -> [V; OUTPUTS] {
         for (index, vector) in samples.iter_mut().enumerate() {
             *vector = samples_at(series, start + (index * V::LANES).cast_signed());
         }
-        let [even, odd] = samples[0].apart(samples[1]);
-        let [next_even, next_odd] = samples[2].apart(samples[3]);
-        let ([first, third], [second, fourth]) = (even.apart(next_even), odd.apart(next_odd));
+        let [even, odd] = samples[0].deinterleave(samples[1]);
+        let [next_even, next_odd] = samples[2].deinterleave(samples[3]);
+        let ([first, third], [second, fourth]) =
+            (even.deinterleave(next_even), odd.deinterleave(next_odd));
         [first, second, third, fourth]
     }
 }

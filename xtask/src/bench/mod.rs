@@ -44,7 +44,7 @@ pub struct Arguments {
     #[arg(long, value_name = "SIZE")]
     size: Option<Size>,
 
-    /// Rounds for every network instead of 3 or 7; medians of fewer are less reliable
+    /// Rounds for every network of `training` and `inference`; medians of few are less reliable
     #[arg(long, value_name = "COUNT")]
     rounds: Option<NonZeroUsize>,
 
