@@ -136,7 +136,7 @@ impl Database {
             }
             rows => rows?,
         };
-        self.kept.keep(connection, &self.reader);
+        self.take_back(connection);
         Ok(rows.split_off(1.min(rows.len())))
     }
 }

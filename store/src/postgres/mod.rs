@@ -116,6 +116,11 @@ impl Database {
         self.kept.acquire(&self.reader).await
     }
 
+    /// Takes back a connection on which nothing is under way, for the next operation.
+    fn take_back(&self, connection: PoolConnection<Postgres>) {
+        self.kept.keep(connection, &self.reader);
+    }
+
     pub async fn close(&self) {
         // From here on no connection is kept.
         let closed = self.reader.close();

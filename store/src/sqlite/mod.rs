@@ -142,6 +142,12 @@ impl Database {
         self.reader.acquire().await
     }
 
+    /// Takes back a lent connection.
+    #[expect(clippy::unused_self, reason = "other databases keep it for the next operation")]
+    fn take_back(&self, connection: PoolConnection<Sqlite>) {
+        drop(connection);
+    }
+
     pub async fn close(&self) {
         self.reader.close().await;
         self.writer.close().await;

@@ -16,14 +16,16 @@ impl Database {
             "SELECT EXISTS ({}) AS is_any_claimable, (SELECT version FROM server) AS version",
             first_in_line(&may_be_claimed(), "")
         );
+        let mut connection = self.lend().await?;
         let row = sqlx::query(AssertSqlSafe(statement))
             .bind(worker)
             .bind(i64::from(offers.cpus.unwrap_or(0)))
             .bind(i64::from(offers.gpus))
             .bind(i64::from(offers.megabytes()))
             .bind(text_of_tags(&offers.tags))
-            .fetch_one(&mut *self.lend().await?)
+            .fetch_one(&mut *connection)
             .await?;
+        self.take_back(connection);
         Ok(IdlePoll {
             is_any_claimable: row.try_get("is_any_claimable")?,
             server_version: row.try_get("version")?,

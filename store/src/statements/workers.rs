@@ -30,7 +30,11 @@ impl Database {
     }
 
     pub async fn identity(&self) -> Result<String, sqlx::Error> {
-        sqlx::query_scalar("SELECT id FROM store").fetch_one(&self.reader).await
+        let mut connection = self.lend().await?;
+        let statement = sqlx::query_scalar("SELECT id FROM store");
+        let identity = statement.fetch_one(&mut *connection).await?;
+        self.take_back(connection);
+        Ok(identity)
     }
 
     pub async fn server_version(&self) -> Result<Option<String>, sqlx::Error> {

@@ -155,9 +155,10 @@ async fn running(store: &Store) -> Fence {
     store.claim("w1", &spec::Resources::default(), LONG).await.unwrap().unwrap().fence
 }
 
-/// Claims a task and completes it.
+/// Looks for a task, claims it and completes it.
 async fn do_one(worker: &Store) {
     let nothing = spec::Resources::default();
+    assert!(worker.poll("w1", &nothing).await.unwrap().is_any_claimable);
     let task = worker.claim("w1", &nothing, LONG).await.unwrap().unwrap();
     worker.complete(task.fence, None).await.unwrap();
 }
