@@ -6,7 +6,7 @@ use super::factors::Factors;
 use super::fused::{Array, FusedOp, apply, operand};
 use super::panels::{Panels, multiples};
 use super::parts::in_parts;
-use super::product::{Left, Onto};
+use super::product::{Left, Offsets, Onto};
 use super::softmax::{softmax, softmax_gradient};
 use super::vectorized;
 
@@ -247,7 +247,7 @@ impl Extents<'_> {
     /// Rows of P of the tokens from `first` on. All have the length of the last one. `query` begins
     /// with the first token, at the head's first channel.
     fn probabilities(&self, query: Left<'_>, keys: &Panels, first: usize, into: &mut Vec<f32>) {
-        let count = query.rows.len();
+        let count = query.rows.count();
         let seen = self.seen(first + count);
         into.resize(count * seen, 0.0);
         keys.multiply_part(query, [self.width, seen], Onto::Nothing, into, seen);
@@ -305,13 +305,14 @@ impl Extents<'_> {
         let rows = multiples(count, strides[0]);
         let seen = self.seen(first + count);
         let of_p = multiples(count, seen);
+        let (rows, of_p) = (Offsets::of(&rows), Offsets::of(&of_p));
         for (head, (keys, values)) in (0..d_model).step_by(width).zip(heads) {
-            let query = Left { values: &query[head..], rows: &rows, step: 1 };
+            let query = Left { values: &query[head..], rows, step: 1 };
             self.probabilities(query, keys, first, probabilities);
             if let Some(mask) = self.dropout {
                 self.drop_out(mask, [trajectory, head, first], probabilities, seen);
             }
-            let p = Left { values: probabilities, rows: &of_p, step: 1 };
+            let p = Left { values: probabilities, rows: of_p, step: 1 };
             values.multiply_part(p, [seen, width], Onto::Nothing, &mut output[head..], d_model);
         }
     }
@@ -340,11 +341,13 @@ impl Extents<'_> {
             let seen = self.seen(first + count);
             let (rows, of_p) = (multiples(count, d_model), multiples(count, seen));
             let query_rows = multiples(count, strides[0]);
-            let each: Vec<usize> = (0..seen).collect();
+            let each = multiples(seen, 1);
+            let (rows, of_p) = (Offsets::of(&rows), Offsets::of(&of_p));
+            let (query_rows, each) = (Offsets::of(&query_rows), Offsets::of(&each));
             let query = &query[first * strides[0]..];
             let d_output = &d_output[first * d_model..];
 
-            let left = Left { values: query, rows: &query_rows, step: 1 };
+            let left = Left { values: query, rows: query_rows, step: 1 };
             self.probabilities(left, &scratch.key_columns, first, &mut scratch.probabilities);
             let probabilities = match self.dropout {
                 None => &scratch.probabilities,
@@ -357,12 +360,12 @@ impl Extents<'_> {
                     &scratch.masked
                 }
             };
-            let p = Left { values: probabilities, rows: &each, step: seen };
+            let p = Left { values: probabilities, rows: each, step: seen };
             scratch.d_outputs.write_rows(d_output, [count, width], d_model);
             scratch.d_outputs.multiply(p, Onto::Output, &mut scratch.d_value, width);
 
             scratch.scores.resize(count * seen, 0.0);
-            let left = Left { values: d_output, rows: &rows, step: 1 };
+            let left = Left { values: d_output, rows, step: 1 };
             let extent = [width, seen];
             let scores = &mut scratch.scores;
             scratch.value_columns.multiply_part(left, extent, Onto::Nothing, scores, seen);
@@ -371,10 +374,10 @@ impl Extents<'_> {
             }
             softmax_gradient(&scratch.probabilities, seen, self.scale(), scores);
 
-            let ds = Left { values: scores, rows: &of_p, step: 1 };
+            let ds = Left { values: scores, rows: of_p, step: 1 };
             let d_query = &mut of_query.begin(gradients, head)[first * strides[0]..];
             scratch.keys.multiply_part(ds, [seen, width], Onto::Nothing, d_query, strides[0]);
-            let ds = Left { values: scores, rows: &each, step: seen };
+            let ds = Left { values: scores, rows: each, step: seen };
             scratch.queries.write_rows(query, [count, width], strides[0]);
             scratch.queries.multiply(ds, Onto::Output, &mut scratch.d_key, width);
         }

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 use super::panels::Panels;
 use super::parts::in_parts;
-use super::product::{Left, Onto, Right, multiply};
+use super::product::{Left, Offsets, Onto, Right, multiply};
 use super::vectorized;
 use super::windows::Windows;
 use super::winograd;
@@ -126,7 +126,7 @@ impl Correlation {
                 let depth = seen.row - (length - samples);
                 panels.write_columns(&values, [depth, outputs_here], seen.row);
                 let offsets = windows.offsets(seen.row);
-                let left = Left { values: seen.values, rows: &offsets, step: 1 };
+                let left = Left { values: seen.values, rows: Offsets::of(&offsets), step: 1 };
                 panels.multiply(left, onto, &mut sums, outputs_here);
                 onto = Onto::Output;
             }
@@ -233,7 +233,7 @@ fn correlate(
             let alone = series.len() == of_series;
             let seen = windows.see(series, scratch);
             let offsets = windows.offsets(seen.row);
-            let right = Right { values: seen.values, terms: &offsets };
+            let right = Right { values: seen.values, terms: Offsets::of(&offsets) };
             // Windows that span two trajectories are computed, too, except those after the last.
             let columns = seen.row - (length - count);
             let stride = if alone { count } else { columns };
@@ -249,7 +249,8 @@ fn correlate(
                     Some(bias) => Onto::Rows(&bias[rows.clone()]),
                     None => Onto::Nothing,
                 };
-                let left = Left { values: kernel, rows: &kernel_rows[rows], step: 1 };
+                let rows = Offsets::of(&kernel_rows[rows]);
+                let left = Left { values: kernel, rows, step: 1 };
                 multiply(left, right, onto, to, columns, stride);
             });
             if alone {

@@ -6,7 +6,7 @@ use rayon::prelude::*;
 use super::dropout::{self, DropoutMask};
 use super::fused::{Array, FusedOp, apply, operand};
 use super::packed::{PackedWeight, Packing};
-use super::parts::each_part_of_two;
+use super::parts::each_unwritten_part_of_two;
 use super::{affine, linear, vectorized};
 
 /// Elements per task: 16 KiB, which stay in the first-level cache between two writes.
@@ -97,19 +97,20 @@ impl FusedOp<4> for GeluLinear {
                 Array::new(masked, dy.shape())
             }
         };
-        let mut d_weight = vec![0.0; weight.values().len()];
-        let mut d_bias = vec![0.0; bias.width()];
         // The slope is computed along with the value, because both need the same exponential.
         let x_values = x.values();
-        let gelu_and_slope = |first: usize, between: &mut [f32], slope: &mut [f32]| {
+        let gelu_and_slope = |first: usize, between: &mut [_], slope: &mut [_]| {
             vectorized::gelu_and_slope(&x_values[first..][..between.len()], between, slope);
         };
-        let [mut between, slope] = each_part_of_two(x_values.len(), TASK, gelu_and_slope);
+        // SAFETY: the function writes as many values as it gets.
+        let [mut between, slope] =
+            unsafe { each_unwritten_part_of_two(x_values.len(), TASK, gelu_and_slope) };
         if let Some(mask) = of_gelu {
             mask.apply_to_all(&mut between, width, rows);
         }
         let factors = self.packing.factors;
-        affine::parameter_gradients(&between, dy.values(), factors, &mut d_weight, &mut d_bias);
+        let [d_weight, d_bias] =
+            affine::parameter_gradients(&between, dy.values(), [width, output], factors);
         drop(between);
 
         let (of_weight, weight) = (weight.shape(), weight.values());

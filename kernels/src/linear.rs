@@ -53,9 +53,8 @@ impl FusedOp<3> for Linear {
         let (input, output) = (x.width(), bias.width());
         let factors = self.packing.factors;
         let dx = affine::input_gradient(dy.values(), weight.values(), output, factors, |_, _| ());
-        let mut d_weight = vec![0.0; output * input];
-        let mut d_bias = vec![0.0; output];
-        affine::parameter_gradients(x.values(), dy.values(), factors, &mut d_weight, &mut d_bias);
+        let [d_weight, d_bias] =
+            affine::parameter_gradients(x.values(), dy.values(), [input, output], factors);
         [
             Array::new(dx, x.shape()),
             Array::new(d_weight, weight.shape()),

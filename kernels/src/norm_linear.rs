@@ -94,10 +94,10 @@ impl NormLinear {
         let n = layer_norm::LayerNorm.forward(&norm);
         let weight = side_by_side(&weights);
         let output = dy.width();
-        let mut d_weight = vec![0.0; weight.len()];
-        let mut d_bias = vec![0.0; output];
         let factors = self.packing.factors;
-        affine::parameter_gradients(n.values(), dy.values(), factors, &mut d_weight, &mut d_bias);
+        let extent = [n.width(), output];
+        let [d_weight, d_bias] =
+            affine::parameter_gradients(n.values(), dy.values(), extent, factors);
         drop(n);
         let dn = affine::input_gradient(dy.values(), &weight, output, factors, |_, _| ());
         let dn = Array::new(dn, norm[0].shape());

@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use super::factors::Factors;
 use super::pairs::{Pair, across_rows, along_rows};
-use super::product::{Left, Number, Onto, Right, multiply, tile_columns};
+use super::product::{Element, Left, Number, Offsets, Onto, Right, multiply, tile_columns};
 use super::transposition::transpose;
 
 /// The widths of panels are a multiple of this, the width of the widest vectors.
@@ -186,12 +186,12 @@ impl Panels {
     /// The product of `left` with the first `depth` rows and `columns` columns of this. The rows of
     /// `output` have the stride `stride`. With bf16, the step of `left` is 1, or its rows are
     /// neighbours.
-    pub fn multiply_part(
+    pub fn multiply_part<E: Element>(
         &self,
         left: Left<'_>,
         [depth, columns]: [usize; 2],
         onto: Onto<'_>,
-        output: &mut [f32],
+        output: &mut [E],
         stride: usize,
     ) {
         let columns = columns.min(self.columns);
@@ -201,43 +201,43 @@ impl Panels {
             }
             Numbers::Pairs(values) => LEFT.with_borrow_mut(|pairs| {
                 let extent = [depth.div_ceil(2), columns];
+                let (each, count) = (left.rows.each(), left.rows.count());
                 let rows;
                 let left = if left.step == 1 {
                     let apart = extent[0] + APART;
-                    pairs.resize(pairs.len().max(left.rows.len() * apart), Pair::default());
-                    along_rows(left.values, left.rows, depth, pairs, apart);
-                    rows = multiples(left.rows.len(), apart);
-                    Left { values: &pairs[..], rows: &rows, step: 1 }
+                    pairs.resize(pairs.len().max(count * apart), Pair::default());
+                    along_rows(left.values, each, depth, pairs, apart);
+                    rows = multiples(count, apart);
+                    Left { values: &pairs[..], rows: Offsets::of(&rows), step: 1 }
                 } else {
-                    let (first, count) = (left.rows.first().copied().unwrap_or(0), left.rows.len());
-                    assert!(
-                        left.rows.iter().zip(first..).all(|(&row, neighbour)| row == neighbour)
-                    );
+                    let first = each.first().copied().unwrap_or(0);
+                    assert!(each.iter().zip(first..).all(|(&row, neighbour)| row == neighbour));
                     let apart = count + APART;
                     pairs.resize(pairs.len().max(extent[0] * apart), Pair::default());
                     across_rows(&left.values[first..], left.step, [depth, count], pairs, apart);
                     rows = multiples(count, 1);
-                    Left { values: &pairs[..], rows: &rows, step: apart }
+                    Left { values: &pairs[..], rows: Offsets::of(&rows), step: apart }
                 };
                 self.multiply_panels(values, left, extent, onto, output, stride);
             }),
         }
     }
 
-    fn multiply_panels<N: Number>(
+    fn multiply_panels<N: Number, E: Element>(
         &self,
         values: &[N],
         left: Left<'_, N>,
         [rows, columns]: [usize; 2],
         onto: Onto<'_>,
-        output: &mut [f32],
+        output: &mut [E],
         stride: usize,
     ) {
         let length = self.rows.len() * self.width;
+        let terms = Offsets::of(&self.rows[..rows]);
         for first in (0..columns).step_by(self.width) {
             let columns = self.width.min(columns - first);
             let values = &values[first / self.width * length..][..length];
-            let right = Right { values, terms: &self.rows[..rows] };
+            let right = Right { values, terms };
             let onto = match onto {
                 Onto::Columns(numbers) => Onto::Columns(&numbers[first..first + columns]),
                 other => other,
@@ -246,8 +246,18 @@ impl Panels {
         }
     }
 
+    pub fn columns(&self) -> usize {
+        self.columns
+    }
+
     /// The product of `left` with this. [`Panels::multiply_part`] says what `left` may be.
-    pub fn multiply(&self, left: Left<'_>, onto: Onto<'_>, output: &mut [f32], stride: usize) {
+    pub fn multiply<E: Element>(
+        &self,
+        left: Left<'_>,
+        onto: Onto<'_>,
+        output: &mut [E],
+        stride: usize,
+    ) {
         self.multiply_part(left, [self.depth, self.columns], onto, output, stride);
     }
 }

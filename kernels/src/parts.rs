@@ -40,24 +40,40 @@ pub(super) fn in_parts<S, R: Send>(
     (values, results)
 }
 
-/// Two arrays of `length` values, written in parts of `part` values on all threads. `write` gets the
-/// index of a part's first value and the parts of both arrays, which hold zeros.
-pub(super) fn each_part_of_two(
+/// `length` values, written like those of [`in_parts`]. A part holds nothing. `write` gives the
+/// whole part after it wrote every value.
+pub(super) fn in_unwritten_parts<S>(
     length: usize,
     part: usize,
-    write: impl Fn(usize, &mut [f32], &mut [f32]) + Send + Sync,
+    scratch: impl Fn() -> S + Send + Sync,
+    write: impl for<'a> Fn(&mut S, usize, &'a mut [MaybeUninit<f32>]) -> &'a mut [f32] + Send + Sync,
+) -> Vec<f32> {
+    let mut values = Vec::with_capacity(length);
+    let parts = values.spare_capacity_mut()[..length].par_chunks_mut(part);
+    parts.enumerate().for_each_init(scratch, |scratch, (index, part)| {
+        let count = part.len();
+        let written = write(scratch, index, part);
+        assert_eq!(written.len(), count, "a part was not written whole");
+    });
+    // SAFETY: the parts cover all values, and each was written.
+    unsafe { values.set_len(length) };
+    values
+}
+
+/// Two arrays of `length` values, written in parts of `part` values on all threads. `write` gets the
+/// index of a part's first value and the parts of both arrays, which hold nothing.
+///
+/// # Safety
+/// `write` must write all values of both parts.
+pub(super) unsafe fn each_unwritten_part_of_two(
+    length: usize,
+    part: usize,
+    write: impl Fn(usize, &mut [MaybeUninit<f32>], &mut [MaybeUninit<f32>]) + Send + Sync,
 ) -> [Vec<f32>; 2] {
     let mut arrays = [Vec::with_capacity(length), Vec::with_capacity(length)];
     let [first, second] = arrays.each_mut().map(|array| &mut array.spare_capacity_mut()[..length]);
     let parts = first.par_chunks_mut(part).zip(second.par_chunks_mut(part));
-    parts.enumerate().for_each(|(index, (first, second))| {
-        let [first, second] = [first, second].map(|part| {
-            part.fill(MaybeUninit::new(0.0));
-            // SAFETY: the whole part was just written.
-            unsafe { part.assume_init_mut() }
-        });
-        write(index * part, first, second);
-    });
+    parts.enumerate().for_each(|(index, (first, second))| write(index * part, first, second));
     for array in &mut arrays {
         // SAFETY: the parts cover all values, and each was written.
         unsafe { array.set_len(length) };

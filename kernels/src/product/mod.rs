@@ -13,6 +13,8 @@ mod arithmetic;
 mod tests;
 mod tiles;
 
+use std::mem::MaybeUninit;
+
 use simd::{InstructionSet, Unfused};
 
 use super::instruction_set::detected;
@@ -22,11 +24,35 @@ use super::vectorized;
 use arithmetic::Pairs;
 use arithmetic::{Arithmetic, ExtendedPairs, Singles, widest};
 
+/// Where the rows or the terms of a factor begin. The greatest offset is found once, and each
+/// product checks it.
+#[derive(Clone, Copy)]
+pub(super) struct Offsets<'a> {
+    each: &'a [usize],
+    greatest: usize,
+}
+
+impl<'a> Offsets<'a> {
+    pub fn of(each: &'a [usize]) -> Self {
+        let mut greatest = 0;
+        vectorized::furthest(each, &mut greatest);
+        Self { each, greatest }
+    }
+
+    pub fn each(self) -> &'a [usize] {
+        self.each
+    }
+
+    pub fn count(self) -> usize {
+        self.each.len()
+    }
+}
+
 /// The left factor. Element (row m, term k) is `values[rows[m] + k step]`.
 #[derive(Clone, Copy)]
 pub(super) struct Left<'a, N = f32> {
     pub values: &'a [N],
-    pub rows: &'a [usize],
+    pub rows: Offsets<'a>,
     pub step: usize,
 }
 
@@ -34,14 +60,14 @@ pub(super) struct Left<'a, N = f32> {
 #[derive(Clone, Copy)]
 pub(super) struct Right<'a, N = f32> {
     pub values: &'a [N],
-    pub terms: &'a [usize],
+    pub terms: Offsets<'a>,
 }
 
 /// The initial value to which the product is added.
 #[derive(Clone, Copy)]
 pub(super) enum Onto<'a> {
     Nothing,
-    /// The output itself.
+    /// The output itself, which must consist of numbers.
     Output,
     /// A value for each column, the same in all rows.
     Columns(&'a [f32]),
@@ -49,35 +75,48 @@ pub(super) enum Onto<'a> {
     Rows(&'a [f32]),
 }
 
-/// `left · right` with `columns` columns. The rows of `output` have the stride `stride`.
-pub(super) fn multiply<N: Number>(
+/// An element of an output: a number, or memory for one.
+pub(super) trait Element {
+    const IS_NUMBER: bool;
+}
+
+impl Element for f32 {
+    const IS_NUMBER: bool = true;
+}
+
+impl Element for MaybeUninit<f32> {
+    const IS_NUMBER: bool = false;
+}
+
+/// Writes `left · right` with `columns` columns to every row of `output`. The rows have the stride
+/// `stride`.
+pub(super) fn multiply<N: Number, E: Element>(
     left: Left<'_, N>,
     right: Right<'_, N>,
     onto: Onto<'_>,
-    output: &mut [f32],
+    output: &mut [E],
     columns: usize,
     stride: usize,
 ) {
-    let (rows, depth) = (left.rows.len(), right.terms.len());
+    let (rows, depth) = (left.rows.count(), right.terms.count());
     if rows == 0 || columns == 0 {
         return;
     }
     if depth > 0 {
-        let (mut row, mut term) = (0, 0);
-        vectorized::furthest(left.rows, &mut row);
-        vectorized::furthest(right.terms, &mut term);
-        assert!(row + (depth - 1) * left.step < left.values.len());
-        assert!(term + columns <= right.values.len());
+        assert!(left.rows.greatest + (depth - 1) * left.step < left.values.len());
+        assert!(right.terms.greatest + columns <= right.values.len());
     }
     assert!(columns <= stride && (rows - 1) * stride + columns <= output.len());
     match onto {
         Onto::Columns(numbers) => assert_eq!(numbers.len(), columns),
         Onto::Rows(numbers) => assert_eq!(numbers.len(), rows),
-        Onto::Nothing | Onto::Output => {}
+        Onto::Output => assert!(E::IS_NUMBER),
+        Onto::Nothing => {}
     }
-    let product = Product { left, right, onto, output: output.as_mut_ptr(), columns, stride };
+    let output = output.as_mut_ptr().cast();
+    let product = Product { left, right, onto, output, columns, stride };
     // SAFETY: the processor has the instructions, and by the assertions above every element that
-    // the sizes and offsets reach lies in its slice.
+    // the sizes and offsets reach lies in its slice. The output is read only if it has numbers.
     unsafe { N::compute(&product, detected()) };
 }
 

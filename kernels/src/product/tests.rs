@@ -62,8 +62,8 @@ fn check_numbers<N: Wave>(rows: usize, columns: usize, depth: usize, step: usize
         2 => Onto::Columns(&of_columns),
         _ => Onto::Rows(&of_rows),
     };
-    let left_factor = Left { values: &left, rows: &left_rows, step };
-    let right_factor = Right { values: &right, terms: &terms };
+    let left_factor = Left { values: &left, rows: Offsets::of(&left_rows), step };
+    let right_factor = Right { values: &right, terms: Offsets::of(&terms) };
     instruction_set::tests::with_each(|set| {
         let mut output = before.clone();
         for row in output.chunks_mut(stride) {
@@ -106,8 +106,8 @@ fn avx512_without_bf16_extends_pairs() {
     let (left_rows, terms) = (multiples(rows, depth), multiples(depth, columns));
     let mut found = vec![UNTOUCHED; rows * columns];
     let product = Product {
-        left: Left { values: &left, rows: &left_rows, step: 1 },
-        right: Right { values: &right, terms: &terms },
+        left: Left { values: &left, rows: Offsets::of(&left_rows), step: 1 },
+        right: Right { values: &right, terms: Offsets::of(&terms) },
         onto: Onto::Nothing,
         output: found.as_mut_ptr(),
         columns,
@@ -158,7 +158,7 @@ proptest! {
 #[test]
 #[should_panic(expected = "assertion failed")]
 fn a_factor_that_ends_too_early_is_refused() {
-    let left = Left { values: &[1.0; 7], rows: &[0, 4], step: 1 };
-    let right = Right { values: &[1.0; 8], terms: &[0, 2, 4, 6] };
+    let left = Left { values: &[1.0; 7], rows: Offsets::of(&[0, 4]), step: 1 };
+    let right = Right { values: &[1.0; 8], terms: Offsets::of(&[0, 2, 4, 6]) };
     multiply(left, right, Onto::Nothing, &mut [0.0; 4], 2, 2);
 }

@@ -44,7 +44,7 @@ impl<N: Number> Product<'_, N> {
         column: usize,
     ) -> usize {
         let most = A::TILE_ROWS[W - 1];
-        let rows = self.left.rows.len();
+        let rows = self.left.rows.count();
         let mut row = 0;
         while row < rows {
             let count = (rows - row).min(most);
@@ -107,7 +107,7 @@ impl<N: Number> Product<'_, N> {
             let output = self.output.add(row * self.stride + column);
             let mut lefts = [self.left.values.as_ptr().cast::<f32>(); M];
             for m in 0..M {
-                lefts[m] = lefts[m].add(*self.left.rows.get_unchecked(row + m));
+                lefts[m] = lefts[m].add(*self.left.rows.each.get_unchecked(row + m));
             }
             let right = self.right.values.as_ptr().cast::<f32>().add(column);
 
@@ -129,7 +129,7 @@ impl<N: Number> Product<'_, N> {
                 }
             }
             let mut term = 0;
-            for (index, terms) in self.right.terms.chunks(TERMS).enumerate() {
+            for (index, terms) in self.right.terms.each.chunks(TERMS).enumerate() {
                 if index > 0 {
                     sums = [[V::splat(0.0); W]; M];
                 }
@@ -157,7 +157,7 @@ impl<N: Number> Product<'_, N> {
                 }
                 write::<V, M, W, WHOLE>(&sums, output, self.stride, mask);
             }
-            if self.right.terms.is_empty() {
+            if self.right.terms.each.is_empty() {
                 write::<V, M, W, WHOLE>(&sums, output, self.stride, mask);
             }
         }

@@ -5,6 +5,8 @@
 
 mod functions;
 
+use std::mem::MaybeUninit;
+
 use super::adam_w::AdamWStep;
 use functions::{
     exponential, mish_and_slope, mish_of, mish_slope, multiply_add, normal_distribution,
@@ -57,11 +59,11 @@ vectorized! {
 
 vectorized! {
     /// y = x Φ(x) and its derivative Φ(x) + x φ(x).
-    fn gelu_and_slope(x: &[f32], y: &mut [f32], slope: &mut [f32]) {
+    fn gelu_and_slope(x: &[f32], y: &mut [MaybeUninit<f32>], slope: &mut [MaybeUninit<f32>]) {
         for ((y, slope), &x) in y.iter_mut().zip(slope).zip(x) {
             let (cumulative, density) = normal_distribution::<FUSED>(x);
-            *y = x * cumulative;
-            *slope = cumulative + x * density;
+            *y = MaybeUninit::new(x * cumulative);
+            *slope = MaybeUninit::new(cumulative + x * density);
         }
     }
 }

@@ -16,7 +16,7 @@ use rayon::prelude::*;
 
 use super::panels::{Panels, multiples};
 use super::parts::each_part;
-use super::product::{Left, Onto, Right, multiply};
+use super::product::{Left, Offsets, Onto, Right, multiply};
 use super::windows::Windows;
 use points::{
     outputs_of_products, points_of_outputs, points_of_series, points_of_taps, taps_of_points,
@@ -153,11 +153,12 @@ impl TiledCorrelation<'_> {
     ) {
         let channels = self.tiles.windows.channels;
         let (rows, terms) = (multiples(outputs.len(), channels), multiples(channels, of_channel));
+        let (rows, terms) = (Offsets::of(&rows), Offsets::of(&terms));
         products.resize(POINTS * ROWS * columns, 0.0);
         let kernels = self.kernel.chunks_exact(self.outputs * channels).enumerate();
         for ((point, kernel), to) in kernels.zip(products.chunks_exact_mut(ROWS * columns)) {
-            let left = Left { values: &kernel[outputs.start * channels..], rows: &rows, step: 1 };
-            let right = Right { values: &points[point * of_point..], terms: &terms };
+            let left = Left { values: &kernel[outputs.start * channels..], rows, step: 1 };
+            let right = Right { values: &points[point * of_point..], terms };
             multiply(left, right, Onto::Nothing, to, columns, columns);
         }
     }
@@ -209,13 +210,14 @@ pub(super) fn kernel_gradient(
                 let outputs_here = index * task..index * task + here;
                 tiles.at_points(fine, scratch);
                 tiles.gradients_at_points(coarse, outputs, outputs_here, scratch);
-                let rows: Vec<usize> = (0..channels).map(|row| row * columns).collect();
+                let rows = multiples(channels, columns);
+                let rows = Offsets::of(&rows);
                 let Scratch { points, products, sums, panels, .. } = &mut *scratch;
                 for point in 0..POINTS {
                     let values = &products[point * here * columns..][..here * columns];
                     panels.write_columns(values, [columns, here], columns);
                     let values = &points[point * channels * columns..][..channels * columns];
-                    let left = Left { values, rows: &rows, step: 1 };
+                    let left = Left { values, rows, step: 1 };
                     let sums = &mut sums[point * channels * here..][..channels * here];
                     panels.multiply(left, onto, sums, here);
                 }
