@@ -47,7 +47,9 @@ impl<N: Number> Product<'_, N> {
         let rows = self.left.rows.count();
         let mut row = 0;
         while row < rows {
-            let count = (rows - row).min(most);
+            let rest = rows - row;
+            // Two tiles of four rows keep the units busier than one of six and one of two.
+            let count = if most == 6 && (rest == 8 || rest == 9) { 4 } else { rest.min(most) };
             // SAFETY: the rows are the product's.
             row += unsafe {
                 if most >= 12 && count >= 12 {
