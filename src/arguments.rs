@@ -81,6 +81,16 @@ impl LabelArguments {
     }
 }
 
+/// The flag for the configuration file of the server whose store a command works on.
+/// `configuration` reads the file.
+#[derive(Clone, Debug, Args)]
+pub struct ConfigArguments {
+    /// The server's TOML file (`serve --config`), which says where the store is; flags and environment variables take
+    /// precedence
+    #[arg(long, env = "TORQUED_CONFIG", value_name = "FILE")]
+    config: Option<PathBuf>,
+}
+
 /// Flags for the place of a store.
 #[derive(Clone, Debug, Args)]
 pub struct StoreArguments {

@@ -1,6 +1,6 @@
 //! The configuration file of a server. It is TOML with the flags of `serve` as keys. The command
-//! itself defines which keys there are, and which values each allows. `backup` reads the same file
-//! and takes the flags that it has from it.
+//! itself defines which keys there are, and which values each allows. Other commands with the flag
+//! `--config` read the same file, and take the flags that they have from it.
 
 use std::ffi::OsString;
 use std::path::Path;
@@ -16,9 +16,6 @@ use crate::cli::Cli;
 
 /// The command whose flags are the keys.
 const COMMAND: &str = "serve";
-
-/// The commands that read the file.
-const READERS: [&str; 2] = [COMMAND, "backup"];
 
 /// The flag that names it.
 const FLAG: &str = "config";
@@ -41,7 +38,7 @@ pub fn parse() -> anyhow::Result<Cli> {
             let text = std::fs::read_to_string(path)
                 .with_context(|| format!("cannot read {}", path.display()))?;
             let more =
-                arguments_of(&text, reader, given).with_context(|| path.display().to_string())?;
+                arguments_of(&text, &reader, given).with_context(|| path.display().to_string())?;
             let all = arguments.into_iter().chain(more);
             Cli::from_arg_matches(&Cli::command().get_matches_from(all))
         }
@@ -52,29 +49,34 @@ pub fn parse() -> anyhow::Result<Cli> {
 /// A configuration file that the command line names.
 struct Named<'a> {
     path: &'a Path,
-    /// The command that reads it.
-    reader: &'a str,
+    /// The command that reads it, such as `token create`.
+    reader: Vec<&'a str>,
     /// The command's arguments.
     given: &'a ArgMatches,
 }
 
 fn file(matches: &ArgMatches) -> Option<Named<'_>> {
-    let (reader, given) = matches.subcommand()?;
-    if !READERS.contains(&reader) {
-        return None;
+    let (mut reader, mut given) = (Vec::new(), matches);
+    while let Some((name, inner)) = given.subcommand() {
+        reader.push(name);
+        given = inner;
     }
-    let path = given.get_one::<std::path::PathBuf>(FLAG)?;
+    // Most commands do not have the flag.
+    let path = given.try_get_one::<std::path::PathBuf>(FLAG).ok().flatten()?;
     Some(Named { path, reader, given })
 }
 
 /// The flags for the keys in `text`, without those that a flag or a variable has set, and without
 /// those that `reader` does not have. All keys and values are checked.
-fn arguments_of(text: &str, reader: &str, given: &ArgMatches) -> anyhow::Result<Vec<OsString>> {
+fn arguments_of(text: &str, reader: &[&str], given: &ArgMatches) -> anyhow::Result<Vec<OsString>> {
     let table: Table = text.parse().map_err(|error: toml::de::Error| syntax(text, &error))?;
     let mut command = Cli::command();
     command.build();
-    let find = |name: &str| command.find_subcommand(name).context("there is no such command");
-    let (command, reader) = (find(COMMAND)?, find(reader)?);
+    let find = |names: &[&str]| {
+        let found = names.iter().try_fold(&command, |command, name| command.find_subcommand(name));
+        found.context("there is no such command")
+    };
+    let (command, reader) = (find(&[COMMAND])?, find(reader)?);
     let mut arguments = Vec::new();
     for (key, value) in &table {
         let argument = known(command, key)?;
@@ -192,23 +194,43 @@ fn edits(one: &str, other: &str) -> usize {
 mod tests {
     use super::*;
 
-    fn read_by(reader: &str, arguments: &[&str], text: &str) -> anyhow::Result<Vec<OsString>> {
-        let command = ["torqued", reader];
-        let matches = Cli::command().get_matches_from(command.iter().chain(arguments));
-        arguments_of(text, reader, matches.subcommand().unwrap().1)
+    fn read_by(reader: &[&str], arguments: &[&str], text: &str) -> anyhow::Result<Vec<OsString>> {
+        let command = ["torqued"];
+        let words = command.iter().chain(reader).chain(arguments).chain(&["--config=file"]);
+        let matches = Cli::command().get_matches_from(words);
+        let named = file(&matches).unwrap();
+        assert_eq!(named.reader, reader);
+        arguments_of(text, reader, named.given)
     }
 
     fn read(text: &str) -> anyhow::Result<Vec<OsString>> {
-        read_by(COMMAND, &["--lease-seconds", "7"], text)
+        read_by(&[COMMAND], &["--lease-seconds", "7"], text)
     }
 
     #[test]
-    fn a_backup_takes_the_place_of_the_store_from_the_file_of_the_server() {
-        let text = "data = \"/srv/torqued\"\nobjects = \"s3://lab/torqued\"\nworkers = 4\nlog = \"warn\"\n";
-        let mut found = read_by("backup", &["to", "--data", "here"], text).unwrap();
-        found.sort();
-        assert_eq!(found, ["--log=warn", "--objects=s3://lab/torqued"].map(OsString::from));
-        let error = read_by("backup", &["to"], "wrokers = 4").unwrap_err().to_string();
+    fn other_commands_take_the_flags_that_they_have_from_the_file_of_the_server() {
+        let text = "data = \"/srv/torqued\"\nobjects = \"s3://lab/torqued\"\nworkers = 4\nlog = \"warn\"\n\
+                    token = \"secret\"\nkeep_logs_days = 7\n";
+        let (data, token, logs) = ("--data=/srv/torqued", "--token=secret", "--keep-logs-days=7");
+        let always = ["--log=warn", "--objects=s3://lab/torqued"];
+        for (reader, arguments, more) in [
+            (&["backup"][..], &["to", "--data=here"][..], &[][..]),
+            (&["restore"], &["from"], &[data]),
+            (&["migrate"], &["--to-data=there"], &[data]),
+            (&["reindex"], &[], &[data]),
+            (&["doctor"], &[], &[data, token]),
+            (&["gc"], &[], &[data, logs]),
+            (&["token", "create"], &["ada"], &[data, token]),
+            (&["token", "clear"], &[], &[data]),
+        ] {
+            let mut found = read_by(reader, arguments, text).unwrap();
+            found.sort();
+            let mut expected: Vec<OsString> =
+                always.iter().chain(more).map(OsString::from).collect();
+            expected.sort();
+            assert_eq!(found, expected, "{reader:?}");
+        }
+        let error = read_by(&["backup"], &["to"], "wrokers = 4").unwrap_err().to_string();
         assert!(error.contains("did you mean workers?"), "{error}");
     }
 

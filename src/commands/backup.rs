@@ -4,7 +4,7 @@ use std::process::ExitCode;
 use clap::Args;
 use store::{Location, S3Options, Transfer};
 
-use crate::arguments::StoreArguments;
+use crate::arguments::{ConfigArguments, StoreArguments};
 use crate::commands::copied_store;
 
 /// Copies all rows as they are at one moment, and all files that rows name, into a new data folder.
@@ -17,10 +17,8 @@ pub struct Arguments {
     #[arg(value_name = "DIR")]
     to: PathBuf,
 
-    /// The server's TOML file (`serve --config`), which says where the store is; flags and environment variables take
-    /// precedence
-    #[arg(long, env = "TORQUED_CONFIG", value_name = "FILE")]
-    config: Option<PathBuf>,
+    #[command(flatten)]
+    config: ConfigArguments,
 
     #[command(flatten)]
     from: StoreArguments,

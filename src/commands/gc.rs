@@ -6,7 +6,7 @@ use reports::{Align, Table};
 use serde_json::json;
 use store::{Access, Garbage, GarbageKind, Outdated, Ripe, Store};
 
-use crate::arguments::{RetentionArguments, StoreArguments, days_long};
+use crate::arguments::{ConfigArguments, RetentionArguments, StoreArguments, days_long};
 use crate::output::write_json;
 use crate::progress::measure;
 use crate::server::ORPHANED_AFTER;
@@ -30,6 +30,9 @@ pub struct Arguments {
 
     #[command(flatten)]
     retention: RetentionArguments,
+
+    #[command(flatten)]
+    config: ConfigArguments,
 
     #[command(flatten)]
     store: StoreArguments,

@@ -4,7 +4,7 @@ use std::process::ExitCode;
 use clap::Args;
 use store::{DatabaseUrl, Location, ObjectsUrl, S3Options, Transfer};
 
-use crate::arguments::StoreArguments;
+use crate::arguments::{ConfigArguments, StoreArguments};
 use crate::commands::copied_store;
 
 /// Copies all jobs with their ids, and all files, and compares them with their digests. The store
@@ -12,6 +12,9 @@ use crate::commands::copied_store;
 /// be stopped. If the move is interrupted, repeat the command to continue (docs/scale.md).
 #[derive(Debug, Args)]
 pub struct Arguments {
+    #[command(flatten)]
+    config: ConfigArguments,
+
     #[command(flatten)]
     from: StoreArguments,
 
@@ -31,7 +34,7 @@ pub struct Arguments {
 }
 
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
-    let Arguments { from, to_data, to_database, to_objects } = arguments;
+    let Arguments { from, to_data, to_database, to_objects, .. } = arguments;
     let from = from.location();
     let to = Location { folder: to_data, database: to_database, objects: to_objects };
     let transfer = Transfer::prepare(&from, &to, &S3Options::from_env()?).await?;

@@ -5,7 +5,7 @@ use clap::Args;
 use jobs::{LeftOut, Rebuilt};
 use store::{Access, Duty, JobId, Store};
 
-use crate::arguments::StoreArguments;
+use crate::arguments::{ConfigArguments, StoreArguments};
 use crate::commands::copied_store;
 
 /// Rebuilds jobs in a database without jobs. The files of datasets and checkpoints say which job
@@ -14,6 +14,9 @@ use crate::commands::copied_store;
 /// only the lost database had them: keep backups (docs/operate.md).
 #[derive(Debug, Args)]
 pub struct Arguments {
+    #[command(flatten)]
+    config: ConfigArguments,
+
     #[command(flatten)]
     store: StoreArguments,
 

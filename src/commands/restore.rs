@@ -4,7 +4,7 @@ use std::process::ExitCode;
 use clap::Args;
 use store::{Location, S3Options, Transfer};
 
-use crate::arguments::StoreArguments;
+use crate::arguments::{ConfigArguments, StoreArguments};
 use crate::commands::copied_store;
 
 /// Copies a backup into a new data folder, or into a new PostgreSQL database and bucket, and
@@ -16,6 +16,9 @@ pub struct Arguments {
     /// Data folder that `torqued backup` made
     #[arg(value_name = "DIR")]
     from: PathBuf,
+
+    #[command(flatten)]
+    config: ConfigArguments,
 
     #[command(flatten)]
     to: StoreArguments,

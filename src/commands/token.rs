@@ -10,7 +10,9 @@ use reports::{Align, Table};
 use store::{Access, AuditEntry, Store, StoreError};
 use wire::{CreatedToken, NewToken, Scope, Token, Tokens};
 
-use crate::arguments::{OutputArguments, ServerArguments, StoreArguments, token_name};
+use crate::arguments::{
+    ConfigArguments, OutputArguments, ServerArguments, StoreArguments, token_name,
+};
 use crate::client::Client;
 
 #[derive(Debug, Args)]
@@ -41,6 +43,9 @@ struct Place {
 
     #[command(flatten)]
     server: ServerArguments,
+
+    #[command(flatten)]
+    config: ConfigArguments,
 
     #[command(flatten)]
     store: StoreArguments,
@@ -91,6 +96,9 @@ struct Revoke {
 
 #[derive(Debug, Args)]
 struct Clear {
+    #[command(flatten)]
+    config: ConfigArguments,
+
     #[command(flatten)]
     store: StoreArguments,
 }

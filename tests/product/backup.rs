@@ -116,7 +116,7 @@ async fn a_backup_taken_under_load_is_restored_with_equal_listings_and_goes_on()
 }
 
 #[tokio::test]
-async fn a_backup_reads_the_configuration_file_of_the_server() {
+async fn commands_on_a_store_read_the_configuration_file_of_its_server() {
     let folder = tempfile::tempdir().unwrap();
     let [data, saved, file] =
         ["data", "backup", "torqued.toml"].map(|name| folder.path().join(name));
@@ -128,6 +128,13 @@ async fn a_backup_reads_the_configuration_file_of_the_server() {
     let again = folder.path().join("again");
     let said = succeed(torqued(&["backup"]).arg(&again).env("TORQUED_CONFIG", &file));
     assert!(said.contains("saved 1 job"), "{said}");
+    succeed(
+        torqued(&["token", "create", "ada", "--scope=admin", "--directly", "--config"]).arg(&file),
+    );
+    let said = succeed(torqued(&["token", "list", "--directly"]).env("TORQUED_CONFIG", &file));
+    assert!(said.contains("ada"), "{said}");
+    let said = succeed(torqued(&["gc", "--dry-run", "--config"]).arg(&file));
+    assert!(said.contains("would delete 0 things"), "{said}");
 }
 
 #[tokio::test]

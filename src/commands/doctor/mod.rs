@@ -9,13 +9,16 @@ use std::process::ExitCode;
 use clap::Args;
 use serde::Serialize;
 
-use crate::arguments::{OutputArguments, ServerArguments, StoreArguments};
+use crate::arguments::{ConfigArguments, OutputArguments, ServerArguments, StoreArguments};
 use crate::output::write_json;
 
 /// Checks without changing anything; it can run beside a server. The exit code is 1 if something is
 /// wrong.
 #[derive(Debug, Args)]
 pub struct Arguments {
+    #[command(flatten)]
+    config: ConfigArguments,
+
     #[command(flatten)]
     store: StoreArguments,
 
