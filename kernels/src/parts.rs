@@ -51,9 +51,9 @@ pub(super) fn in_unwritten_parts<S>(
     let mut values = Vec::with_capacity(length);
     let parts = values.spare_capacity_mut()[..length].par_chunks_mut(part);
     parts.enumerate().for_each_init(scratch, |scratch, (index, part)| {
-        let count = part.len();
+        let (place, count) = (part.as_ptr(), part.len());
         let written = write(scratch, index, part);
-        assert_eq!(written.len(), count, "a part was not written whole");
+        assert_eq!((written.as_ptr(), written.len()), (place.cast(), count), "not the whole part");
     });
     // SAFETY: the parts cover all values, and each was written.
     unsafe { values.set_len(length) };

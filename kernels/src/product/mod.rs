@@ -116,7 +116,8 @@ pub(super) fn multiply<N: Number, E: Element>(
     let output = output.as_mut_ptr().cast();
     let product = Product { left, right, onto, output, columns, stride };
     // SAFETY: the processor has the instructions, and by the assertions above every element that
-    // the sizes and offsets reach lies in its slice. The output is read only if it has numbers.
+    // the sizes and offsets reach lies in its slice. An output without numbers is read only where
+    // the product has written before.
     unsafe { N::compute(&product, detected()) };
 }
 

@@ -48,7 +48,8 @@ impl<N: Number> Product<'_, N> {
         let mut row = 0;
         while row < rows {
             let rest = rows - row;
-            // Two tiles of four rows keep the units busier than one of six and one of two.
+            // Two tiles of four rows are faster than one of six and one of two, whose few sums wait
+            // for each other.
             let count = if most == 6 && (rest == 8 || rest == 9) { 4 } else { rest.min(most) };
             // SAFETY: the rows are the product's.
             row += unsafe {
