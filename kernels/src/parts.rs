@@ -80,3 +80,41 @@ pub(super) unsafe fn each_unwritten_part_of_two(
     }
     arrays
 }
+
+#[cfg(test)]
+mod tests {
+    use std::mem::MaybeUninit;
+
+    use super::in_unwritten_parts;
+
+    #[test]
+    fn every_part_is_written_in_its_place() {
+        let written = in_unwritten_parts(
+            5,
+            2,
+            || (),
+            |(), index, part| {
+                part.fill(MaybeUninit::new(index as f32));
+                // SAFETY: the whole part was just written.
+                unsafe { part.assume_init_mut() }
+            },
+        );
+        assert_eq!(written, [0.0, 0.0, 1.0, 1.0, 2.0]);
+    }
+
+    #[test]
+    #[should_panic(expected = "not the whole part")]
+    fn a_part_that_was_not_written_to_its_end_is_refused() {
+        in_unwritten_parts(
+            4,
+            2,
+            || (),
+            |(), _, part| {
+                let (first, _) = part.split_at_mut(1);
+                first[0].write(1.0);
+                // SAFETY: the only value was just written.
+                unsafe { first.assume_init_mut() }
+            },
+        );
+    }
+}

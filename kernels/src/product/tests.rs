@@ -162,3 +162,11 @@ fn a_factor_that_ends_too_early_is_refused() {
     let right = Right { values: &[1.0; 8], terms: Offsets::of(&[0, 2, 4, 6]) };
     multiply(left, right, Onto::Nothing, &mut [0.0; 4], 2, 2);
 }
+
+#[test]
+#[should_panic(expected = "IS_NUMBER")]
+fn nothing_is_added_to_memory_without_numbers() {
+    let left = Left { values: &[1.0], rows: Offsets::of(&[0]), step: 1 };
+    let right = Right { values: &[1.0], terms: Offsets::of(&[0]) };
+    multiply(left, right, Onto::Output, &mut [MaybeUninit::uninit()], 1, 1);
+}
