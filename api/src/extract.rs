@@ -4,15 +4,16 @@ use std::convert::Infallible;
 
 use axum::body::Bytes;
 use axum::extract::rejection::{BytesRejection, PathRejection, QueryRejection};
-use axum::extract::{DefaultBodyLimit, FromRequest, FromRequestParts, Request};
-use axum::http::header::CONTENT_TYPE;
+use axum::extract::{DefaultBodyLimit, FromRef, FromRequest, FromRequestParts, Request};
+use axum::http::header::{CONTENT_LENGTH, CONTENT_TYPE};
 use axum::http::request::Parts;
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::IntoResponse;
 use serde::de::DeserializeOwned;
 
+use crate::checks::{Checks, QuestionMemory};
 use crate::error::ApiError;
-use crate::limits::{BODY_BYTES, BODY_WITHIN, IDEMPOTENCY_KEY_BYTES};
+use crate::limits::{BODY_BYTES, BODY_WITHIN, IDEMPOTENCY_KEY_BYTES, QUESTION_BYTES};
 
 /// The variables of a path.
 pub struct Path<T>(pub T);
@@ -97,6 +98,27 @@ impl<S: Send + Sync, const LIMIT: usize> FromRequest<S> for JsonBytes<LIMIT> {
     async fn from_request(request: Request, state: &S) -> Result<Self, ApiError> {
         require_json(request.headers(), &[JSON])?;
         read(request, state, LIMIT).await.map(Self)
+    }
+}
+
+/// A question to a model, and the memory that it takes while it is answered.
+pub struct QuestionBytes {
+    pub body: Bytes,
+    pub memory: QuestionMemory,
+}
+
+impl<S: Send + Sync> FromRequest<S> for QuestionBytes
+where
+    Checks: FromRef<S>,
+{
+    type Rejection = ApiError;
+
+    async fn from_request(request: Request, state: &S) -> Result<Self, ApiError> {
+        let length = request.headers().get(CONTENT_LENGTH).and_then(|length| length.to_str().ok());
+        let declared = length.and_then(|length| length.parse().ok()).unwrap_or(QUESTION_BYTES);
+        let memory = Checks::from_ref(state).memory(declared.min(QUESTION_BYTES))?;
+        let JsonBytes(body) = JsonBytes::<QUESTION_BYTES>::from_request(request, state).await?;
+        Ok(Self { body, memory })
     }
 }
 

@@ -6,6 +6,7 @@
 mod access;
 mod app;
 mod charts;
+mod checks;
 mod connections;
 mod download;
 mod error;

@@ -5,11 +5,23 @@ use std::time::Duration;
 /// Bytes of a spec as a request body. Exceeding it gives a 413.
 pub const BODY_BYTES: usize = 1 << 20;
 
+/// Bytes of a body that is checked at once, on a thread of the runtime. It takes a few milliseconds.
+pub const BRIEF_BODY_BYTES: usize = 16 << 10;
+
+/// Larger bodies that are checked at the same time. Further ones wait for their turn. A check takes
+/// some 100 MiB for the worst body of [`BODY_BYTES`], and some 300 MiB for that of
+/// [`QUESTION_BYTES`].
+pub const CONCURRENT_CHECKS: usize = 4;
+
 /// Default number of items on a page of a list.
 pub const PAGE_DEFAULT: u32 = 50;
 
 /// Largest number of items on a page of a list.
 pub const PAGE_MAXIMUM: u32 = 500;
+
+/// Bytes of JSON of the items on a page of a list. A page with more ends early, after one item at
+/// least.
+pub const PAGE_BYTES: usize = 16 << 20;
 
 /// Default number of days for which deleted things can be restored.
 pub const TRASH_DAYS: u16 = 30;
@@ -95,9 +107,21 @@ pub const REQUEST_ID_BYTES: usize = 128;
 /// the stream with 1009.
 pub const QUESTION_BYTES: usize = 8 << 20;
 
+/// Memory of all questions that are received, wait or are answered. Further ones are refused with
+/// 503.
+pub const QUESTIONS_MEMORY_BYTES: usize = 1 << 30;
+
 /// Positions of one answer: scenarios x samples x horizon x 7. Exceeding it is a violation of
 /// `sampling.samples`.
 pub const PREDICTED_POSITIONS: usize = 1_000_000;
+
+/// Torques and positions of one question, with a context for each of its futures. Exceeding it is a
+/// violation of `scenarios`.
+pub const ASKED_NUMBERS: usize = 20_000_000;
+
+/// Positions in one answer, with those of its quantiles and returned samples. Each takes up to 15
+/// bytes. Exceeding it is a violation of `sampling`.
+pub const ANSWERED_NUMBERS: usize = 2_000_000;
 
 /// Quantiles of one prediction request.
 pub const QUANTILES: usize = 20;

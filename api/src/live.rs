@@ -106,6 +106,9 @@ pub enum LiveError {
     #[error("{waiting} predictions are waiting, which is the limit; try again later")]
     Queue { waiting: usize },
 
+    #[error("questions to models take all of {bytes} bytes of memory; try again later")]
+    Memory { bytes: usize },
+
     #[error(
         "there is no room for another model: the models in use take all {models} places or {bytes} \
          bytes; try again later"

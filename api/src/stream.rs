@@ -55,7 +55,7 @@ async fn converse(client: &mut Client, stream: &mut PredictionStream) -> End {
         let reply = match message {
             Message::Text(text) => tokio::select! {
                 biased;
-                reply = stream.answer(text.as_bytes()) => reply,
+                reply = stream.answer(text.into()) => reply,
                 end = client.leaves() => return end,
             },
             _ => {

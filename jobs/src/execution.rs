@@ -15,9 +15,9 @@ const DAY_MS: i64 = 24 * 60 * 60 * 1000;
 /// database's clock.
 pub(crate) fn check(spec: &JobSpec, limits: &Limits, now: Timestamp) -> Result<(), SpecError> {
     let execution = spec.execution();
-    let mut violations = Vec::new();
+    let mut found = SpecError::default();
     let mut violation = |field: &str, value: String, allowed: String| {
-        violations.push(Violation { field: format!("execution.{field}"), value, allowed });
+        found.add_with(|| Violation::new(format!("execution.{field}"), value, allowed));
     };
     let longest = limits.time_limits_s.get(&spec.kind()).copied();
     if let (Some(asked), Some(longest)) = (execution.time_limit_s, longest)
@@ -34,7 +34,7 @@ pub(crate) fn check(spec: &JobSpec, limits: &Limits, now: Timestamp) -> Result<(
         let allowed = format!("at most {DAYS_AHEAD} days ahead, until {latest}");
         violation("not_before", moment.to_string(), allowed);
     }
-    if violations.is_empty() { Ok(()) } else { Err(SpecError { violations }) }
+    found.into_result()
 }
 
 #[cfg(test)]

@@ -31,6 +31,6 @@ pub use evaluate::EvaluateTask;
 pub use kind::{Limits, MemoryDoubts};
 pub use reindex::{FoundObjects, LeftOut, Rebuilt, ReindexError, find_objects, rebuild};
 pub use simulate::ShardTask;
-pub use submission::{retry, submit, submit_spec};
+pub use submission::{Retried, idempotency, read, repeated, retried, submit};
 pub use verify::VerifyTask;
 pub use warnings::warnings;

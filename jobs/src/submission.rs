@@ -1,7 +1,7 @@
 //! Submissions: turns a spec as sent into jobs in the store.
 
 use serde::de::IgnoredAny;
-use serde_json::json;
+use serde_json::{Value, json};
 use spec::{Digest, JobSpec, SpecError};
 use store::{Idempotency, JobId, JobState, Labels, Reuse, Store, Submission, Submitted, Timestamp};
 
@@ -12,76 +12,82 @@ use crate::pipeline::plan_pipeline;
 use crate::plan::plan;
 use crate::references::References;
 
-/// Submits the spec in `text`: a job, or a pipeline with all its jobs, in one transaction.
+/// Reads a spec as it was sent. It takes the longer the larger the text is, so an asynchronous
+/// caller gives it a thread that may block.
 ///
 /// # Errors
-/// [`SubmissionError::Json`] or [`SubmissionError::Spec`] when it is refused. Nothing is queued
-/// then.
-pub async fn submit(
-    store: &Store,
-    limits: &Limits,
-    text: &[u8],
-    reuse: Reuse,
-    idempotency_key: Option<String>,
-    labels: Labels,
-) -> Result<Submitted, SubmissionError> {
-    let idempotency = idempotency_key.map(|key| Idempotency {
-        key,
-        request: Digest::of_json(&json!([Digest::of(text), reuse == Reuse::Never])),
-    });
-    if let Some(submitted) = repeated(store, idempotency.as_ref()).await? {
-        return Ok(submitted);
-    }
+/// [`SubmissionError::Json`] or [`SubmissionError::Spec`] when it is refused.
+pub fn read(text: &[u8]) -> Result<JobSpec, SubmissionError> {
     spec::read_json::<IgnoredAny>(text).map_err(SubmissionError::Json)?;
-    let spec = spec::parse(text)?;
-    submit_new(store, limits, &spec, reuse, idempotency, labels).await
+    Ok(spec::parse(text)?)
 }
 
-/// Submits the spec of a failed or cancelled job again. Parts that succeeded are not done again:
-/// the jobs of a pipeline, and the tasks of kinds that take over tasks. The new job has the labels
-/// of the old one.
+/// What makes two requests with the spec in `text` and this key the same.
+pub fn idempotency(text: &[u8], reuse: Reuse, key: String) -> Idempotency {
+    let request = Digest::of_json(&json!([Digest::of(text), reuse == Reuse::Never]));
+    Idempotency { key, request }
+}
+
+/// A job that can be tried again: its spec as it is stored, and its labels.
+pub struct Retried {
+    spec: Value,
+    pub labels: Labels,
+}
+
+/// Finds the failed or cancelled job with this id.
 ///
 /// # Errors
-/// [`SubmissionError::NotFailed`] for any other job. [`SubmissionError::Spec`] when the spec refers
-/// to something that is gone.
-pub async fn retry(
-    store: &Store,
-    limits: &Limits,
-    id: JobId,
-) -> Result<Submitted, SubmissionError> {
+/// [`SubmissionError::NotFailed`] for any other job.
+pub async fn retried(store: &Store, id: JobId) -> Result<Retried, SubmissionError> {
     let job = store.job(id).await?;
     if !matches!(job.state, JobState::Failed | JobState::Cancelled) {
         return Err(SubmissionError::NotFailed { id, state: job.state });
     }
-    let mut spec = spec::parse(job.spec.to_string().as_bytes())?;
-    if let JobSpec::Pipeline(pipeline) = &mut spec {
-        pipeline.name_siblings();
-    }
     let labels =
         Labels { name: job.given_name, note: job.note, tags: job.tags.into_iter().collect() };
-    submit_new(store, limits, &spec, Reuse::SameDigest, None, labels).await
+    Ok(Retried { spec: job.spec, labels })
 }
 
-/// Like [`submit`], for a spec that [`spec::parse`] has read.
+impl Retried {
+    /// The spec to submit again, like [`read`]. Parts that succeeded are not done again: the jobs
+    /// of a pipeline, and the tasks of kinds that take over tasks.
+    ///
+    /// # Errors
+    /// [`SubmissionError::Spec`] when this version refuses it.
+    pub fn read(&self) -> Result<JobSpec, SubmissionError> {
+        let mut spec = spec::parse(self.spec.to_string().as_bytes())?;
+        if let JobSpec::Pipeline(pipeline) = &mut spec {
+            pipeline.name_siblings();
+        }
+        Ok(spec)
+    }
+}
+
+/// Submits a spec that was read: a job, or a pipeline with all its jobs, in one transaction.
 ///
 /// # Errors
-/// When it is refused. Nothing is queued then.
-pub async fn submit_spec(
+/// [`SubmissionError::Spec`] when it exceeds a limit, or refers to something that is gone. Nothing
+/// is queued then.
+pub async fn submit(
     store: &Store,
     limits: &Limits,
     spec: &JobSpec,
     reuse: Reuse,
     idempotency: Option<Idempotency>,
+    labels: Labels,
 ) -> Result<Submitted, SubmissionError> {
     match repeated(store, idempotency.as_ref()).await? {
         Some(submitted) => Ok(submitted),
-        None => submit_new(store, limits, spec, reuse, idempotency, Labels::default()).await,
+        None => submit_new(store, limits, spec, reuse, idempotency, labels).await,
     }
 }
 
 /// The outcome of an earlier submission of the same request. It is looked up before the request is
 /// checked, because limits and the things that a spec refers to may have changed.
-async fn repeated(
+///
+/// # Errors
+/// When another request had the same key.
+pub async fn repeated(
     store: &Store,
     idempotency: Option<&Idempotency>,
 ) -> Result<Option<Submitted>, SubmissionError> {
@@ -112,14 +118,14 @@ async fn submit_new(
 }
 
 fn check_limits(spec: &JobSpec, limits: &Limits, now: Timestamp) -> Result<(), SpecError> {
-    let mut violations = Vec::new();
+    let mut found = SpecError::default();
     for (path, spec) in spec.single_jobs() {
         let of_kind = kind(spec).map_or(Ok(()), |kind| kind.check_limits(limits));
         let of_execution = execution::check(spec, limits, now);
         for error in [of_kind, of_execution].into_iter().filter_map(Result::err) {
             let error = if path.is_empty() { error } else { error.within(&path) };
-            violations.extend(error.violations);
+            found.append(error);
         }
     }
-    if violations.is_empty() { Ok(()) } else { Err(SpecError { violations }) }
+    found.into_result()
 }

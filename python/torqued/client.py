@@ -24,6 +24,8 @@ class ServerError(Exception):
             f"{it['field']}: {it['value']}; allowed: {it['allowed']}"
             for it in problem.get("violations", ())
         ]
+        if problem.get("more_violations"):
+            violations.append(f"and {problem['more_violations']} more")
         super().__init__("\n".join([problem.get("detail", f"status {status}"), *violations]))
 
 

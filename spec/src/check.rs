@@ -1,6 +1,8 @@
 //! Validation of values: collects every violation instead of stopping at the first.
 
+use std::collections::HashSet;
 use std::fmt::{Debug, Display};
+use std::hash::Hash;
 use std::ops::RangeInclusive;
 
 use serde::Serialize;
@@ -17,7 +19,7 @@ pub(crate) trait Check {
 #[derive(Default)]
 pub(crate) struct Violations {
     path: Vec<String>,
-    found: Vec<Violation>,
+    found: SpecError,
     /// The bounds of checked values, if they are collected.
     bounds: Option<Vec<Bound>>,
 }
@@ -44,7 +46,7 @@ pub(crate) enum Bounded {
 
 impl Violations {
     pub fn finish(self) -> Result<(), SpecError> {
-        if self.found.is_empty() { Ok(()) } else { Err(SpecError { violations: self.found }) }
+        self.found.into_result()
     }
 
     /// Also collects the bounds of checked values.
@@ -57,7 +59,7 @@ impl Violations {
     }
 
     pub fn count(&self) -> usize {
-        self.found.len()
+        self.found.count()
     }
 
     /// Checks `part`. Its fields are reported as `field.…`.
@@ -68,24 +70,24 @@ impl Violations {
     }
 
     pub fn add(&mut self, field: &str, value: impl Display, allowed: impl Into<String>) {
-        self.found.push(Violation {
-            field: self.path_to(field),
-            value: value.to_string(),
-            allowed: allowed.into(),
-        });
+        self.add_with(field, || (value.to_string(), allowed.into()));
     }
 
-    fn path_to(&self, field: &str) -> String {
-        let mut path = self.path.clone();
-        path.push(field.to_owned());
-        path.join(".")
+    /// Adds a violation. `describe` gives its value and what is allowed. It is called only if the
+    /// violation is listed.
+    pub fn add_with(&mut self, field: &str, describe: impl FnOnce() -> (String, String)) {
+        let Self { path, found, .. } = self;
+        found.add_with(|| {
+            let (value, allowed) = describe();
+            Violation::new(path_to(path, field), value, allowed)
+        });
     }
 
     fn note(&mut self, field: &str, of: Bounded, [least, most]: [&impl Serialize; 2]) {
         if self.bounds.is_none() {
             return;
         }
-        let field = self.path_to(field);
+        let field = path_to(&self.path, field);
         let [least, most] =
             [least, most].map(|value| serde_json::to_value(value).unwrap_or_default());
         self.bounds.get_or_insert_default().push(Bound { field, of, least, most });
@@ -156,9 +158,8 @@ impl Violations {
     }
 
     /// Checks that a list has no repetitions.
-    pub fn no_duplicates<T: PartialEq + Debug>(&mut self, field: &str, items: &[T]) {
-        let repeated = |(i, item): &(usize, &T)| items[..*i].contains(*item);
-        if let Some((_, twice)) = items.iter().enumerate().find(repeated) {
+    pub fn no_duplicates<T: Eq + Hash + Debug>(&mut self, field: &str, items: &[T]) {
+        if let Some(twice) = first_repeated(items) {
             self.add(field, format!("{twice:?} twice"), "each once");
         }
     }
@@ -167,4 +168,15 @@ impl Violations {
     pub fn seed(&mut self, field: &str, seed: u64) {
         self.within(field, seed, 0..=(1 << 53) - 1);
     }
+}
+
+fn path_to(path: &[String], field: &str) -> String {
+    let names = path.iter().map(String::as_str).chain([field]);
+    names.collect::<Vec<&str>>().join(".")
+}
+
+/// The first item that occurs before in the list.
+pub(crate) fn first_repeated<T: Eq + Hash>(items: &[T]) -> Option<&T> {
+    let mut seen = HashSet::new();
+    items.iter().find(|item| !seen.insert(*item))
 }

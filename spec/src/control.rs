@@ -51,7 +51,9 @@ pub struct ControlSpec {
 }
 
 /// A controller without a checkpoint.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, ToSchema)]
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, ToSchema,
+)]
 #[serde(rename_all = "kebab-case")]
 pub enum ControlBaseline {
     /// Applies no torque. It shows how far the path leads away.

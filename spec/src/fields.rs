@@ -1,30 +1,32 @@
 //! The fields of a JSON object, before they become a spec.
 
+use std::io;
+
 use serde::de::DeserializeOwned;
 use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
-use crate::schema::explain;
-use crate::{SpecError, Violation};
+use crate::SpecError;
+use crate::schema::explain_beside;
 
 /// Deserializes `fields`. An error names everything that is wrong with their shape, in addition to
 /// the violations `found` before.
 pub(crate) fn from_fields<T: DeserializeOwned + ToSchema>(
     fields: Map<String, Value>,
-    mut found: Vec<Violation>,
+    mut found: SpecError,
 ) -> Result<T, SpecError> {
+    if found.is_full() {
+        return Err(found);
+    }
     let fields = Value::Object(fields);
-    let explained = explain(&T::name(), &fields);
+    let explained = explain_beside(&T::name(), &fields, &found);
     if explained.is_misshapen || !found.is_empty() {
-        let known: Vec<String> = found.iter().map(|violation| violation.field.clone()).collect();
-        let is_new =
-            |violation: &Violation| !known.iter().any(|field| covers(field, &violation.field));
-        found.extend(explained.violations.into_iter().filter(is_new));
-        return Err(SpecError { violations: found });
+        found.append(explained.error);
+        return Err(found);
     }
     serde_path_to_error::deserialize(&fields).map_err(|error| {
-        if !explained.violations.is_empty() {
-            return SpecError { violations: explained.violations };
+        if !explained.error.is_empty() {
+            return explained.error;
         }
         let path = error.path().to_string();
         let path = if path == "." { String::new() } else { path };
@@ -32,17 +34,57 @@ pub(crate) fn from_fields<T: DeserializeOwned + ToSchema>(
     })
 }
 
-/// Whether a violation at `found` explains one at `field`, which lies inside or beside it.
-fn covers(found: &str, field: &str) -> bool {
-    let parent = found.rsplit_once('.').map_or(found, |(parent, _)| parent);
-    field.strip_prefix(parent).is_some_and(|rest| rest.is_empty() || rest.starts_with(['.', '[']))
-}
+/// Characters of a value in an error about its shape.
+const SHORT: usize = 60;
 
 /// A value as text for an error; cut if it is long.
 pub(crate) fn shorten(value: &Value) -> String {
-    let text = value.to_string();
-    if text.chars().count() <= 60 {
-        return text;
+    // No more of a long value is written than is shown.
+    let mut begin = Begin { bytes: Vec::new(), most: 4 * SHORT };
+    let is_whole = serde_json::to_writer(&mut begin, value).is_ok();
+    let text = String::from_utf8_lossy(&begin.bytes);
+    if is_whole && text.chars().count() <= SHORT {
+        return text.into_owned();
     }
-    text.chars().take(57).chain("...".chars()).collect()
+    text.chars().take(SHORT - 3).chain("...".chars()).collect()
+}
+
+/// Keeps the first bytes that are written, and refuses the others.
+struct Begin {
+    bytes: Vec<u8>,
+    most: usize,
+}
+
+impl io::Write for Begin {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let room = self.most - self.bytes.len();
+        if room == 0 {
+            return Err(io::Error::other("no more is needed"));
+        }
+        let kept = bytes.len().min(room);
+        self.bytes.extend_from_slice(&bytes[..kept]);
+        Ok(kept)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn a_long_value_is_cut_to_sixty_characters() {
+        assert_eq!(shorten(&json!({"a": [1, 2.5, "x"]})), r#"{"a":[1,2.5,"x"]}"#);
+        let exact = json!("x".repeat(58));
+        assert_eq!(shorten(&exact), exact.to_string());
+        let cut = shorten(&json!("ü".repeat(59)));
+        assert_eq!((cut.chars().count(), cut.ends_with("ü...")), (60, true));
+        let nested = shorten(&json!(vec![json!({"a_m": 0}); 100_000]));
+        assert_eq!(nested.chars().count(), 60);
+    }
 }

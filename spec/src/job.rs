@@ -13,7 +13,7 @@ use crate::kind::KindSpec;
 use crate::schema::{listed, nearest};
 use crate::{
     ControlSpec, DataSpec, Digest, Doubt, EvaluateSpec, Execution, ImportSpec, PipelineSpec,
-    Product, Reference, SimulateSpec, SpecError, TrainSpec, VerifySpec, Violation, preset, stream,
+    Product, Reference, SimulateSpec, SpecError, TrainSpec, VerifySpec, preset, stream,
 };
 
 /// Passes every kind of job except the pipeline to `$callback!`, as `name => Variant(Spec)`.
@@ -82,7 +82,7 @@ macro_rules! job_specs {
             pub(crate) fn read(
                 kind: JobKind,
                 fields: Map<String, Value>,
-                found: Vec<Violation>,
+                found: SpecError,
             ) -> Result<Self, SpecError> {
                 match kind {
                     $(JobKind::$Kind => $Spec::read(fields, found).map(Self::$Kind),)*
@@ -159,7 +159,7 @@ impl JobSpec {
             Some(other) => return Err(SpecError::one("kind", shorten(&other), JobKind::names())),
             None => return Err(SpecError::one("kind", "missing", JobKind::names())),
         };
-        let mut found = Vec::new();
+        let mut found = SpecError::default();
         let fields = stream::resolve(fields, &mut found);
         Self::read(kind, fields, found)
     }

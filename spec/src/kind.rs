@@ -6,13 +6,13 @@ use utoipa::ToSchema;
 
 use crate::check::Check;
 use crate::fields::from_fields;
-use crate::{DataSpec, Doubt, Execution, Product, Reference, SpecError, Violation};
+use crate::{DataSpec, Doubt, Execution, Product, Reference, SpecError};
 
 /// The fields of one kind of job.
 pub(crate) trait KindSpec: Check {
     /// Deserializes the fields, without checking values. Presets and streams are resolved before;
     /// `found` has their violations.
-    fn read(fields: Map<String, Value>, found: Vec<Violation>) -> Result<Self, SpecError>
+    fn read(fields: Map<String, Value>, found: SpecError) -> Result<Self, SpecError>
     where
         Self: Sized + DeserializeOwned + ToSchema,
     {

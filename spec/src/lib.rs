@@ -39,7 +39,9 @@ pub use control::{
     ControlBaseline, ControlPath, ControlSpec, PlanWeights, Planner, PointToPoint, Swing,
 };
 pub use data::DataSpec;
-pub use error::{SpecError, Violation};
+pub use error::{
+    ALLOWED_BYTES, FIELD_BYTES, LISTED_VIOLATIONS, SpecError, VALUE_BYTES, Violation, cut,
+};
 pub use evaluate::{
     Baseline, Bootstrap, EvaluateSpec, EvaluationSampler, FilePredictions, LatencySpec,
     SamplerSteps, SamplingRun, ScenarioCell, Start, UNGRIDDED_SCENARIOS,
@@ -65,7 +67,7 @@ pub use robot::{
     AttachedBody, BodyDescription, BuiltInRobot, HandDescription, InertiaScheme, InitialState,
     JointDescription, JointFriction, MAX_JOINTS, Randomization, RobotDescription, RobotModel,
 };
-pub use schema::{schemas, shape_violations};
+pub use schema::{nearest, schemas, shape_violations};
 pub use simulate::{
     Cell, Chirp, ChirpBand, Column, ColumnType, Doubt, Excitation, Family, Frequency, Friction,
     Gravity, Integrator, MAX_POSITION_NOISE_RAD, MAX_TRAJECTORIES, Multisine, Observations,

@@ -8,10 +8,12 @@ use crate::check::{Check, Violations};
 use crate::fields::{from_fields, shorten};
 use crate::kind::KindSpec;
 use crate::schema::nearest;
-use crate::{Digest, Doubt, Execution, JobKind, JobSpec, SpecError, Violation};
+use crate::{Digest, Doubt, Execution, JobKind, JobSpec, SpecError};
 
 /// The largest number of jobs of a pipeline.
 pub const MAX_MEMBERS: usize = 200;
+
+const NUMBER_OF_JOBS: &str = "1 to 200 jobs";
 
 /// Named jobs, some of which need others. Their order follows from references and `needs`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -44,7 +46,7 @@ impl PipelineMember {
 
 impl KindSpec for PipelineSpec {
     /// Reads the members one by one, so that errors name a member's path and presets work inside.
-    fn read(mut fields: Map<String, Value>, mut found: Vec<Violation>) -> Result<Self, SpecError> {
+    fn read(mut fields: Map<String, Value>, mut found: SpecError) -> Result<Self, SpecError> {
         let members = match fields.insert("jobs".to_owned(), Value::Object(Map::new())) {
             Some(Value::Object(members)) => members,
             Some(other) => {
@@ -52,13 +54,16 @@ impl KindSpec for PipelineSpec {
             }
             None => return Err(SpecError::one("jobs", "missing", "an object of named jobs")),
         };
+        if members.len() > MAX_MEMBERS {
+            return Err(SpecError::one("jobs", format!("{} jobs", members.len()), NUMBER_OF_JOBS));
+        }
         let names: Vec<String> = members.keys().cloned().collect();
         let mut jobs = BTreeMap::new();
         for (name, member) in members {
             let path = format!("jobs.{name}");
             match read_member(&name, member, &names) {
                 Ok(member) => drop(jobs.insert(name, member)),
-                Err(error) => found.extend(error.within(&path).violations),
+                Err(error) => found.append(error.within(&path)),
             }
         }
         if found.is_empty() {
@@ -68,11 +73,13 @@ impl KindSpec for PipelineSpec {
         // The violations of readable members are reported together with those of unreadable ones.
         let mut violations = Violations::default();
         jobs.iter().for_each(|(name, job)| violations.part(&format!("jobs.{name}"), &job.spec));
-        found.extend(violations.finish().err().into_iter().flat_map(|error| error.violations));
-        if let Err(error) = from_fields::<Self>(fields, Vec::new()) {
-            found.extend(error.violations);
+        if let Err(error) = violations.finish() {
+            found.append(error);
         }
-        Err(SpecError { violations: found })
+        if let Err(error) = from_fields::<Self>(fields, SpecError::default()) {
+            found.append(error);
+        }
+        Err(found)
     }
 
     fn execution(&self) -> Execution {
@@ -108,7 +115,7 @@ fn read_member(name: &str, member: Value, names: &[String]) -> Result<PipelineMe
         (Ok(_), Err(error)) => Err(error),
         (Err(_), spec) => {
             let mut error = SpecError::one("needs", shorten(&needs), "a list of names of jobs");
-            error.violations.extend(spec.err().into_iter().flat_map(|error| error.violations));
+            spec.err().into_iter().for_each(|more| error.append(more));
             Err(error)
         }
     }
@@ -154,7 +161,7 @@ impl Check for PipelineSpec {
     fn check(&self, violations: &mut Violations) {
         violations.length("name", self.name.len(), 1..=100);
         if self.jobs.is_empty() || self.jobs.len() > MAX_MEMBERS {
-            violations.add("jobs", format!("{} jobs", self.jobs.len()), "1 to 200 jobs");
+            violations.add("jobs", format!("{} jobs", self.jobs.len()), NUMBER_OF_JOBS);
         }
         let known_violations = violations.count();
         for (name, member) in &self.jobs {
@@ -202,17 +209,19 @@ impl PipelineSpec {
         if self.jobs.get(name).is_some_and(fits) {
             return;
         }
-        let kind = match kinds {
-            kinds if kinds == JobKind::ALL => String::new(),
-            kinds => {
-                let kinds: Vec<&str> = kinds.iter().map(|kind| kind.as_str()).collect();
-                format!("{} ", kinds.join(" or "))
-            }
-        };
-        let fitting = self.jobs.iter().filter(|(_, job)| fits(job));
-        let names: Vec<&str> = fitting.map(|(name, _)| name.as_str()).collect();
-        let allowed = format!("a {kind}job of this pipeline: {}", names.join(", "));
-        violations.add(field, format!("{name:?}"), allowed);
+        violations.add_with(field, || {
+            let kind = match kinds {
+                kinds if kinds == JobKind::ALL => String::new(),
+                kinds => {
+                    let kinds: Vec<&str> = kinds.iter().map(|kind| kind.as_str()).collect();
+                    format!("{} ", kinds.join(" or "))
+                }
+            };
+            let fitting = self.jobs.iter().filter(|(_, job)| fits(job));
+            let names: Vec<&str> = fitting.map(|(name, _)| name.as_str()).collect();
+            let allowed = format!("a {kind}job of this pipeline: {}", names.join(", "));
+            (format!("{name:?}"), allowed)
+        });
     }
 }
 

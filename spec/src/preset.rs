@@ -9,7 +9,7 @@ use utoipa::ToSchema;
 
 use crate::fields::shorten;
 use crate::schema::{listed, nearest};
-use crate::{SpecError, Violation, study};
+use crate::{SpecError, study};
 
 /// Name and text of each file in the folder `presets`, sorted.
 static FILES: &[(&str, &str)] = include!(concat!(env!("OUT_DIR"), "/presets.rs"));
@@ -71,15 +71,20 @@ pub(crate) fn resolve_job(fields: Map<String, Value>) -> Result<Map<String, Valu
 /// Does the same in a train job's `model`.
 pub(crate) fn resolve_model(
     mut fields: Map<String, Value>,
-    found: &mut Vec<Violation>,
+    found: &mut SpecError,
 ) -> Map<String, Value> {
     if let Some(Value::Object(model)) = fields.get_mut("model") {
         match resolve(std::mem::take(model), PresetPlace::Model) {
             Ok(resolved) => *model = resolved,
-            Err(error) => found.extend(error.within("model").violations),
+            Err(error) => found.append(error.within("model")),
         }
     }
     fields
+}
+
+/// The presets that may be used in this place.
+fn presets_of(place: PresetPlace) -> Vec<&'static Preset> {
+    presets().iter().filter(|preset| preset.place == place).collect()
 }
 
 fn resolve(
@@ -87,8 +92,7 @@ fn resolve(
     place: PresetPlace,
 ) -> Result<Map<String, Value>, SpecError> {
     let Some(name) = fields.remove("preset") else { return Ok(fields) };
-    let candidates: Vec<&Preset> =
-        presets().iter().filter(|preset| preset.place == place).collect();
+    let candidates = presets_of(place);
     let Some(preset) = candidates.iter().find(|preset| name == preset.name.as_str()) else {
         return Err(unknown(&name, place, &candidates));
     };

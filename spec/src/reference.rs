@@ -27,7 +27,7 @@ pub enum DataSource {
 
 /// A checkpoint. A stored spec names it by its training's digest, which is also exact with `best`
 /// or a step: the same training makes the same checkpoints.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum CheckpointRef {
     /// A train job of the same pipeline. It stands for the final checkpoint.
@@ -43,7 +43,7 @@ pub enum CheckpointRef {
 }
 
 /// A training.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum TrainingRef {
     /// A train job of the same pipeline.
@@ -52,7 +52,7 @@ pub enum TrainingRef {
     Digest(Digest),
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TrainingStep {
     /// The digest of the training's spec.

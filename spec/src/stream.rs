@@ -4,17 +4,14 @@ use serde_json::{Map, Value};
 
 use crate::check::{Check, Violations};
 use crate::fields::shorten;
-use crate::{DataSource, MAX_TRAJECTORIES, SpecError, Violation, preset, simulate};
+use crate::{DataSource, MAX_TRAJECTORIES, SpecError, preset, simulate};
 
 /// Resolves the preset of a stream, and accepts the `kind` that a copied job may have.
-pub(crate) fn resolve(
-    mut fields: Map<String, Value>,
-    found: &mut Vec<Violation>,
-) -> Map<String, Value> {
+pub(crate) fn resolve(mut fields: Map<String, Value>, found: &mut SpecError) -> Map<String, Value> {
     if let Some(stream) = stream_of(&mut fields)
         && let Err(error) = resolve_fields(stream)
     {
-        found.extend(error.within("data.stream").violations);
+        found.append(error.within("data.stream"));
     }
     fields
 }

@@ -93,6 +93,9 @@ fn message(problem: &Problem) -> String {
     for violation in &problem.violations {
         let _ = write!(message, "\n  {violation}");
     }
+    if problem.more_violations > 0 {
+        let _ = write!(message, "\n  and {} more", problem.more_violations);
+    }
     message
 }
 
@@ -111,6 +114,9 @@ mod tests {
             error.to_string(),
             "The spec is not allowed\n  steps is 0, allowed: 1 to 10\n  stesp: unknown field"
         );
+        let body = body.replace("\"status\"", "\"more_violations\":7,\"status\"");
+        let error = ClientError::refused(StatusCode::UNPROCESSABLE_ENTITY, &body);
+        assert!(error.to_string().ends_with("\n  stesp: unknown field\n  and 7 more"), "{error}");
     }
 
     #[test]

@@ -17,10 +17,18 @@ pub struct Problem {
     pub status: u16,
     /// Says what was wrong with this request, and what is allowed.
     pub detail: String,
-    /// Every field of the spec that was refused.
+    /// The fields of the spec that were refused, 100 at most.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub violations: Vec<Violation>,
+    /// Number of violations that the list leaves out.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub more_violations: usize,
     /// The jobs that depend on the item to be deleted.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub dependents: Vec<Dependent>,
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+const fn is_zero(number: &usize) -> bool {
+    *number == 0
 }

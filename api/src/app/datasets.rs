@@ -35,7 +35,12 @@ impl App {
     }
 
     pub async fn datasets(&self, request: &ListRequest) -> Result<Datasets, ApiError> {
-        let Listed { items, end } = self.store.list_datasets(&request.listing).await?;
+        let mut listed = self.store.list_datasets(&request.listing).await?;
+        let specs = listed.items.iter().map(|row| &row.spec);
+        if let Some(shorter) = request.shorter(specs) {
+            listed = self.store.list_datasets(&shorter).await?;
+        }
+        let Listed { items, end } = listed;
         let datasets = items.into_iter().map(without_files).collect();
         Ok(Datasets { datasets, next: request.next(end) })
     }

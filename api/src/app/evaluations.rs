@@ -29,7 +29,12 @@ impl App {
     }
 
     pub async fn evaluations(&self, request: &ListRequest) -> Result<Evaluations, ApiError> {
-        let Listed { items, end } = self.store.list_jobs(&request.listing).await?;
+        let mut listed = self.store.list_jobs(&request.listing).await?;
+        let specs = listed.items.iter().map(|row| &row.spec);
+        if let Some(shorter) = request.shorter(specs) {
+            listed = self.store.list_jobs(&shorter).await?;
+        }
+        let Listed { items, end } = listed;
         let evaluations = self.complete_evaluations(items).await?;
         Ok(Evaluations { evaluations, next: request.next(end) })
     }

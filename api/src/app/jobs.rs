@@ -19,7 +19,12 @@ impl App {
     }
 
     pub async fn jobs(&self, request: &ListRequest) -> Result<Jobs, ApiError> {
-        let Listed { items, end } = self.store.list_jobs(&request.listing).await?;
+        let mut listed = self.store.list_jobs(&request.listing).await?;
+        let specs = listed.items.iter().map(|row| &row.spec);
+        if let Some(shorter) = request.shorter(specs) {
+            listed = self.store.list_jobs(&shorter).await?;
+        }
+        let Listed { items, end } = listed;
         Ok(Jobs { jobs: self.complete(items).await?, next: request.next(end) })
     }
 

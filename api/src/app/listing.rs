@@ -5,6 +5,7 @@ use std::collections::BTreeSet;
 use base64::Engine as _;
 use base64::engine::general_purpose::URL_SAFE_NO_PAD;
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 use spec::{JobKind, Moment};
 use store::{Direction, Key, Position, Sort, Thing, Timestamp};
 use wire::{DatasetState, JobState};
@@ -12,7 +13,7 @@ use wire::{DatasetState, JobState};
 use crate::app::labels;
 use crate::app::paging;
 use crate::error::ApiError;
-use crate::limits::{SEARCH_CHARACTERS, TAGS};
+use crate::limits::{PAGE_BYTES, SEARCH_CHARACTERS, TAGS};
 
 /// A list of the API or of the page.
 pub struct List {
@@ -130,6 +131,19 @@ impl ListRequest {
         let mut request = Self { list: list.name, listing };
         request.listing.after = cursor.map(|cursor| request.place(cursor)).transpose()?;
         Ok(request)
+    }
+
+    /// A shorter page, if the items of this one, which have these `specs`, have more than
+    /// [`PAGE_BYTES`]. It has one item at least.
+    pub fn shorter<'a>(&self, specs: impl Iterator<Item = &'a Value>) -> Option<store::Listing> {
+        let mut bytes = 0;
+        let is_full = |spec: &Value| {
+            bytes += paging::json_bytes(spec);
+            bytes > PAGE_BYTES
+        };
+        let fitting = specs.map(is_full).position(|is_full| is_full)?.max(1);
+        let limit = u32::try_from(fitting).ok().filter(|limit| *limit < self.listing.limit)?;
+        Some(store::Listing { limit, ..self.listing.clone() })
     }
 
     /// The cursor of the page after one that ends at `end`.

@@ -48,6 +48,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use ::jobs::{Limits, MemoryDoubts};
+use axum::extract::FromRef;
 use spec::JobKind;
 use store::Store;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
@@ -56,6 +57,7 @@ use crate::access::{KnownTokens, Token};
 use crate::app::events::Feed;
 use crate::app::monitoring::Monitor;
 use crate::app::shards::OpenShards;
+use crate::checks::Checks;
 use crate::error::ApiError;
 use crate::limits::{
     CONCURRENT_DOWNLOADS, CONCURRENT_UPLOADS, CONNECTIONS, EVENT_HEARTBEAT, EVENT_STREAMS,
@@ -65,7 +67,6 @@ use crate::limits::{
 use crate::live::LiveModels;
 
 pub use paging::Paging;
-pub use questions::read as read_question;
 pub use trash::dependent;
 
 /// The server's version, which `/healthz` and the page show.
@@ -143,6 +144,7 @@ pub struct App {
     /// Permits for open streams of events.
     event_places: Arc<Semaphore>,
     event_heartbeat: Duration,
+    checks: Checks,
     models: Option<Arc<dyn LiveModels>>,
     /// Permits for open prediction streams.
     stream_places: Arc<Semaphore>,
@@ -150,6 +152,12 @@ pub struct App {
     closing: watch::Sender<bool>,
     ending: Arc<AtomicBool>,
     monitor: Monitor,
+}
+
+impl FromRef<App> for Checks {
+    fn from_ref(app: &App) -> Self {
+        app.checks()
+    }
 }
 
 impl App {
@@ -177,6 +185,7 @@ impl App {
             events: Feed::new(),
             event_places: Arc::new(Semaphore::new(EVENT_STREAMS)),
             event_heartbeat: options.event_heartbeat,
+            checks: Checks::new(),
             models: None,
             stream_places: Arc::new(Semaphore::new(STREAMS)),
             closing: watch::Sender::new(false),
@@ -203,6 +212,10 @@ impl App {
 
     pub(crate) fn is_ending(&self) -> bool {
         self.ending.load(Ordering::Relaxed)
+    }
+
+    pub(crate) fn checks(&self) -> Checks {
+        self.checks.clone()
     }
 
     pub(crate) fn max_upload_bytes(&self) -> u64 {

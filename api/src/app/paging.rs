@@ -1,6 +1,9 @@
 //! Pages of lists without filters: newest first, and tasks in the order in which they run.
 
 use std::fmt::Display;
+use std::io;
+
+use serde::Serialize;
 
 use crate::error::ApiError;
 use crate::limits::{PAGE_DEFAULT, PAGE_MAXIMUM};
@@ -73,4 +76,26 @@ pub fn limit_error(limit: impl Display) -> ApiError {
 /// Whether the page is full, so more items may follow.
 fn is_full(found: usize, limit: u32) -> bool {
     u32::try_from(found).is_ok_and(|found| found >= limit)
+}
+
+/// Bytes of a value as JSON.
+pub fn json_bytes(value: &impl Serialize) -> usize {
+    let mut counter = Counter(0);
+    // Counting cannot fail, and neither can values of the API.
+    let _ = serde_json::to_writer(&mut counter, value);
+    counter.0
+}
+
+/// Counts the bytes that are written.
+struct Counter(usize);
+
+impl io::Write for Counter {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.0 += bytes.len();
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
 }

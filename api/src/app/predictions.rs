@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use axum::body::Bytes;
 use spec::SpecError;
 use statistics::interpolated_quantile;
 use store::{Checkpoint, CheckpointFile, CheckpointId};
@@ -12,9 +13,10 @@ use wire::{
 };
 
 use crate::app::App;
-use crate::app::questions::{answers_to, question};
+use crate::app::questions::{answers_to, numbers_of, question};
 use crate::error::ApiError;
-use crate::live::{LiveError, LiveModel, LivePrediction, LiveQueue};
+use crate::limits::ASKED_NUMBERS;
+use crate::live::{AboutModel, LiveError, LiveModel, LivePrediction, LiveQueue};
 
 /// A checkpoint's model, kept loaded for a request or a stream.
 #[derive(Clone)]
@@ -48,29 +50,45 @@ impl App {
         Ok(HeldModel { resource, model })
     }
 
+    /// The answer to a [`PredictionRequest`], a [`Prediction`] as JSON.
+    ///
     /// # Errors
     /// Like [`App::held_model`]. [`ApiError::Question`] with everything that is wrong with the
     /// request.
-    pub async fn predict(
-        &self,
-        checkpoint: i64,
-        request: &PredictionRequest,
-    ) -> Result<Prediction, ApiError> {
+    pub async fn predict(&self, checkpoint: i64, body: Bytes) -> Result<Vec<u8>, ApiError> {
+        let bytes = body.len();
+        let request: PredictionRequest = self.read_body(body).await?;
         let asked = Instant::now();
         let HeldModel { resource, model } = self.held_model(checkpoint).await?;
         let load = milliseconds(asked.elapsed());
-        let question = question(request, model.about())?;
+        let (about, size) = (model.about().clone(), answers_to(&request));
+        let sampling = request.sampling.clone();
+        let input = question_bytes(size, &about);
+        let _memory = self.checks.memory(input)?;
+        // Numbers are copied some sixteen times as fast as they are read from JSON.
+        let work = bytes.max(input / 16);
+        let question = self.checks.run(work, move || question(&request, &about)).await?;
         let prediction = model.predict(question, LiveQueue::Requests).await?;
         let horizon = model.about().horizon;
-        let size = answers_to(request);
-        let scenarios =
-            (0..size).map(|index| prediction.of(index, size, horizon, &request.sampling)).collect();
-        let queue = milliseconds(prediction.queued);
-        let compute = milliseconds(prediction.computed);
-        let latency_ms = PredictionLatency { load, queue, compute };
-        let warnings = prediction.warnings;
-        Ok(Prediction { model: resource, scenarios, latency_ms, warnings })
+        let written = prediction.answered_bytes(&sampling);
+        let write = move || {
+            let answers = prediction.answers(size, horizon, &sampling).collect();
+            let queue = milliseconds(prediction.queued);
+            let compute = milliseconds(prediction.computed);
+            let latency_ms = PredictionLatency { load, queue, compute };
+            let warnings = prediction.warnings;
+            let answer = Prediction { model: resource, scenarios: answers, latency_ms, warnings };
+            // It has only strings and finite numbers, so this cannot fail.
+            serde_json::to_vec(&answer).map_err(|_| ApiError::Internal)
+        };
+        self.checks.run(written, write).await
     }
+}
+
+/// Bytes of the model's input for `size` answers. More than the limit are refused before they are
+/// there.
+fn question_bytes(size: usize, about: &AboutModel) -> usize {
+    numbers_of(size, about).min(ASKED_NUMBERS) * size_of::<f32>()
 }
 
 /// Why the model of `checkpoint` was not loaded. Names the damaged file, if there is one.
@@ -90,6 +108,21 @@ pub fn milliseconds(duration: Duration) -> f64 {
 }
 
 impl LivePrediction {
+    /// The predictions for all `size` scenarios.
+    pub fn answers(
+        &self,
+        size: usize,
+        horizon: usize,
+        sampling: &PredictionSampling,
+    ) -> impl Iterator<Item = PredictedScenario> {
+        (0..size).map(move |index| self.of(index, size, horizon, sampling))
+    }
+
+    /// About the bytes of the answer as JSON.
+    pub fn answered_bytes(&self, sampling: &PredictionSampling) -> usize {
+        self.positions.len() * (1 + sampling.quantiles.len()) * 10
+    }
+
     /// The prediction for scenario `index` of `size`.
     pub fn of(
         &self,
@@ -103,29 +136,31 @@ impl LivePrediction {
         let rows = |positions: &[f32]| rows(positions, joints);
         let samples: Vec<&[f32]> =
             self.positions.chunks_exact(row).skip(index).step_by(size.max(1)).collect();
-        let over_samples = |of: &dyn Fn(&mut [f64]) -> f64| {
-            let mut values = vec![0.0; samples.len()];
-            let positions: Vec<f32> = (0..row)
-                .map(|position| {
-                    for (value, sample) in values.iter_mut().zip(&samples) {
-                        *value = f64::from(sample[position]);
-                    }
-                    narrow(of(&mut values))
-                })
-                .collect();
-            rows(&positions)
-        };
-        let quantiles = sampling.quantiles.iter().map(|&quantile| PredictedQuantile {
-            quantile,
-            y: over_samples(&|values| {
+        let mut means = Vec::with_capacity(row);
+        let mut quantiles = vec![Vec::with_capacity(row); sampling.quantiles.len()];
+        let mut values = vec![0.0; samples.len()];
+        for position in 0..row {
+            for (value, sample) in values.iter_mut().zip(&samples) {
+                *value = f64::from(sample[position]);
+            }
+            means.push(narrow(mean(&values)));
+            if !quantiles.is_empty() {
+                // Sorted once for all quantiles.
                 values.sort_unstable_by(f64::total_cmp);
-                interpolated_quantile(values, quantile)
-            }),
-        });
+            }
+            for (positions, quantile) in quantiles.iter_mut().zip(&sampling.quantiles) {
+                positions.push(narrow(interpolated_quantile(&values, *quantile)));
+            }
+        }
+        let quantiles = sampling
+            .quantiles
+            .iter()
+            .zip(&quantiles)
+            .map(|(&quantile, positions)| PredictedQuantile { quantile, y: rows(positions) });
         PredictedScenario {
             y: match samples[..] {
                 [only] => rows(only),
-                _ => over_samples(&|values| mean(values)),
+                _ => rows(&means),
             },
             quantiles: quantiles.collect(),
             samples: sampling

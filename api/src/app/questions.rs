@@ -2,18 +2,33 @@
 
 use std::fmt::Display;
 
-use serde::de::DeserializeOwned;
+use axum::body::Bytes;
+use serde::de::{DeserializeOwned, IgnoredAny};
 use serde_json::Value;
 use series::{MeasurementNoise, Series, Shape, ShapeError};
 use spec::{MAX_POSITION_NOISE_RAD, SpecError, Violation, read_json, shape_violations};
 use utoipa::ToSchema;
 use wire::{ObservedScenario, PredictionRequest, PredictionSampling};
 
+use crate::app::App;
 use crate::error::ApiError;
-use crate::limits::{PREDICTED_POSITIONS, QUANTILES, QUESTION_MAGNITUDE};
+use crate::limits::{
+    ANSWERED_NUMBERS, ASKED_NUMBERS, BODY_BYTES, PREDICTED_POSITIONS, QUANTILES, QUESTION_MAGNITUDE,
+};
 use crate::live::{AboutModel, Question};
 
-/// Reads a value of this type from JSON. An error names the field.
+impl App {
+    /// Reads the body of a request like [`read`], without keeping other requests waiting.
+    pub async fn read_body<T>(&self, body: Bytes) -> Result<T, ApiError>
+    where
+        T: DeserializeOwned + ToSchema + Send + 'static,
+    {
+        self.checks.run(body.len(), move || read(&body)).await
+    }
+}
+
+/// Reads a value of this type from JSON. An error names the fields, and in a body of more than
+/// [`BODY_BYTES`] the first one.
 ///
 /// # Errors
 /// [`ApiError::Json`] for invalid JSON, and [`ApiError::Question`] for JSON of another type.
@@ -25,33 +40,45 @@ pub fn read<T: DeserializeOwned + ToSchema>(bytes: &[u8]) -> Result<T, ApiError>
         Ok(_) => "an object with named fields".to_owned(),
         Err(error) => error.to_string(),
     };
-    // The second pass finds all violations. Valid requests do not pay for it.
+    if bytes.len() > BODY_BYTES {
+        read_json::<IgnoredAny>(bytes).map_err(ApiError::Json)?;
+        return Err(first_fault::<T>(bytes, reason));
+    }
+    // The second pass finds all violations. Valid requests do not pay for it. The parsed message
+    // takes up to a hundred times its bytes.
     let message: Value = read_json(bytes).map_err(ApiError::Json)?;
-    let mut violations = shape_violations::<T>(&message);
-    if violations.is_empty() {
-        return Err(ApiError::Question(SpecError::one("the message", "", reason)));
+    let mut error = shape_violations::<T>(&message);
+    if error.is_empty() {
+        error = SpecError::one(WHOLE, "", reason);
     }
-    for violation in violations.iter_mut().filter(|violation| violation.field.is_empty()) {
-        violation.field = "the message".to_owned();
+    for violation in error.violations.iter_mut().filter(|violation| violation.field.is_empty()) {
+        violation.field = WHOLE.to_owned();
     }
-    Err(ApiError::Question(SpecError { violations }))
+    Err(ApiError::Question(error))
+}
+
+/// The field of an error about a message as a whole.
+const WHOLE: &str = "the message";
+
+/// The first fault of a message that is too large to be searched for all of them.
+fn first_fault<T: DeserializeOwned>(bytes: &[u8], reason: String) -> ApiError {
+    let mut reader = serde_json::Deserializer::from_slice(bytes);
+    let read = serde_path_to_error::deserialize::<_, T>(&mut reader);
+    let path = read.err().map(|error| error.path().to_string()).filter(|path| path != ".");
+    ApiError::Question(SpecError::one(path.as_deref().unwrap_or(WHOLE), "", reason))
 }
 
 /// Everything that is wrong with a request.
 #[derive(Default)]
-pub struct RequestViolations(Vec<Violation>);
+pub struct RequestViolations(SpecError);
 
 impl RequestViolations {
     pub fn add(&mut self, field: impl Into<String>, value: impl Display, allowed: impl Display) {
-        let (value, allowed) = (value.to_string(), allowed.to_string());
-        self.0.push(Violation { field: field.into(), value, allowed });
+        self.0.add_with(|| Violation::new(field, value.to_string(), allowed.to_string()));
     }
 
     pub fn finish(self) -> Result<(), ApiError> {
-        if self.0.is_empty() {
-            return Ok(());
-        }
-        Err(ApiError::Question(SpecError { violations: self.0 }))
+        self.0.into_result().map_err(ApiError::Question)
     }
 
     /// Checks the number of rows.
@@ -108,6 +135,16 @@ impl RequestViolations {
         }
         if quantiles.len() > QUANTILES {
             self.add("sampling.quantiles", quantiles.len(), format!("at most {QUANTILES} of them"));
+            return;
+        }
+        let returned = if sampling.return_samples { samples.unwrap_or(1) as usize } else { 0 };
+        let numbers = positions.saturating_mul(1 + quantiles.len() + returned);
+        if numbers > ANSWERED_NUMBERS {
+            let allowed = format!(
+                "at most {ANSWERED_NUMBERS} positions in an answer with those of quantiles and \
+                 returned samples; ask for fewer, or in several requests"
+            );
+            self.add("sampling", format!("for {numbers} positions"), allowed);
         }
         for (index, &quantile) in quantiles.iter().enumerate() {
             if !(0.0..=1.0).contains(&quantile) {
@@ -127,6 +164,19 @@ pub fn answers_to(request: &PredictionRequest) -> usize {
     request.scenarios.iter().map(|scenario| scenario.possible_futures().len()).sum()
 }
 
+/// The largest number of answers to one request.
+fn most_answers(about: &AboutModel) -> usize {
+    let answered = PREDICTED_POSITIONS / (about.horizon * about.joints).max(1);
+    let asked = ASKED_NUMBERS / numbers_of(1, about).max(1);
+    answered.min(asked).max(1)
+}
+
+/// Torques and positions of a question with `size` answers.
+pub fn numbers_of(size: usize, about: &AboutModel) -> usize {
+    let AboutModel { context, horizon, joints, .. } = *about;
+    size.saturating_mul((2 * context + horizon) * joints)
+}
+
 /// Turns a request into the model's input.
 ///
 /// # Errors
@@ -136,10 +186,12 @@ pub fn question(request: &PredictionRequest, about: &AboutModel) -> Result<Quest
     let AboutModel { context, horizon, joints, rate_hz, .. } = *about;
     let mut violations = RequestViolations::default();
     let size = answers_to(request);
-    let most = PREDICTED_POSITIONS / (horizon * joints);
+    let most = most_answers(about);
     if !(1..=most).contains(&size) {
         let allowed = format!("1 to {most}, with each of their futures");
         violations.add("scenarios", format!("{size} of them"), allowed);
+        // So many are not looked at one by one.
+        return Err(violations.finish().err().unwrap_or(ApiError::Internal));
     }
     for (index, scenario) in scenarios.iter().enumerate() {
         let field = |name: &str| format!("scenarios[{index}].{name}");

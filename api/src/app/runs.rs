@@ -20,7 +20,12 @@ impl App {
     }
 
     pub async fn runs(&self, request: &ListRequest) -> Result<Runs, ApiError> {
-        let Listed { items, end } = self.store.list_runs(&request.listing).await?;
+        let mut listed = self.store.list_runs(&request.listing).await?;
+        let specs = listed.items.iter().map(|row| &row.spec);
+        if let Some(shorter) = request.shorter(specs) {
+            listed = self.store.list_runs(&shorter).await?;
+        }
+        let Listed { items, end } = listed;
         Ok(Runs { runs: self.complete_runs(items).await?, next: request.next(end) })
     }
 

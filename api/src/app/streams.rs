@@ -5,6 +5,7 @@
 use std::collections::{HashSet, VecDeque};
 use std::time::Instant;
 
+use axum::body::Bytes;
 use series::{Series, Shape};
 use tokio::time::timeout;
 use wire::{
@@ -14,6 +15,7 @@ use wire::{
 
 use crate::app::predictions::{HeldModel, milliseconds};
 use crate::app::questions::{RequestViolations, asked, noise_of_positions, read, series_of};
+use crate::checks::Checks;
 use crate::error::ApiError;
 use crate::limits::REQUEST_TIMEOUT;
 use crate::live::{AboutModel, LivePrediction, LiveQueue, Previous, Question};
@@ -28,7 +30,8 @@ struct Window {
 impl Window {
     fn push(&mut self, step: &StreamStep, context: usize) {
         for (window, rows) in [(&mut self.u, &step.u), (&mut self.y, &step.y)] {
-            window.extend(rows.iter().cloned());
+            let last = &rows[rows.len().saturating_sub(context)..];
+            window.extend(last.iter().cloned());
             window.drain(..window.len().saturating_sub(context));
         }
     }
@@ -43,6 +46,7 @@ struct Last {
 
 pub struct PredictionStream {
     held: HeldModel,
+    checks: Checks,
     settings: Option<StreamSettings>,
     window: Window,
     last: Option<Last>,
@@ -52,9 +56,10 @@ pub struct PredictionStream {
 }
 
 impl PredictionStream {
-    pub fn new(held: HeldModel) -> Self {
+    pub fn new(held: HeldModel, checks: Checks) -> Self {
         Self {
             held,
+            checks,
             settings: None,
             window: Window::default(),
             last: None,
@@ -64,9 +69,9 @@ impl PredictionStream {
     }
 
     /// The answer to a message. A refused message changes nothing.
-    pub async fn answer(&mut self, message: &[u8]) -> StreamReply {
+    pub async fn answer(&mut self, message: Bytes) -> StreamReply {
         let arrived = Instant::now();
-        let answered = match read(message) {
+        let answered = match self.read(message).await {
             Ok(StreamMessage::Open(settings)) => {
                 self.open(settings).await.map_err(|error| error.within("open"))
             }
@@ -79,6 +84,21 @@ impl PredictionStream {
             Err(error) => Err(error),
         };
         answered.unwrap_or_else(|error| Self::refusal(&error))
+    }
+
+    /// Reads a message, and checks a step.
+    async fn read(&self, message: Bytes) -> Result<StreamMessage, ApiError> {
+        let (is_open, filled) = (self.settings.is_some(), self.window.u.len());
+        let (about, bytes) = (self.held.model.about().clone(), message.len());
+        let read = move || {
+            let read = read(&message)?;
+            match &read {
+                StreamMessage::Step(step) if is_open => check(step, filled, &about)?,
+                _ => {}
+            }
+            Ok(read)
+        };
+        self.checks.run(bytes, read).await
     }
 
     pub fn refusal(error: &ApiError) -> StreamReply {
@@ -117,7 +137,6 @@ impl PredictionStream {
             violations.add("step", "the first message", "after open");
             return Err(violations.finish().err().unwrap_or(ApiError::Internal));
         };
-        self.check(&step, context, horizon)?;
         let seen = step.u.len();
         self.window.push(&step, context);
         if let Some(last) = &mut self.last {
@@ -139,16 +158,19 @@ impl PredictionStream {
         let scenario = self.scenario(u, y)?.with_noise(noise);
         let question = Question { previous, ..asked(&settings.sampling, scenario) };
         let prediction = self.ask(question).await?;
-        let predicted = prediction.of(0, 1, horizon, &settings.sampling);
+        let (queued, computed) = (prediction.queued, prediction.computed);
+        let mut warnings = prediction.warnings.clone();
+        let bytes = prediction.answered_bytes(&settings.sampling);
+        let answer = move || Ok(prediction.of(0, 1, horizon, &settings.sampling));
+        let predicted = self.checks.run(bytes, answer).await?;
         self.last = Some(Last { positions: predicted.y.concat(), age: 0 });
         let number = self.predictions;
         self.predictions += 1;
         let latency_ms = StreamLatency {
-            queue: milliseconds(prediction.queued),
-            compute: milliseconds(prediction.computed),
+            queue: milliseconds(queued),
+            compute: milliseconds(computed),
             total: milliseconds(arrived.elapsed()),
         };
-        let mut warnings = prediction.warnings;
         warnings.retain(|warning| self.warned.insert((warning.kind, warning.joint)));
         Ok(StreamReply::Prediction(StreamedPrediction {
             number,
@@ -157,29 +179,6 @@ impl PredictionStream {
             latency_ms,
             warnings,
         }))
-    }
-
-    fn check(&self, step: &StreamStep, context: usize, horizon: usize) -> Result<(), ApiError> {
-        let mut violations = RequestViolations::default();
-        let joints = self.held.model.about().joints;
-        let seen = step.u.len();
-        if seen == 0 {
-            violations.add("step.u", "0 rows", "at least one row");
-        }
-        violations.rows("step.y", &step.y, seen, "as many as u");
-        violations.values("step.u", &step.u, joints);
-        violations.values("step.y", &step.y, joints);
-        if let Some(future_u) = &step.future_u {
-            violations.rows("step.future_u", future_u, horizon, "the checkpoint's horizon");
-            violations.values("step.future_u", future_u, joints);
-            let filled = self.window.u.len() + seen;
-            if filled < context {
-                let found = format!("given after {filled} samples");
-                let allowed = format!("left out until the context has its {context} samples");
-                violations.add("step.future_u", found, allowed);
-            }
-        }
-        violations.finish()
     }
 
     /// One robot: torques of context and horizon, and positions of the context.
@@ -197,4 +196,28 @@ impl PredictionStream {
     fn filled(&self) -> FilledContext {
         FilledContext { filled: self.window.u.len(), context: self.held.model.about().context }
     }
+}
+
+/// Checks a step, before which the context has `filled` samples.
+fn check(step: &StreamStep, filled: usize, about: &AboutModel) -> Result<(), ApiError> {
+    let mut violations = RequestViolations::default();
+    let AboutModel { context, horizon, joints, .. } = *about;
+    let seen = step.u.len();
+    if seen == 0 {
+        violations.add("step.u", "0 rows", "at least one row");
+    }
+    violations.rows("step.y", &step.y, seen, "as many as u");
+    violations.values("step.u", &step.u, joints);
+    violations.values("step.y", &step.y, joints);
+    if let Some(future_u) = &step.future_u {
+        violations.rows("step.future_u", future_u, horizon, "the checkpoint's horizon");
+        violations.values("step.future_u", future_u, joints);
+        let filled = filled + seen;
+        if filled < context {
+            let found = format!("given after {filled} samples");
+            let allowed = format!("left out until the context has its {context} samples");
+            violations.add("step.future_u", found, allowed);
+        }
+    }
+    violations.finish()
 }

@@ -1,11 +1,13 @@
 //! Submissions and their outcome for the user. The crate `jobs` turns specs into jobs.
 
+use axum::body::Bytes;
 use spec::JobSpec;
 use store::{Idempotency, JobId, Labels};
 use wire::Job;
 
 use crate::app::App;
 use crate::error::ApiError;
+use crate::limits::BODY_BYTES;
 
 pub use store::Reuse;
 
@@ -24,15 +26,17 @@ impl App {
     /// [`ApiError::Json`] or [`ApiError::Spec`] when it is refused. Nothing is queued then.
     pub async fn submit(
         &self,
-        text: &[u8],
+        text: Bytes,
         reuse: Reuse,
         idempotency_key: Option<String>,
         labels: Labels,
     ) -> Result<Submitted, ApiError> {
-        let limits = &self.limits;
-        let submitted =
-            jobs::submit(&self.store, limits, text, reuse, idempotency_key, labels).await?;
-        self.submitted(submitted).await
+        let idempotency = idempotency_key.map(|key| jobs::idempotency(&text, reuse, key));
+        if let Some(earlier) = jobs::repeated(&self.store, idempotency.as_ref()).await? {
+            return self.submitted(earlier).await;
+        }
+        let spec = self.checks.run(text.len(), move || Ok(jobs::read(&text)?)).await?;
+        self.submit_spec(&spec, reuse, idempotency, labels).await
     }
 
     /// Submits the spec of a failed or cancelled job again. Completed parts are not done again: the
@@ -42,8 +46,11 @@ impl App {
     /// [`ApiError::NotFailed`] for any other job. [`ApiError::Spec`] when something that the spec
     /// refers to is gone.
     pub async fn retry(&self, id: i64) -> Result<Submitted, ApiError> {
-        let submitted = jobs::retry(&self.store, &self.limits, JobId(id)).await?;
-        self.submitted(submitted).await
+        let retried = jobs::retried(&self.store, JobId(id)).await?;
+        let labels = retried.labels.clone();
+        // The size of a stored spec is only known when it is written.
+        let spec = self.checks.run(BODY_BYTES, move || Ok(retried.read()?)).await?;
+        self.submit_spec(&spec, Reuse::SameDigest, None, labels).await
     }
 
     pub(super) async fn submit_spec(
@@ -51,9 +58,10 @@ impl App {
         spec: &JobSpec,
         reuse: Reuse,
         idempotency: Option<Idempotency>,
+        labels: Labels,
     ) -> Result<Submitted, ApiError> {
-        let submitted =
-            jobs::submit_spec(&self.store, &self.limits, spec, reuse, idempotency).await?;
+        let limits = &self.limits;
+        let submitted = jobs::submit(&self.store, limits, spec, reuse, idempotency, labels).await?;
         self.submitted(submitted).await
     }
 

@@ -2,7 +2,7 @@
 
 use serde_json::{Map, Value};
 use spec::{Digest, FileFormat, ImportSpec, JobSpec, SpecError, read_json};
-use store::{Idempotency, Reuse};
+use store::{Idempotency, Labels, Reuse};
 
 use crate::app::App;
 use crate::app::submission::Submitted;
@@ -22,7 +22,9 @@ impl App {
         idempotency_key: Option<String>,
     ) -> Result<Submitted, ApiError> {
         let _place = self.upload_places.try_acquire().map_err(|_| ApiError::UploadsCrowded)?;
-        let (mut spec, claimed) = import_spec(&file.spec, file.format)?;
+        let (text, format) = (file.spec.clone(), file.format);
+        let read = move || import_spec(&text, format);
+        let (mut spec, claimed) = self.checks.run(file.spec.len(), read).await?;
         let room = self.room().await?;
         let mut writer = self.store.begin_upload().await?;
         while let Some(piece) = file.next().await? {
@@ -43,7 +45,7 @@ impl App {
             key,
             request: Digest::of_json(&serde_json::json!([spec.to_json(), reuse == Reuse::Never])),
         });
-        self.submit_spec(&spec, reuse, idempotency).await
+        self.submit_spec(&spec, reuse, idempotency, Labels::default()).await
     }
 }
 

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde_json::Value;
 use spec::{DataSource, Execution, JobKind, JobSpec, VerifySpec};
-use store::{DatasetId, JobId, Reuse};
+use store::{DatasetId, JobId, Labels, Reuse};
 use wire::{DatasetState, Job, Verification, VerifiedShard};
 
 use crate::app::App;
@@ -40,7 +40,7 @@ impl App {
         }
         let data = DataSource::Dataset(dataset);
         let spec = JobSpec::Verify(VerifySpec { data, execution: Execution::default() });
-        Ok(self.submit_spec(&spec, Reuse::Never, None).await?.job)
+        Ok(self.submit_spec(&spec, Reuse::Never, None, Labels::default()).await?.job)
     }
 
     /// The newest verification of a dataset.

@@ -151,7 +151,7 @@ fn of_live(error: &LiveError) -> (StatusCode, &'static str, &'static str) {
         LiveError::Refused(_) => {
             (S::UNPROCESSABLE_ENTITY, "question", "The prediction request is not allowed")
         }
-        LiveError::Queue { .. } | LiveError::Full { .. } => {
+        LiveError::Queue { .. } | LiveError::Memory { .. } | LiveError::Full { .. } => {
             (S::SERVICE_UNAVAILABLE, "crowded", "Too many predictions at once")
         }
         LiveError::TooLarge { .. } => {

@@ -7,7 +7,7 @@ use axum::http::header::{CONTENT_TYPE, RETRY_AFTER, UPGRADE, WWW_AUTHENTICATE};
 use axum::http::{HeaderValue, Method};
 use axum::response::{IntoResponse, Response};
 use jobs::SubmissionError;
-use spec::{JsonFault, SpecError};
+use spec::{JsonFault, SpecError, VALUE_BYTES, cut};
 use store::StoreError;
 use thiserror::Error;
 use wire::{JobState, Problem};
@@ -207,7 +207,8 @@ impl ApiError {
     }
 
     pub fn parameter(name: &str, value: impl Display, allowed: impl Into<String>) -> Self {
-        Self::Parameter { name: name.to_owned(), value: value.to_string(), allowed: allowed.into() }
+        let value = cut(value.to_string(), VALUE_BYTES);
+        Self::Parameter { name: name.to_owned(), value, allowed: allowed.into() }
     }
 
     /// The error for a stored file that could not be read. `file` is its name in messages.
@@ -229,9 +230,9 @@ impl ApiError {
 
     pub fn to_problem(&self) -> Problem {
         let (status, kind, title) = self.kind();
-        let violations = match self {
-            Self::Spec(error) | Self::Question(error) => error.violations.clone(),
-            _ => Vec::new(),
+        let (violations, more_violations) = match self {
+            Self::Spec(error) | Self::Question(error) => (error.violations.clone(), error.more),
+            _ => (Vec::new(), 0),
         };
         let dependents = match self {
             Self::Store(StoreError::Needed { by, .. }) => {
@@ -246,6 +247,7 @@ impl ApiError {
             status: status.as_u16(),
             detail: self.to_string(),
             violations,
+            more_violations,
             dependents,
         }
     }
@@ -291,7 +293,9 @@ impl ApiError {
             | Self::DownloadsCrowded
             | Self::StreamsCrowded
             | Self::EventsCrowded
-            | Self::Live(LiveError::Queue { .. } | LiveError::Full { .. })
+            | Self::Live(
+                LiveError::Queue { .. } | LiveError::Memory { .. } | LiveError::Full { .. },
+            )
             | Self::Timeout => {
                 headers.insert(RETRY_AFTER, HeaderValue::from_static("1"));
             }

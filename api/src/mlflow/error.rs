@@ -4,6 +4,7 @@ use axum::Json;
 use axum::http::StatusCode;
 use axum::response::{IntoResponse, Response};
 use serde_json::json;
+use spec::{ALLOWED_BYTES, cut};
 use store::StoreError;
 use thiserror::Error;
 
@@ -80,8 +81,8 @@ impl ErrorCode {
 }
 
 impl MlflowError {
-    pub const fn refused(code: ErrorCode, message: String) -> Self {
-        Self::Refused { code, message }
+    pub fn refused(code: ErrorCode, message: String) -> Self {
+        Self::Refused { code, message: cut(message, ALLOWED_BYTES) }
     }
 
     /// An invalid field. `value` is its value as received, or a part of it.

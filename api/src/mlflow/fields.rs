@@ -2,16 +2,24 @@
 
 use std::borrow::Cow;
 
-use axum::extract::{FromRequest, Query, Request as HttpRequest};
+use axum::extract::{FromRef, FromRequest, Query, Request as HttpRequest};
 use axum::http::Method;
 use serde_json::{Map, Value};
+use tokio::sync::OwnedSemaphorePermit;
+use tokio::task::spawn_blocking;
 
 use super::MlflowError;
+use crate::checks::Checks;
 use crate::error::ApiError;
 use crate::extract::JsonBytes;
 
 /// All fields of a request. Unknown fields are ignored, as on MLflow's own server.
-pub struct Request(Map<String, Value>);
+pub struct Request {
+    fields: Map<String, Value>,
+    /// The place of a large body among those that are checked. The fields take many times its
+    /// bytes, so the place is kept as long as they are.
+    _place: Option<OwnedSemaphorePermit>,
+}
 
 /// The fields of a request, or of an object in one of its lists.
 #[derive(Clone, Copy)]
@@ -23,11 +31,14 @@ pub struct Fields<'a> {
 
 impl Request {
     pub const fn fields(&self) -> Fields<'_> {
-        Fields { map: &self.0, within: None }
+        Fields { map: &self.fields, within: None }
     }
 }
 
-impl<S: Send + Sync> FromRequest<S> for Request {
+impl<S: Send + Sync> FromRequest<S> for Request
+where
+    Checks: FromRef<S>,
+{
     type Rejection = MlflowError;
 
     async fn from_request(request: HttpRequest, state: &S) -> Result<Self, MlflowError> {
@@ -35,12 +46,18 @@ impl<S: Send + Sync> FromRequest<S> for Request {
             let pairs = Query::<Vec<(String, String)>>::try_from_uri(request.uri());
             let Query(pairs) =
                 pairs.map_err(|error| ApiError::Query { reason: error.body_text() })?;
-            return Ok(Self(of_query(pairs)));
+            return Ok(Self { fields: of_query(pairs), _place: None });
         }
         let JsonBytes(bytes) =
             JsonBytes::<{ crate::limits::BODY_BYTES }>::from_request(request, state).await?;
-        match spec::read_json(&bytes).map_err(ApiError::Json)? {
-            Value::Object(fields) => Ok(Self(fields)),
+        let place = Checks::from_ref(state).place(bytes.len()).await?;
+        let read = move || spec::read_json::<Value>(&bytes).map_err(ApiError::Json);
+        let value = match &place {
+            None => read()?,
+            Some(_) => spawn_blocking(read).await.map_err(|_| ApiError::Internal)??,
+        };
+        match value {
+            Value::Object(fields) => Ok(Self { fields, _place: place }),
             other => Err(MlflowError::invalid("the body", &other.to_string(), "a JSON object")),
         }
     }

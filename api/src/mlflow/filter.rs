@@ -109,10 +109,10 @@ fn text(scanner: &mut Scanner<'_>, field: &Field) -> Result<Test, MlflowError> {
         Some(_) => {}
         None => {
             if scanner.word("LIKE") {
-                return Ok(Test::Like { pattern: scanner.text()?, any_case: false });
+                return Ok(Test::Like { pattern: pattern(scanner)?, any_case: false });
             }
             if scanner.word("ILIKE") {
-                return Ok(Test::Like { pattern: scanner.text()?, any_case: true });
+                return Ok(Test::Like { pattern: pattern(scanner)?, any_case: true });
             }
             let is_attribute = matches!(field, Field::Attribute(_));
             if is_attribute && scanner.word("IN") {
@@ -132,6 +132,15 @@ fn text(scanner: &mut Scanner<'_>, field: &Field) -> Result<Test, MlflowError> {
     let allowed = "=, !=, LIKE or ILIKE, where the field is a text; IS NULL or IS NOT NULL of a param or tag; IN or \
                    NOT IN of an attribute";
     Err(MlflowError::invalid("filter", before, allowed))
+}
+
+fn pattern(scanner: &mut Scanner<'_>) -> Result<String, MlflowError> {
+    let pattern = scanner.text()?;
+    if pattern.chars().count() > limits::PATTERN {
+        let allowed = format!("a pattern of {} characters at most", limits::PATTERN);
+        return Err(MlflowError::invalid("filter", &pattern, &allowed));
+    }
+    Ok(pattern)
 }
 
 fn comparison(scanner: &mut Scanner<'_>) -> Option<Comparison> {

@@ -40,5 +40,8 @@ pub const HISTORY_PAGE: u32 = 25_000;
 /// Bytes of the name of an artifact, including its folders.
 pub const ARTIFACT_NAME: usize = 1000;
 
+/// Characters of the pattern of LIKE. A comparison takes up to the product of both lengths.
+pub const PATTERN: usize = 500;
+
 /// Clauses of a filter, and items of an order.
 pub const CLAUSES: usize = 100;

@@ -7,8 +7,8 @@ use axum::response::Response;
 use store::Thing;
 use wire::{Checkpoint, Checkpoints, LabelChange};
 
+use crate::app::App;
 use crate::app::listing::{CHECKPOINTS, ListRequest};
-use crate::app::{App, read_question};
 use crate::error::ApiError;
 use crate::extract::{PatchBytes, Path, Query, QueryPairs};
 use crate::routes::files::{CheckpointFile, FileParameters, TarFile, send, send_or_redirect};
@@ -62,7 +62,7 @@ pub async fn label(
     Path(id): Path<i64>,
     PatchBytes(body): PatchBytes,
 ) -> Result<Json<Checkpoint>, ApiError> {
-    app.label(Thing::Checkpoint, id, &read_question(&body)?).await?;
+    app.label(Thing::Checkpoint, id, &app.read_body(body).await?).await?;
     Ok(Json(app.checkpoint(id).await?))
 }
 

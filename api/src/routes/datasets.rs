@@ -8,8 +8,8 @@ use axum::response::{IntoResponse, Response};
 use store::Thing;
 use wire::{Dataset, Datasets, Job, LabelChange};
 
+use crate::app::App;
 use crate::app::listing::{DATASETS, ListRequest};
-use crate::app::{App, read_question};
 use crate::error::ApiError;
 use crate::extract::{PatchBytes, Path, Query, QueryPairs};
 use crate::routes::files::{DatasetFile, FileParameters, TarFile, send, send_or_redirect};
@@ -57,7 +57,7 @@ pub async fn label(
     Path(id): Path<i64>,
     PatchBytes(body): PatchBytes,
 ) -> Result<Json<Dataset>, ApiError> {
-    app.label(Thing::Dataset, id, &read_question(&body)?).await?;
+    app.label(Thing::Dataset, id, &app.read_body(body).await?).await?;
     Ok(Json(app.dataset(id).await?))
 }
 

@@ -14,7 +14,7 @@ use wire::{Attempts, Job, Jobs, LabelChange, Tasks};
 use crate::app::listing::{JOBS, ListRequest};
 use crate::app::paging::TaskPaging;
 use crate::app::submission::{Reuse, Submitted};
-use crate::app::{App, labels, read_question};
+use crate::app::{App, labels};
 use crate::error::ApiError;
 use crate::extract::{IdempotencyKey, JsonBytes, PatchBytes, Path, Query, QueryPairs};
 use crate::routes::lists::{JobsParameters, ListParameters, TagParameters};
@@ -68,7 +68,7 @@ pub async fn submit(
     let SubmitParameters { force, name, note } = parameters;
     let reuse = if force { Reuse::Never } else { Reuse::SameDigest };
     let labels = labels::submitted(name, note, pairs.tags())?;
-    Ok(answer(app.submit(&body, reuse, key, labels).await?))
+    Ok(answer(app.submit(body, reuse, key, labels).await?))
 }
 
 fn answer(submitted: Submitted) -> Response {
@@ -137,7 +137,7 @@ pub async fn label(
     Path(id): Path<i64>,
     PatchBytes(body): PatchBytes,
 ) -> Result<Json<Job>, ApiError> {
-    app.label(Thing::Job, id, &read_question(&body)?).await?;
+    app.label(Thing::Job, id, &app.read_body(body).await?).await?;
     Ok(Json(app.job(id).await?))
 }
 

@@ -1,18 +1,17 @@
 //! Predictions with a checkpoint: single ones, or a stream.
 
-use axum::Json;
 use axum::extract::State;
 use axum::extract::ws::WebSocketUpgrade;
 use axum::extract::ws::rejection::WebSocketUpgradeRejection;
 use axum::http::HeaderMap;
-use axum::http::header::{HOST, ORIGIN};
-use axum::response::Response;
+use axum::http::header::{CONTENT_TYPE, HOST, ORIGIN};
+use axum::response::{IntoResponse, Response};
 use wire::{Prediction, PredictionRequest};
 
+use crate::app::App;
 use crate::app::streams::PredictionStream;
-use crate::app::{App, read_question};
 use crate::error::ApiError;
-use crate::extract::{JsonBytes, Path};
+use crate::extract::{Path, QuestionBytes};
 use crate::limits::QUESTION_BYTES;
 use crate::stream;
 
@@ -29,9 +28,10 @@ use crate::stream;
 pub async fn predict(
     State(app): State<App>,
     Path(id): Path<i64>,
-    JsonBytes(body): JsonBytes<QUESTION_BYTES>,
-) -> Result<Json<Prediction>, ApiError> {
-    Ok(Json(app.predict(id, &read_question(&body)?).await?))
+    QuestionBytes { body, memory: _memory }: QuestionBytes,
+) -> Result<Response, ApiError> {
+    let answer = app.predict(id, body).await?;
+    Ok(([(CONTENT_TYPE, "application/json")], answer).into_response())
 }
 
 /// Open a WebSocket for predictions with a receding horizon. docs/prediction.md describes its
@@ -53,7 +53,7 @@ pub async fn open_stream(
         upgrade.map_err(|rejection| ApiError::Handshake { reason: rejection.body_text() })?;
     refuse_other_sites(&headers)?;
     let place = app.stream_place()?;
-    let stream = PredictionStream::new(app.held_model(id).await?);
+    let stream = PredictionStream::new(app.held_model(id).await?, app.checks());
     let upgrade = upgrade.max_message_size(QUESTION_BYTES).max_frame_size(QUESTION_BYTES);
     let closing = app.closing();
     Ok(upgrade.on_upgrade(move |socket| stream::serve(socket, stream, closing, place)))

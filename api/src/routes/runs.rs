@@ -12,7 +12,7 @@ use utoipa::IntoParams;
 use wire::{LabelChange, Metric, Run, Runs};
 
 use crate::app::listing::{ListRequest, RUNS};
-use crate::app::{App, read_question};
+use crate::app::App;
 use crate::error::ApiError;
 use crate::extract::{PatchBytes, Path, Query, QueryPairs};
 use crate::limits::{POINTS_DEFAULT, POINTS_MAXIMUM};
@@ -79,7 +79,7 @@ pub async fn label(
     Path(id): Path<i64>,
     PatchBytes(body): PatchBytes,
 ) -> Result<Json<Run>, ApiError> {
-    app.label(Thing::Run, id, &read_question(&body)?).await?;
+    app.label(Thing::Run, id, &app.read_body(body).await?).await?;
     Ok(Json(app.run(id).await?))
 }
 

@@ -5,7 +5,7 @@ use axum::extract::State;
 use axum::http::StatusCode;
 use wire::{CreatedToken, NewToken, Token, Tokens};
 
-use crate::app::{App, read_question};
+use crate::app::App;
 use crate::error::ApiError;
 use crate::extract::{JsonBytes, Path};
 
@@ -36,7 +36,7 @@ pub async fn create(
     State(app): State<App>,
     JsonBytes(body): JsonBytes,
 ) -> Result<(StatusCode, Json<CreatedToken>), ApiError> {
-    let asked: NewToken = read_question(&body)?;
+    let asked: NewToken = app.read_body(body).await?;
     Ok((StatusCode::CREATED, Json(app.create_token(&asked).await?)))
 }
 

@@ -32,3 +32,4 @@ mod trash;
 mod uploads;
 mod verification;
 mod waiting;
+mod worst;

@@ -161,8 +161,8 @@ impl Client {
 
     /// Sends a frame with a mask that changes nothing.
     async fn send(&mut self, kind: u8, payload: &[u8]) {
-        let length = u16::try_from(payload.len()).unwrap();
-        let mut frame = vec![0x80 | kind, 0x80 | 126];
+        let length = payload.len() as u64;
+        let mut frame = vec![0x80 | kind, 0x80 | 127];
         frame.extend(length.to_be_bytes());
         frame.extend([0; 4]);
         frame.extend(payload);
@@ -174,6 +174,7 @@ impl Client {
             let kind = self.0.read_u8().await.unwrap() & 0x0f;
             let length = match self.0.read_u8().await.unwrap() {
                 126 => self.0.read_u16().await.unwrap().into(),
+                127 => usize::try_from(self.0.read_u64().await.unwrap()).unwrap(),
                 short => usize::from(short),
             };
             let mut payload = vec![0; length];
@@ -306,4 +307,31 @@ async fn a_goodbye_is_answered_with_its_code() {
     let mut client = service.client().await;
     client.send(CLOSE, &1000_u16.to_be_bytes()).await;
     assert_eq!(client.closing_code().await, 1000);
+}
+
+/// A message of 8 MB had an answer that named each of a million faults.
+#[tokio::test]
+async fn a_message_full_of_faults_is_answered_in_few_words() {
+    let mut service = Service::start().await;
+    let mut client = service.client().await;
+    let most = api::limits::QUESTION_BYTES - 1000;
+    let list = |item: &str| vec![item; most / (item.len() + 1)].join(",");
+    for message in [
+        format!(r#"{{"step":{{"u":[{}],"y":[]}}}}"#, list("[]")),
+        format!(r#"{{"step":{{"u":[{}],"y":[]}}}}"#, list("[0]")),
+        format!(r#"{{"step":[{}]}}"#, list("0")),
+        format!(r#"{{"open":{{"sampling":{{"samples":2,"quantiles":[{}]}}}}}}"#, list("0")),
+        format!("[{}]", list(r#"{"":0}"#)),
+    ] {
+        client.send(TEXT, message.as_bytes()).await;
+        let (kind, payload) = client.receive().await;
+        assert_eq!(kind, TEXT);
+        assert!(payload.len() < 10_000, "{}", payload.len());
+        let answer: Value = serde_json::from_slice(&payload).unwrap();
+        assert_eq!(answer["error"]["status"], 422, "{answer}");
+    }
+    client.say(&step(3)).await;
+    assert_eq!(service.event().await, "begun");
+    service.permits.add_permits(1);
+    assert_eq!(client.hear().await["prediction"]["y"], json!([[3.0]]));
 }

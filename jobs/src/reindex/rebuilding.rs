@@ -4,13 +4,13 @@ use std::time::Duration;
 
 use serde_json::Value;
 use spec::{JobSpec, Resources};
-use store::{ClaimedTask, Fence, JobId, Page, Reuse, RunId, Store, StoreError};
+use store::{ClaimedTask, Fence, JobId, Labels, Page, Reuse, RunId, Store, StoreError};
 
 use super::work::{
     FoundJob, FoundObjects, FoundTraining, FoundWork, LeftOut, Rebuilt, ReindexError, refused,
 };
 use crate::kind::Limits;
-use crate::submission::submit_spec;
+use crate::submission::submit;
 use crate::{SubmissionError, simulate::ShardTask};
 
 /// The name of the worker in the rebuilt attempts.
@@ -95,7 +95,7 @@ async fn submit_again(
     spec: &JobSpec,
 ) -> Result<Result<(), String>, ReindexError> {
     let limits = Limits { max_trajectories: u64::MAX, time_limits_s: [].into() };
-    match submit_spec(store, &limits, spec, Reuse::Never, None).await {
+    match submit(store, &limits, spec, Reuse::Never, None, Labels::default()).await {
         Ok(submitted) if submitted.job == id => Ok(Ok(())),
         Ok(submitted) => Err(ReindexError::OtherId { expected: id, found: submitted.job }),
         Err(SubmissionError::Store(error)) => Err(error.into()),

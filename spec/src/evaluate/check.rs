@@ -2,7 +2,7 @@
 
 use super::spec::EvaluateSpec;
 use crate::MAX_POSITION_NOISE_RAD;
-use crate::check::{Check, Violations};
+use crate::check::{Check, Violations, first_repeated};
 
 /// Largest number of samples of one predictor per scenario.
 const MAX_SAMPLES: u32 = 256;
@@ -18,12 +18,8 @@ impl Check for EvaluateSpec {
             violations.add("checkpoints", "[]", allowed);
         }
         violations.length("checkpoints", self.checkpoints.len(), 0..=50);
-        if let Some(twice) = first_repeated(&self.checkpoints) {
-            violations.add("checkpoints", format!("{twice:?} twice"), "each once");
-        }
-        if let Some(twice) = first_repeated(&self.baselines) {
-            violations.add("baselines", format!("{twice:?} twice"), "each once");
-        }
+        violations.no_duplicates("checkpoints", &self.checkpoints);
+        violations.no_duplicates("baselines", &self.baselines);
         self.check_predictions(violations);
         violations.within("context", self.context, 1..=9_999);
         if let Some(horizon) = self.horizon {
@@ -48,7 +44,11 @@ impl Check for EvaluateSpec {
         violations.length("position_noise_rad", self.position_noise_rad.len(), 1..=MAX_LEVELS);
         let allowed = 0.0..=MAX_POSITION_NOISE_RAD;
         violations.all_within("position_noise_rad", &self.position_noise_rad, &allowed);
-        if let Some(twice) = first_repeated(&self.position_noise_rad) {
+        let levels = &self.position_noise_rad;
+        // 0 and -0 are equal, but have other bits.
+        let bits: Vec<u64> = levels.iter().map(|level| (level + 0.0).to_bits()).collect();
+        if let Some(twice) = first_repeated(&bits) {
+            let twice = f64::from_bits(*twice);
             violations.add("position_noise_rad", format!("{twice} twice"), "each once");
         }
         violations.seed("seed", self.seed);
@@ -59,8 +59,4 @@ impl Check for EvaluateSpec {
         violations.seed("bootstrap.seed", self.bootstrap.seed);
         violations.part("execution", &self.execution);
     }
-}
-
-pub(super) fn first_repeated<T: PartialEq>(items: &[T]) -> Option<&T> {
-    items.iter().enumerate().find(|(i, item)| items[..*i].contains(item)).map(|(_, item)| item)
 }

@@ -4,7 +4,7 @@ use serde_json::{Map, Value, json};
 
 use super::spec::EvaluateSpec;
 use crate::fields::from_fields;
-use crate::{DataSource, SpecError, Violation};
+use crate::{DataSource, SpecError};
 
 /// Default horizon in samples, if the data has no length either.
 const HORIZON: u32 = 80;
@@ -18,7 +18,7 @@ const SCENARIOS: u32 = 100;
 /// Reads an evaluation from JSON, without checking its values.
 pub(super) fn read(
     mut fields: Map<String, Value>,
-    found: Vec<Violation>,
+    found: SpecError,
 ) -> Result<EvaluateSpec, SpecError> {
     let names_data = fields.contains_key("data");
     if !names_data {

@@ -1,9 +1,8 @@
 //! Checks that an evaluation fits its data and its checkpoints.
 
-use super::check::first_repeated;
 use super::sampler::{SamplingRun, Start};
 use super::spec::EvaluateSpec;
-use crate::check::Violations;
+use crate::check::{Violations, first_repeated};
 use crate::{DataSpec, Length, Lengths, SpecError, TrainSpec, Training};
 
 impl EvaluateSpec {

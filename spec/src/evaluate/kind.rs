@@ -7,10 +7,10 @@ use serde_json::{Map, Value};
 use super::default_grid;
 use super::spec::EvaluateSpec;
 use crate::kind::KindSpec;
-use crate::{Doubt, Execution, Reference, Referred, SpecError, Violation};
+use crate::{Doubt, Execution, Reference, Referred, SpecError};
 
 impl KindSpec for EvaluateSpec {
-    fn read(fields: Map<String, Value>, found: Vec<Violation>) -> Result<Self, SpecError> {
+    fn read(fields: Map<String, Value>, found: SpecError) -> Result<Self, SpecError> {
         default_grid::read(fields, found)
     }
 

@@ -3,9 +3,8 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::check::first_repeated;
 use super::spec::{Baseline, EvaluateSpec};
-use crate::check::{Check, Violations};
+use crate::check::{Check, Violations, first_repeated};
 use crate::{DataSource, DataSpec, ImportSpec, ModelSpec, Split};
 
 /// Files of predictions in one evaluation, at most.

@@ -82,7 +82,9 @@ impl Default for LatencySpec {
 }
 
 /// A predictor that learns nothing from other robots.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, ToSchema)]
+#[derive(
+    Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, ToSchema,
+)]
 #[serde(rename_all = "kebab-case")]
 pub enum Baseline {
     /// Holds the last position of the context.

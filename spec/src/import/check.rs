@@ -1,5 +1,8 @@
 //! Checks the values of an import.
 
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
+
 use super::spec::{ImportColumns, ImportRanges, ImportSpec, Resampling, Split};
 use crate::MAX_POSITION_NOISE_RAD;
 use crate::check::{Check, Violations};
@@ -59,12 +62,17 @@ impl ImportSpec {
 impl Check for ImportColumns {
     fn check(&self, violations: &mut Violations) {
         let named = self.named();
-        for (i, (field, name)) in named.iter().enumerate() {
+        let mut first: HashMap<&str, &str> = HashMap::new();
+        for (field, name) in &named {
             if name.is_empty() || name.len() > 200 {
                 violations.add(field, format!("{name:?}"), "a name of 1 to 200 bytes");
             }
-            if let Some((other, _)) = named[..i].iter().find(|(_, earlier)| earlier == name) {
-                violations.add(field, format!("{name:?}"), format!("another column than {other}"));
+            match first.entry(name) {
+                Entry::Vacant(entry) => drop(entry.insert(field)),
+                Entry::Occupied(other) => {
+                    let allowed = format!("another column than {}", other.get());
+                    violations.add(field, format!("{name:?}"), allowed);
+                }
             }
         }
     }

@@ -6,12 +6,12 @@ use super::spec::ImportSpec;
 use crate::fields::from_fields;
 use crate::kind::KindSpec;
 use crate::simulate::complete_robot;
-use crate::{DataSpec, Execution, Product, Reference, Referred, SpecError, Violation};
+use crate::{DataSpec, Execution, Product, Reference, Referred, SpecError};
 
 impl KindSpec for ImportSpec {
-    fn read(mut fields: Map<String, Value>, mut found: Vec<Violation>) -> Result<Self, SpecError> {
+    fn read(mut fields: Map<String, Value>, mut found: SpecError) -> Result<Self, SpecError> {
         if let Err(error) = complete_robot(&mut fields) {
-            found.extend(error.violations);
+            found.append(error);
         }
         if fields.get("robot").is_some_and(|robot| !robot.is_null()) {
             leave_ranges_to_robot(&mut fields);

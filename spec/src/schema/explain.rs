@@ -1,47 +1,62 @@
 //! Explains everything that is wrong with the shape of a value, from its schema.
 
-use serde_json::{Map, Value};
-use strsim::damerau_levenshtein;
+use std::collections::HashSet;
+use std::fmt::Write;
 
+use serde_json::{Map, Value};
+
+use super::nearest::nearest;
 use super::words::{allowed, listed, range_of};
 use super::{Components, RESOLVED, referred};
+use crate::error::FIELD_BYTES;
 use crate::fields::shorten;
-use crate::{Moment, Violation};
+use crate::{Moment, SpecError, Violation};
 
 /// The violations of a schema.
 #[derive(Default)]
 pub(crate) struct Explained {
-    pub violations: Vec<Violation>,
+    pub error: SpecError,
     /// Whether a violation is more than a number out of its range.
     pub is_misshapen: bool,
 }
 
 /// Checks `value` against the schema with this name.
 pub(crate) fn explain(name: &str, value: &Value) -> Explained {
-    explain_in(&RESOLVED, name, value)
+    explain_beside(name, value, &SpecError::default())
 }
 
-pub(super) fn explain_in(components: &Components, name: &str, value: &Value) -> Explained {
-    let mut walk = Walk { components, explained: Explained::default() };
+/// Does the same, without violations that those `found` before explain.
+pub(crate) fn explain_beside(name: &str, value: &Value, found: &SpecError) -> Explained {
+    explain_in(&RESOLVED, name, value, found)
+}
+
+pub(super) fn explain_in(
+    components: &Components,
+    name: &str,
+    value: &Value,
+    found: &SpecError,
+) -> Explained {
+    let known = found.violations.iter().map(|violation| parent_of(&violation.field)).collect();
+    let (path, explained) = (String::new(), Explained::default());
+    let mut walk = Walk { components, known, path, explained };
     if let Some(schema) = components.get(name) {
-        walk.value(schema, value, "");
+        walk.value(schema, value);
     }
     walk.explained
 }
 
-/// The one of `names` that was probably meant.
-pub(crate) fn nearest<'a>(name: &str, names: impl Iterator<Item = &'a str>) -> Option<&'a str> {
-    let most = (name.chars().count() / 3).max(1);
-    let distance = |known: &str| {
-        let is_begun = name.len() >= 3 && known.starts_with(name);
-        if is_begun { 0 } else { damerau_levenshtein(name, known) }
-    };
-    let near = names.map(|known| (distance(known), known)).filter(|(far, _)| *far <= most);
-    near.min_by_key(|(far, _)| *far).map(|(_, known)| known)
+/// The object that the field is in, or the field itself at the top.
+fn parent_of(field: &str) -> &str {
+    field.rsplit_once('.').map_or(field, |(parent, _)| parent)
 }
 
+/// A walk through a value and its schema. Its time is proportional to the value's size.
 struct Walk<'a> {
     components: &'a Components,
+    /// Objects with violations that were found before. They explain all other violations there.
+    known: HashSet<&'a str>,
+    /// The path of the current value.
+    path: String,
     explained: Explained,
 }
 
@@ -53,98 +68,125 @@ impl<'a> Walk<'a> {
         schema
     }
 
-    fn refuse(&mut self, path: &str, value: impl Into<String>, allowed: impl Into<String>) {
+    /// Visits a field of the current value.
+    fn in_field(&mut self, field: &str, visit: impl FnOnce(&mut Self)) {
+        let length = self.path.len();
+        if length > 0 {
+            self.path.push('.');
+        }
+        self.path.push_str(field);
+        visit(self);
+        self.path.truncate(length);
+    }
+
+    /// Visits an item of the current list.
+    fn in_item(&mut self, index: usize, visit: impl FnOnce(&mut Self)) {
+        let length = self.path.len();
+        // Writing to a text cannot fail.
+        let _ = write!(self.path, "[{index}]");
+        visit(self);
+        self.path.truncate(length);
+    }
+
+    /// Refuses the current value. `describe` gives it as text, and what is allowed.
+    fn refuse(&mut self, describe: impl FnOnce() -> (String, String)) {
         self.explained.is_misshapen = true;
-        self.note(path, value, allowed);
+        self.note(describe);
     }
 
-    fn note(&mut self, path: &str, value: impl Into<String>, allowed: impl Into<String>) {
-        let (field, value, allowed) = (path.to_owned(), value.into(), allowed.into());
-        self.explained.violations.push(Violation { field, value, allowed });
+    fn note(&mut self, describe: impl FnOnce() -> (String, String)) {
+        if self.is_known() {
+            return;
+        }
+        let Self { path, explained, .. } = self;
+        explained.error.add_with(|| {
+            let (value, allowed) = describe();
+            Violation::new(path.as_str(), value, allowed)
+        });
     }
 
-    fn value(&mut self, schema: &'a Value, value: &Value, path: &str) {
+    /// Whether a violation found before lies in the same object as the current value, or in one
+    /// around it.
+    fn is_known(&self) -> bool {
+        if self.known.is_empty() {
+            return false;
+        }
+        // No path in a violation is longer.
+        let ends = self.path.match_indices(['.', '[']).map(|(end, _)| end);
+        let mut ends = ends.chain([self.path.len()]).take_while(|end| *end <= FIELD_BYTES);
+        ends.any(|end| self.known.contains(&self.path[..end]))
+    }
+
+    fn value(&mut self, schema: &'a Value, value: &Value) {
         let schema = self.resolve(schema);
         if let Some(Value::Array(choices)) = schema.get("oneOf") {
-            return self.choice(schema, choices, value, path);
+            return self.choice(schema, choices, value);
         }
         if !has_type(schema, value) {
-            return self.refuse(path, shorten(value), allowed(self.components, schema));
+            let components = self.components;
+            return self.refuse(|| (shorten(value), allowed(components, schema)));
         }
         match value {
-            Value::Object(fields) => self.object(schema, fields, path),
-            Value::Array(items) => self.list(schema, items, path),
-            Value::Number(_) => self.number(schema, value, path),
-            Value::String(text) => self.text(schema, text, path),
+            Value::Object(fields) => self.object(schema, fields),
+            Value::Array(items) => self.list(schema, value, items),
+            Value::Number(_) => self.number(schema, value),
+            Value::String(text) => self.text(schema, value, text),
             Value::Null | Value::Bool(_) => {}
         }
     }
 
-    fn object(&mut self, schema: &'a Value, fields: &Map<String, Value>, path: &str) {
+    fn object(&mut self, schema: &'a Value, fields: &Map<String, Value>) {
         let Some(known) = schema.get("properties").and_then(Value::as_object) else {
             if let Some(each) = schema.get("additionalProperties").filter(|value| value.is_object())
             {
                 for (field, value) in fields {
-                    self.value(each, value, &join(path, field));
+                    self.in_field(field, |walk| walk.value(each, value));
                 }
             }
             return;
         };
         for (field, value) in fields {
-            match known.get(field) {
-                Some(schema) => self.value(schema, value, &join(path, field)),
-                None => self.unknown(known, path, field),
-            }
+            self.in_field(field, |walk| match known.get(field) {
+                Some(schema) => walk.value(schema, value),
+                None => walk.refuse(|| (String::new(), unknown(known, field))),
+            });
         }
         for field in schema["required"].as_array().into_iter().flatten() {
             let Some(field) = field.as_str().filter(|field| !fields.contains_key(*field)) else {
                 continue;
             };
             let schema = known.get(field).map(|schema| self.resolve(schema));
-            let allowed = schema.map(|schema| allowed(self.components, schema));
-            self.refuse(&join(path, field), "missing", allowed.unwrap_or_default());
+            let components = self.components;
+            let words = || schema.map(|schema| allowed(components, schema)).unwrap_or_default();
+            self.in_field(field, |walk| walk.refuse(|| ("missing".to_owned(), words())));
         }
     }
 
-    fn unknown(&mut self, known: &Map<String, Value>, path: &str, field: &str) {
-        let allowed = match nearest(field, known.keys().map(String::as_str)) {
-            Some(meant) => format!("unknown field; did you mean `{meant}`?"),
-            None => {
-                let names: Vec<&str> = known.keys().map(String::as_str).collect();
-                format!("unknown field; known here: {}", names.join(", "))
-            }
-        };
-        self.refuse(&join(path, field), "", allowed);
-    }
-
-    fn list(&mut self, schema: &'a Value, items: &[Value], path: &str) {
+    fn list(&mut self, schema: &'a Value, list: &Value, items: &[Value]) {
         let bound = |keyword: &str| schema.get(keyword).and_then(Value::as_u64);
         let exact = bound("minItems").filter(|least| bound("maxItems") == Some(*least));
         if exact.is_some_and(|exact| exact != items.len() as u64) {
-            return self.refuse(
-                path,
-                shorten(&Value::Array(items.to_vec())),
-                allowed(self.components, schema),
-            );
+            let components = self.components;
+            return self.refuse(|| (shorten(list), allowed(components, schema)));
         }
         let Some(each) = schema.get("items") else { return };
         for (i, item) in items.iter().enumerate() {
-            self.value(each, item, &format!("{path}[{i}]"));
+            self.in_item(i, |walk| walk.value(each, item));
         }
     }
 
-    fn number(&mut self, schema: &Value, value: &Value, path: &str) {
+    fn number(&mut self, schema: &Value, value: &Value) {
         let Some(number) = value.as_f64() else { return };
         let bound = |keyword: &str| schema.get(keyword).and_then(Value::as_f64);
         let is_inside = bound("minimum").is_none_or(|least| least <= number)
             && bound("maximum").is_none_or(|most| number <= most)
             && bound("exclusiveMaximum").is_none_or(|most| number < most);
         if !is_inside {
-            self.note(path, value.to_string(), range_of(schema));
+            self.note(|| (value.to_string(), range_of(schema)));
         }
     }
 
-    fn text(&mut self, schema: &'a Value, text: &str, path: &str) {
+    fn text(&mut self, schema: &'a Value, value: &Value, text: &str) {
         let names = schema.get("enum").and_then(Value::as_array);
         let is_name = names.is_none_or(|names| names.iter().any(|name| name == text));
         let is_const = schema.get("const").is_none_or(|name| name == text);
@@ -155,19 +197,22 @@ impl<'a> Walk<'a> {
         if is_name && is_const && is_digest && is_moment {
             return;
         }
-        let names = names.into_iter().flatten().filter_map(Value::as_str);
-        let mut words = allowed(self.components, schema);
-        if let Some(meant) = nearest(text, names) {
-            words = format!("{words}; did you mean `{meant}`?");
-        }
-        self.refuse(path, shorten(&text.into()), words);
+        let components = self.components;
+        self.refuse(|| {
+            let names = names.into_iter().flatten().filter_map(Value::as_str);
+            let mut words = allowed(components, schema);
+            if let Some(meant) = nearest(text, names) {
+                words = format!("{words}; did you mean `{meant}`?");
+            }
+            (shorten(value), words)
+        });
     }
 
     /// Checks one of several forms. They differ by a tag, by their only field, or by their types.
-    fn choice(&mut self, schema: &'a Value, choices: &'a [Value], value: &Value, path: &str) {
+    fn choice(&mut self, schema: &'a Value, choices: &'a [Value], value: &Value) {
         let choices: Vec<&'a Value> = choices.iter().map(|choice| self.resolve(choice)).collect();
         if let (Value::Object(fields), Some(tag)) = (value, tag_of(&choices)) {
-            return self.tagged(&choices, tag, fields, value, path);
+            return self.tagged(&choices, tag, fields, value);
         }
         let fits = |choice: &&Value| match (value, only_field(choice)) {
             (Value::Object(fields), Some(field)) => fields.contains_key(field),
@@ -177,9 +222,10 @@ impl<'a> Walk<'a> {
             let names = choice.get("enum").and_then(Value::as_array);
             names.is_some_and(|names| !names.contains(value))
         };
+        let components = self.components;
         match choices.iter().copied().find(fits) {
-            Some(choice) if !misses_name(choice) => self.value(choice, value, path),
-            _ => self.refuse(path, shorten(value), allowed(self.components, schema)),
+            Some(choice) if !misses_name(choice) => self.value(choice, value),
+            _ => self.refuse(|| (shorten(value), allowed(components, schema))),
         }
     }
 
@@ -189,31 +235,35 @@ impl<'a> Walk<'a> {
         tag: &str,
         fields: &Map<String, Value>,
         value: &Value,
-        path: &str,
     ) {
-        let label = |choice: &Value| label_of(choice, tag).map(str::to_owned);
-        let labels: Vec<String> = choices.iter().filter_map(|choice| label(choice)).collect();
-        let field = join(path, tag);
-        match fields.get(tag) {
-            None => self.refuse(&field, "missing", labels.join(", ")),
-            Some(Value::String(given)) if labels.contains(given) => {
-                let mut choices = choices.iter().copied();
-                let chosen = choices.find(|choice| label(choice).as_ref() == Some(given));
-                if let Some(chosen) = chosen {
-                    self.value(chosen, value, path);
-                }
-            }
-            Some(given) => {
+        let label = |&choice: &&'a Value| label_of(choice, tag);
+        let given = fields.get(tag);
+        let given_label = given.and_then(Value::as_str);
+        let mut chosen = choices.iter().filter(|choice| label(choice) == given_label);
+        if let (Some(_), Some(&chosen)) = (given_label, chosen.next()) {
+            return self.value(chosen, value);
+        }
+        let labels = || choices.iter().filter_map(label).map(str::to_owned).collect::<Vec<_>>();
+        self.in_field(tag, |walk| match given {
+            None => walk.refuse(|| ("missing".to_owned(), labels().join(", "))),
+            Some(given) => walk.refuse(|| {
+                let labels = labels();
                 let text = given.as_str().unwrap_or_default();
                 let meant = nearest(text, labels.iter().map(String::as_str));
-                self.refuse(&field, shorten(given), listed(&labels, meant));
-            }
-        }
+                (shorten(given), listed(&labels, meant))
+            }),
+        });
     }
 }
 
-pub(super) fn join(path: &str, field: &str) -> String {
-    if path.is_empty() { field.to_owned() } else { format!("{path}.{field}") }
+fn unknown(known: &Map<String, Value>, field: &str) -> String {
+    match nearest(field, known.keys().map(String::as_str)) {
+        Some(meant) => format!("unknown field; did you mean `{meant}`?"),
+        None => {
+            let names: Vec<&str> = known.keys().map(String::as_str).collect();
+            format!("unknown field; known here: {}", names.join(", "))
+        }
+    }
 }
 
 /// The field that all choices have, each with one value of its own.

@@ -6,6 +6,7 @@
 
 mod bounds;
 mod explain;
+mod nearest;
 mod resolved;
 mod submitted;
 mod words;
@@ -15,10 +16,11 @@ use std::sync::LazyLock;
 use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
-use crate::Violation;
+use crate::SpecError;
 
 use explain::explain_in;
-pub(crate) use explain::{explain, nearest};
+pub(crate) use explain::{explain, explain_beside};
+pub use nearest::nearest;
 pub(crate) use words::listed;
 
 /// Schemas by name.
@@ -34,11 +36,11 @@ pub fn schemas() -> Map<String, Value> {
 }
 
 /// Everything that is wrong with the shape of a value that should be a `T`.
-pub fn shape_violations<T: ToSchema>(value: &Value) -> Vec<Violation> {
+pub fn shape_violations<T: ToSchema>(value: &Value) -> SpecError {
     let name = T::name().into_owned();
     let mut schemas = vec![(name.clone(), T::schema())];
     T::schemas(&mut schemas);
-    explain_in(&resolved::strict(schemas), &name, value).violations
+    explain_in(&resolved::strict(schemas), &name, value, &SpecError::default()).error
 }
 
 /// The name that a schema refers to.

@@ -62,10 +62,7 @@ pub(crate) fn complete_robot(
 }
 
 fn read_model(value: &Value) -> Result<RobotModel, SpecError> {
-    let violations = explain("RobotModel", value).violations;
-    if !violations.is_empty() {
-        return Err(SpecError { violations });
-    }
+    explain("RobotModel", value).error.into_result()?;
     serde_json::from_value(value.clone())
         .map_err(|error| SpecError::one("", shorten(value), error.to_string()))
 }

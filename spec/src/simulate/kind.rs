@@ -7,12 +7,12 @@ use super::following::Doubt;
 use super::spec::SimulateSpec;
 use crate::fields::from_fields;
 use crate::kind::KindSpec;
-use crate::{DataSpec, Execution, Product, SpecError, Violation};
+use crate::{DataSpec, Execution, Product, SpecError};
 
 impl KindSpec for SimulateSpec {
-    fn read(mut fields: Map<String, Value>, mut found: Vec<Violation>) -> Result<Self, SpecError> {
+    fn read(mut fields: Map<String, Value>, mut found: SpecError) -> Result<Self, SpecError> {
         if let Err(error) = complete(&mut fields) {
-            found.extend(error.violations);
+            found.append(error);
         }
         from_fields(fields, found)
     }

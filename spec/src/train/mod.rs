@@ -12,7 +12,7 @@ use crate::fields::from_fields;
 use crate::kind::KindSpec;
 use crate::{
     DataSource, DataSpec, Doubt, Execution, Length, Lengths, ModelSpec, Product, Reference,
-    SpecError, Violation, preset, stream,
+    SpecError, preset, stream,
 };
 
 pub use early_stop::{EarlyStopSpec, ValidationMetric};
@@ -227,7 +227,7 @@ mod defaults {
 }
 
 impl KindSpec for TrainSpec {
-    fn read(mut fields: Map<String, Value>, mut found: Vec<Violation>) -> Result<Self, SpecError> {
+    fn read(mut fields: Map<String, Value>, mut found: SpecError) -> Result<Self, SpecError> {
         stream::make_endless(&mut fields);
         let fields = preset::resolve_model(fields, &mut found);
         let is_given = fields.contains_key("normalization");

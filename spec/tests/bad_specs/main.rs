@@ -4,6 +4,7 @@
 
 mod pipelines;
 mod words;
+mod worst;
 
 use serde_json::{Value, json};
 

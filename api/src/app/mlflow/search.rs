@@ -6,12 +6,16 @@
 
 use std::cmp::Ordering;
 use std::collections::{BTreeSet, HashMap};
+use std::time::Instant;
 
 use store::{ExperimentId, Listed, Listing, Page, RunId, TrackedRunId};
 
 use super::runs::{own_metric, tracked_metric};
 use super::{RunName, own_runs, page, runs};
 use crate::app::App;
+use crate::app::paging::json_bytes;
+use crate::error::ApiError;
+use crate::limits::{PAGE_BYTES, REQUEST_TIMEOUT};
 use crate::mlflow::entities::{Pair, Run, RunData, RunInfo, Stage, View};
 use crate::mlflow::filter::Filter;
 use crate::mlflow::order::Order;
@@ -25,6 +29,9 @@ pub struct RunSearch {
     pub limit: u32,
     pub skipped: usize,
 }
+
+/// Runs whose data are read at the same time.
+const RUNS_AT_ONCE: usize = 1000;
 
 /// The kind of a run, with its key in the store.
 enum Source {
@@ -57,7 +64,7 @@ impl App {
             }
         };
         let run = self.whole_runs(vec![candidate]).await?.pop();
-        run.ok_or_else(|| crate::error::ApiError::Internal.into())
+        run.ok_or_else(|| ApiError::Internal.into())
     }
 
     /// A page of runs, and the token of the next page.
@@ -70,19 +77,36 @@ impl App {
         if search.experiments.contains(&ExperimentId::TORQUED) {
             candidates.extend(self.own_candidates(&keys).await?);
         }
-        candidates.retain(|candidate| {
-            search.view.shows(candidate.info.lifecycle_stage == Stage::Deleted)
-                && search.filter.is_met(|field| candidate.datum(field))
-        });
-        let last = [Order::descending(Attribute::StartTime), Order::ascending(Attribute::RunId)];
-        candidates.sort_by(|a, b| {
-            let orders = search.orders.iter().chain(&last);
-            let compare =
-                |order: &Order| order.compare(a.datum(&order.field), b.datum(&order.field));
-            orders.map(compare).find(|order| order.is_ne()).unwrap_or(Ordering::Equal)
-        });
+        let (view, filter, orders) = (search.view, search.filter.clone(), search.orders.clone());
+        let find = move || found(candidates, view, &filter, &orders);
+        // Many patterns and many runs take long however short the request is.
+        let candidates = self.checks.run(usize::MAX, find).await?;
         let (shown, next) = page(candidates, search.skipped, search.limit);
-        Ok((self.whole_runs(shown).await?, next))
+        self.page_of_runs(shown, next, search.skipped).await
+    }
+
+    /// Runs with all their data, and the token of the next page. The page ends early once it has
+    /// [`PAGE_BYTES`].
+    async fn page_of_runs(
+        &self,
+        mut candidates: Vec<Candidate>,
+        next: Option<String>,
+        skipped: usize,
+    ) -> Result<(Vec<Run>, Option<String>), MlflowError> {
+        let (mut runs, mut bytes) = (Vec::new(), 0);
+        while !candidates.is_empty() {
+            let rest = candidates.split_off(candidates.len().min(RUNS_AT_ONCE));
+            for run in self.whole_runs(candidates).await? {
+                bytes += json_bytes(&run);
+                if bytes > PAGE_BYTES && !runs.is_empty() {
+                    let next = (skipped + runs.len()).to_string();
+                    return Ok((runs, Some(next)));
+                }
+                runs.push(run);
+            }
+            candidates = rest;
+        }
+        Ok((runs, next))
     }
 
     async fn tracked_candidates(
@@ -194,6 +218,37 @@ impl App {
         };
         Ok(candidates.into_iter().map(run).collect())
     }
+}
+
+/// The candidates that a search finds, in its order.
+///
+/// # Errors
+/// [`ApiError::Timeout`] when a filter takes longer than the request may.
+fn found(
+    candidates: Vec<Candidate>,
+    view: View,
+    filter: &Filter,
+    orders: &[Order],
+) -> Result<Vec<Candidate>, ApiError> {
+    let began = Instant::now();
+    let mut found = Vec::new();
+    for candidate in candidates {
+        if began.elapsed() > REQUEST_TIMEOUT {
+            return Err(ApiError::Timeout);
+        }
+        if view.shows(candidate.info.lifecycle_stage == Stage::Deleted)
+            && filter.is_met(|field| candidate.datum(field))
+        {
+            found.push(candidate);
+        }
+    }
+    let last = [Order::descending(Attribute::StartTime), Order::ascending(Attribute::RunId)];
+    found.sort_by(|a, b| {
+        let orders = orders.iter().chain(&last);
+        let compare = |order: &Order| order.compare(a.datum(&order.field), b.datum(&order.field));
+        orders.map(compare).find(|order| order.is_ne()).unwrap_or(Ordering::Equal)
+    });
+    Ok(found)
 }
 
 fn asked<'a>(
