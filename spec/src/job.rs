@@ -10,10 +10,11 @@ use utoipa::ToSchema;
 use crate::check::{Check, Violations};
 use crate::fields::shorten;
 use crate::kind::KindSpec;
+use crate::preset::{self, presets_of, text_for_object};
 use crate::schema::{listed, nearest};
 use crate::{
     ControlSpec, DataSpec, Digest, Doubt, EvaluateSpec, Execution, ImportSpec, PipelineSpec,
-    Product, Reference, SimulateSpec, SpecError, TrainSpec, VerifySpec, preset, stream,
+    PresetPlace, Product, Reference, SimulateSpec, SpecError, TrainSpec, VerifySpec, stream,
 };
 
 /// Passes every kind of job except the pipeline to `$callback!`, as `name => Variant(Spec)`.
@@ -150,8 +151,12 @@ impl Check for JobSpec {
 impl JobSpec {
     /// Deserializes one job by its `kind`, without checking its values.
     pub(crate) fn from_json(value: Value) -> Result<Self, SpecError> {
-        let Value::Object(fields) = value else {
-            return Err(SpecError::one("", shorten(&value), "a JSON object"));
+        let fields = match value {
+            Value::Object(fields) => fields,
+            Value::String(name) => {
+                return Err(text_for_object("", &name, &presets_of(PresetPlace::Job)).into());
+            }
+            other => return Err(SpecError::one("", shorten(&other), "a JSON object")),
         };
         let mut fields = preset::resolve_job(fields)?;
         let kind: JobKind = match fields.remove("kind") {

@@ -97,8 +97,12 @@ impl KindSpec for PipelineSpec {
 
 /// Reads the member `name`. Fields in its errors are its own; `names` has the names of all members.
 fn read_member(name: &str, member: Value, names: &[String]) -> Result<PipelineMember, SpecError> {
-    let Value::Object(mut member) = member else {
-        return Err(SpecError::one("", shorten(&member), "a JSON object"));
+    let mut member = match member {
+        Value::Object(member) => member,
+        other => {
+            return JobSpec::from_json(other)
+                .map(|spec| PipelineMember { needs: Vec::new(), spec });
+        }
     };
     if !member.contains_key("kind") && !member.contains_key("preset") {
         let others = names.iter().map(String::as_str).filter(|other| *other != name);

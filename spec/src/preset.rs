@@ -9,7 +9,7 @@ use utoipa::ToSchema;
 
 use crate::fields::shorten;
 use crate::schema::{listed, nearest};
-use crate::{SpecError, study};
+use crate::{JobKind, SpecError, Violation, study};
 
 /// Name and text of each file in the folder `presets`, sorted.
 static FILES: &[(&str, &str)] = include!(concat!(env!("OUT_DIR"), "/presets.rs"));
@@ -73,18 +73,38 @@ pub(crate) fn resolve_model(
     mut fields: Map<String, Value>,
     found: &mut SpecError,
 ) -> Map<String, Value> {
-    if let Some(Value::Object(model)) = fields.get_mut("model") {
-        match resolve(std::mem::take(model), PresetPlace::Model) {
+    match fields.get_mut("model") {
+        Some(Value::Object(model)) => match resolve(std::mem::take(model), PresetPlace::Model) {
             Ok(resolved) => *model = resolved,
             Err(error) => found.append(error.within("model")),
+        },
+        Some(Value::String(name)) => {
+            found.add_with(|| text_for_object("model", name, &presets_of(PresetPlace::Model)));
         }
+        _ => {}
     }
     fields
 }
 
 /// The presets that may be used in this place.
-fn presets_of(place: PresetPlace) -> Vec<&'static Preset> {
+pub(crate) fn presets_of(place: PresetPlace) -> Vec<&'static Preset> {
     presets().iter().filter(|preset| preset.place == place).collect()
+}
+
+/// The presets of jobs of this kind.
+pub(crate) fn presets_of_kind(kind: JobKind) -> Vec<&'static Preset> {
+    let is_of_kind = |preset: &&Preset| preset.spec["kind"] == kind.as_str();
+    presets_of(PresetPlace::Job).into_iter().filter(is_of_kind).collect()
+}
+
+/// The violation of a text in place of an object. The text may be the name of a preset.
+pub(crate) fn text_for_object(field: &str, text: &str, candidates: &[&Preset]) -> Violation {
+    let names: Vec<&str> = candidates.iter().map(|preset| preset.name.as_str()).collect();
+    let allowed = match nearest(text, names.iter().copied()) {
+        Some(meant) => format!("an object; did you mean {{\"preset\": \"{meant}\"}}?"),
+        None => format!("an object, or {{\"preset\": NAME}} with one of {}", names.join(", ")),
+    };
+    Violation::new(field, shorten(&text.into()), allowed)
 }
 
 fn resolve(

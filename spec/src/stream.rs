@@ -4,7 +4,8 @@ use serde_json::{Map, Value};
 
 use crate::check::{Check, Violations};
 use crate::fields::shorten;
-use crate::{DataSource, MAX_TRAJECTORIES, SpecError, preset, simulate};
+use crate::preset::{self, presets_of_kind, text_for_object};
+use crate::{DataSource, JobKind, MAX_TRAJECTORIES, SpecError, Violation, simulate};
 
 /// Resolves the preset of a stream, and accepts the `kind` that a copied job may have.
 pub(crate) fn resolve(mut fields: Map<String, Value>, found: &mut SpecError) -> Map<String, Value> {
@@ -13,7 +14,24 @@ pub(crate) fn resolve(mut fields: Map<String, Value>, found: &mut SpecError) -> 
     {
         found.append(error.within("data.stream"));
     }
+    if let Some(violation) = name_for_stream(&fields) {
+        found.add_with(|| violation);
+    }
     fields
+}
+
+/// The violation of a text in place of a stream, or of its preset's name in place of `data`.
+fn name_for_stream(fields: &Map<String, Value>) -> Option<Violation> {
+    let data = fields.get("data")?;
+    let simulations = presets_of_kind(JobKind::Simulate);
+    if let Some(name) = data.get("stream").and_then(Value::as_str) {
+        return Some(text_for_object("data.stream", name, &simulations));
+    }
+    let name = data.as_str()?;
+    let preset = simulations.iter().find(|preset| preset.name == name)?;
+    let allowed =
+        format!("an object; did you mean {{\"stream\": {{\"preset\": \"{}\"}}}}?", preset.name);
+    Some(Violation::new("data", shorten(data), allowed))
 }
 
 /// Makes the stream of a training endless, because it need not say how many robots it has.

@@ -71,3 +71,39 @@ fn no_error_has_the_words_of_the_library_that_reads_json() {
         }
     }
 }
+
+#[test]
+fn the_name_of_a_preset_in_place_of_an_object_is_answered_with_the_preset() {
+    let meant = |name: &str| format!("an object; did you mean {{\"preset\": \"{name}\"}}?");
+    let model = |value: &str| {
+        let mut spec = train();
+        spec["model"] = json!(value);
+        violations_of(&spec)
+    };
+    let expected = format!("model is \"lagrangian-tiny\", allowed: {}", meant("lagrangian-tiny"));
+    assert_eq!(model("lagrangian-tiny"), [expected]);
+    assert!(model("lagrangian-tyni")[0].ends_with(&meant("lagrangian-tiny")));
+    let strange = model("perceptron");
+    assert!(strange[0].contains("{\"preset\": NAME} with one of robomorph-tiny"), "{strange:?}");
+
+    let mut stream = train();
+    stream["data"] = json!({"stream": "D1-chirp"});
+    let expected = format!("data.stream is \"D1-chirp\", allowed: {}", meant("D1-chirp"));
+    assert_eq!(violations_of(&stream), [expected]);
+    stream["data"] = json!("D1-chirp");
+    let expected = "did you mean {\"stream\": {\"preset\": \"D1-chirp\"}}?";
+    assert!(violations_of(&stream)[0].ends_with(expected), "{:?}", violations_of(&stream));
+
+    assert_eq!(
+        violations_of(&json!("quickstart")),
+        [format!("the spec is \"quickstart\", allowed: {}", meant("quickstart"))]
+    );
+    let jobs = json!({"data": "D1-chirp", "train": train()});
+    let pipeline = json!({"kind": "pipeline", "name": "p", "jobs": jobs});
+    let expected = format!("jobs.data is \"D1-chirp\", allowed: {}", meant("D1-chirp"));
+    assert_eq!(violations_of(&pipeline), [expected]);
+    let quickstart = json!({"preset": "quickstart", "jobs": {"train": {"model": "flow-tiny"}}});
+    let found = violations_of(&quickstart);
+    assert!(found[0].starts_with("jobs.train.model is \"flow-tiny\""), "{found:?}");
+    assert!(found[0].ends_with(&meant("flow-tiny")), "{found:?}");
+}
