@@ -9,21 +9,63 @@ use crate::app::trajectories::StoredTrajectory;
 /// The size of one panel of several.
 const PANEL: Size = Size { width: 760, height: 300 };
 
-/// Training and validation loss over optimizer steps.
-pub fn loss_figure(training: &[CurvePoint], validation: &[CurvePoint]) -> Figure {
-    let points = |of: &[CurvePoint]| -> Vec<Point> {
-        of.iter().map(|point| Point::new(step(point.step), point.value)).collect()
-    };
-    Figure {
-        title: "Training and validation loss".to_owned(),
-        x: Axis::linear("optimizer step"),
-        y: Axis::log("loss"),
-        series: vec![
-            Curve::line("training", points(training)),
-            Curve::line("validation", points(validation)).with_markers(),
-        ],
-        bands: Vec::new(),
+/// The curves of a training over its optimizer steps.
+#[derive(Default)]
+pub struct TrainingCurves {
+    pub loss: Vec<CurvePoint>,
+    pub validation_loss: Vec<CurvePoint>,
+    /// RMSE of joint positions, degrees.
+    pub validation_rmse: Vec<CurvePoint>,
+}
+
+impl TrainingCurves {
+    /// The validation RMSE, which says how good the model is, above the losses. Without an RMSE,
+    /// the losses alone.
+    ///
+    /// # Errors
+    /// When drawing fails.
+    pub fn svg(&self) -> Result<String, FigureError> {
+        if self.validation_rmse.is_empty() {
+            return self.losses().to_svg(Size::PAGE);
+        }
+        figures::stacked("Validation error and loss", &[self.rmse(), self.losses()], PANEL)
     }
+
+    /// Training and validation loss.
+    pub fn losses(&self) -> Figure {
+        let Self { loss, validation_loss, .. } = self;
+        let curves = [
+            Curve::line("training", points(loss)),
+            Curve::line("validation", points(validation_loss)).with_markers(),
+        ];
+        Figure {
+            title: "Training and validation loss".to_owned(),
+            x: Axis::linear("optimizer step"),
+            y: loss_axis("loss", loss.iter().chain(validation_loss)),
+            series: curves.into_iter().filter(|curve| !curve.points.is_empty()).collect(),
+            bands: Vec::new(),
+        }
+    }
+
+    fn rmse(&self) -> Figure {
+        Figure {
+            title: "RMSE of joint positions in validation".to_owned(),
+            x: Axis::linear("optimizer step"),
+            y: loss_axis("RMSE", &self.validation_rmse).in_unit("°"),
+            series: vec![Curve::line("validation", points(&self.validation_rmse)).with_markers()],
+            bands: Vec::new(),
+        }
+    }
+}
+
+fn points(curve: &[CurvePoint]) -> Vec<Point> {
+    curve.iter().map(|point| Point::new(step(point.step), point.value)).collect()
+}
+
+/// A logarithmic axis, if every value has a place on it. A negative log-likelihood has none.
+fn loss_axis<'a>(label: &str, curve: impl IntoIterator<Item = &'a CurvePoint>) -> Axis {
+    let mut values = curve.into_iter().map(|point| point.value);
+    if values.any(|value| value <= 0.0) { Axis::linear(label) } else { Axis::log(label) }
 }
 
 #[expect(clippy::cast_precision_loss, reason = "a position in a drawing")]
@@ -138,4 +180,56 @@ fn spectra(summary: &Summary) -> Vec<Figure> {
         }
     };
     signals.map(figure).into()
+}
+
+#[cfg(test)]
+mod tests {
+    use figures::Scale;
+    use store::Timestamp;
+
+    use super::*;
+
+    fn curve(values: &[f64]) -> Vec<CurvePoint> {
+        let time = Timestamp::from_milliseconds(0);
+        let steps = (0..).step_by(100);
+        steps.zip(values).map(|(step, &value)| CurvePoint { step, time, value }).collect()
+    }
+
+    /// The loss of the `lagrangian` is a negative log-likelihood. Its curve had 26 of 500 points,
+    /// and none of the validation that the legend named.
+    #[test]
+    fn every_point_of_a_loss_below_zero_is_drawn() {
+        let curves = TrainingCurves {
+            loss: curve(&[3.0, 0.5, 0.0, -2.0, -3.5]),
+            validation_loss: curve(&[-1.0, -3.0]),
+            validation_rmse: Vec::new(),
+        };
+        let figure = curves.losses();
+        assert_eq!(figure.y.scale, Scale::Linear);
+        let svg = curves.svg().unwrap();
+        assert!(!svg.contains("not drawn"), "{svg}");
+        let of_validation = TrainingCurves { loss: curve(&[3.0, 0.5]), ..curves };
+        assert_eq!(of_validation.losses().y.scale, Scale::Linear);
+    }
+
+    #[test]
+    fn losses_above_zero_stay_on_a_logarithmic_axis_with_no_curve_that_is_empty() {
+        let curves = TrainingCurves { loss: curve(&[3.0, 1e-4]), ..TrainingCurves::default() };
+        let figure = curves.losses();
+        assert_eq!((figure.y.scale, figure.series.len()), (Scale::Log, 1));
+        assert!(TrainingCurves::default().svg().unwrap().contains("no data yet"));
+    }
+
+    #[test]
+    fn the_error_in_degrees_stands_above_the_losses() {
+        let curves = TrainingCurves {
+            loss: curve(&[-1.0]),
+            validation_loss: curve(&[-1.0]),
+            validation_rmse: curve(&[2.0, 0.05]),
+        };
+        let svg = curves.svg().unwrap();
+        let place = |text: &str| svg.find(text).unwrap_or_else(|| panic!("{text} is not in {svg}"));
+        assert!(place("RMSE of joint positions") < place("Training and validation loss"));
+        assert_eq!(curves.rmse().y.scale, Scale::Log);
+    }
 }

@@ -22,7 +22,7 @@ pub struct Arguments {
     #[arg(long, value_name = "N", default_value_t = api::limits::POINTS_MAXIMUM, value_parser = clap::value_parser!(u32).range(2..=i64::from(api::limits::POINTS_MAXIMUM)))]
     points: u32,
 
-    /// Print the loss curve as SVG instead of numbers
+    /// Print the curves of validation error and loss as SVG instead of numbers
     #[arg(long, conflicts_with_all = ["json", "keys"])]
     figure: bool,
 

@@ -2,14 +2,14 @@
 
 use std::collections::{BTreeMap, HashMap};
 
-use figures::Figure;
+use spec::ValidationMetric;
 use store::{CurvePoint, Listed, RunId};
 use wire::{Artifact, LatestMetric, Metric, MetricPoint, Run, Runs};
 
 use crate::app::App;
 use crate::app::files::Download;
 use crate::app::listing::ListRequest;
-use crate::charts::loss_figure;
+use crate::charts::TrainingCurves;
 use crate::error::ApiError;
 use crate::limits::POINTS_DEFAULT;
 
@@ -61,12 +61,18 @@ impl App {
         Ok(Download::new(saved_as, &artifact.media_type, &artifact.object, file))
     }
 
-    /// A figure of the training and validation loss so far.
-    pub async fn loss_figure(&self, run: i64) -> Result<Figure, ApiError> {
+    /// The curves of a training so far.
+    pub async fn training_curves(&self, run: i64) -> Result<TrainingCurves, ApiError> {
         let run = self.store.run(RunId(run)).await?.id;
-        let training = self.store.metric_curve(run, "train/loss", POINTS_DEFAULT).await?;
-        let validation = self.store.metric_curve(run, "validation/loss", POINTS_DEFAULT).await?;
-        Ok(loss_figure(&training.points, &validation.points))
+        Ok(TrainingCurves {
+            loss: self.curve(run, "train/loss").await?,
+            validation_loss: self.curve(run, ValidationMetric::Loss.key()).await?,
+            validation_rmse: self.curve(run, ValidationMetric::RmseDeg.key()).await?,
+        })
+    }
+
+    async fn curve(&self, run: RunId, key: &str) -> Result<Vec<CurvePoint>, ApiError> {
+        Ok(self.store.metric_curve(run, key, POINTS_DEFAULT).await?.points)
     }
 
     /// The files of `runs`, by run.

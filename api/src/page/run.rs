@@ -1,9 +1,10 @@
 //! The page of a training: its loss curve, its latest metrics and its checkpoints.
 
+use std::collections::BTreeMap;
+
 use askama::Template;
 use axum::extract::State;
 use axum::response::{IntoResponse, Redirect, Response};
-use figures::Size;
 use spec::ValidationMetric;
 use wire::{Checkpoint, LatestMetric};
 
@@ -49,7 +50,7 @@ pub async fn show(
         return Ok(Redirect::to(&page).into_response());
     }
     let job = app.job(run.job).await?;
-    let loss = app.loss_figure(id).await?.to_svg(Size::PAGE)?;
+    let loss = app.training_curves(id).await?.svg()?;
     let checkpoints = app.checkpoints_of_job(run.job).await?;
     let page = RunPage {
         id,
@@ -62,11 +63,19 @@ pub async fn show(
             &run.job_tags,
         ),
         loss,
-        metrics: run.metrics.iter().map(|(key, latest)| fact(key, latest)).collect(),
+        metrics: facts(&run.metrics),
         checkpoints: checkpoints.iter().rev().map(CheckpointRow::from).collect(),
         spec: spec_text(&job.spec),
     };
     Ok(html(&page)?)
+}
+
+/// The latest metrics. The error in degrees, which says how good the model is, comes first.
+fn facts(metrics: &BTreeMap<String, LatestMetric>) -> Vec<Fact> {
+    let is_rmse = |key: &str| key == ValidationMetric::RmseDeg.key();
+    let mut sorted: Vec<(&String, &LatestMetric)> = metrics.iter().collect();
+    sorted.sort_by_key(|(key, _)| !is_rmse(key));
+    sorted.into_iter().map(|(key, latest)| fact(key, latest)).collect()
 }
 
 fn fact(key: &str, latest: &LatestMetric) -> Fact {

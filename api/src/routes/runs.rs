@@ -5,14 +5,13 @@ use axum::extract::State;
 use axum::http::header::{CONTENT_DISPOSITION, CONTENT_TYPE};
 use axum::http::{HeaderMap, Method};
 use axum::response::{IntoResponse, Response};
-use figures::Size;
 use serde::Deserialize;
 use store::Thing;
 use utoipa::IntoParams;
 use wire::{LabelChange, Metric, Run, Runs};
 
-use crate::app::listing::{ListRequest, RUNS};
 use crate::app::App;
+use crate::app::listing::{ListRequest, RUNS};
 use crate::error::ApiError;
 use crate::extract::{PatchBytes, Path, Query, QueryPairs};
 use crate::limits::{POINTS_DEFAULT, POINTS_MAXIMUM};
@@ -139,7 +138,7 @@ pub async fn artifact(
     send_or_redirect(&app, &method, &headers, file, &parameters).await
 }
 
-/// Get the present loss curve as `loss.svg`, or its numbers as `loss.csv`.
+/// Get the curves of validation error and loss so far as `loss.svg`, or the losses as `loss.csv`.
 #[utoipa::path(
     get,
     path = "/v1/runs/{id}/figures/{name}",
@@ -154,10 +153,10 @@ pub async fn figure(
     State(app): State<App>,
     Path((id, name)): Path<(i64, String)>,
 ) -> Result<Response, ApiError> {
-    let figure = app.loss_figure(id).await?;
+    let curves = app.training_curves(id).await?;
     let (media_type, text) = match name.as_str() {
-        "loss.svg" => ("image/svg+xml", figure.to_svg(Size::PAGE)?),
-        "loss.csv" => ("text/csv; charset=utf-8", figure.to_csv()),
+        "loss.svg" => ("image/svg+xml", curves.svg()?),
+        "loss.csv" => ("text/csv; charset=utf-8", curves.losses().to_csv()),
         _ => {
             return Err(ApiError::not_found(
                 "figure",
