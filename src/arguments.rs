@@ -12,7 +12,7 @@ use crate::client::{Client, ClientError};
 /// Flags for the connection to a server.
 #[derive(Debug, Args)]
 pub struct ServerArguments {
-    /// The server's address: http://, https:// or unix:PATH
+    /// The server's address: HOST:PORT, http://, https:// or unix:PATH
     #[arg(long, env = "TORQUED_SERVER", value_name = "URL", default_value = DEFAULT_SERVER)]
     server: String,
 
@@ -31,7 +31,7 @@ impl ServerArguments {
 /// Flags for the connection to a server that a command can do without.
 #[derive(Debug, Args)]
 pub struct OptionalServerArguments {
-    /// Ask this server instead of the program itself: http://, https:// or unix:PATH
+    /// Ask this server instead of the program itself: HOST:PORT, http://, https:// or unix:PATH
     #[arg(long, env = "TORQUED_SERVER", value_name = "URL")]
     server: Option<String>,
 

@@ -116,8 +116,7 @@ fn known<'a>(command: &'a Command, key: &str) -> anyhow::Result<&'a Arg> {
         return Ok(argument);
     }
     let keys: Vec<String> = command.get_arguments().filter_map(key_of).collect();
-    let nearest = keys.iter().min_by_key(|known| edits(known, key));
-    match nearest.filter(|nearest| edits(nearest, key) <= key.len().max(3) / 3) {
+    match spec::nearest(key, keys.iter().map(String::as_str)) {
         Some(nearest) => bail!("{key} is not a key; did you mean {nearest}?"),
         None => bail!("{key} is not a key; allowed: {}", keys.join(", ")),
     }
@@ -173,21 +172,6 @@ fn check(argument: &Arg, key: &str, value: &Value, flags: &[OsString]) -> anyhow
     // The error does not repeat passwords and tokens.
     ensure!(!argument.is_hide_env_values_set(), "{key}: {allowed}");
     bail!("{key} is {value}: {allowed}")
-}
-
-/// Number of characters to insert, delete or replace to turn one word into the other.
-fn edits(one: &str, other: &str) -> usize {
-    let other: Vec<char> = other.chars().collect();
-    let mut row: Vec<usize> = (0..=other.len()).collect();
-    for (i, a) in one.chars().enumerate() {
-        let mut diagonal = std::mem::replace(&mut row[0], i + 1);
-        for (j, b) in other.iter().enumerate() {
-            let replaced = diagonal + usize::from(a != *b);
-            diagonal = row[j + 1];
-            row[j + 1] = replaced.min(row[j] + 1).min(diagonal + 1);
-        }
-    }
-    row[other.len()]
 }
 
 #[cfg(test)]
@@ -271,11 +255,5 @@ mod tests {
         }
         let error = read("database = \"mysql://u:secret@h/d\"").unwrap_err().to_string();
         assert!(!error.contains("secret"), "{error}");
-    }
-
-    #[test]
-    fn a_typo_is_a_few_edits_away() {
-        assert_eq!(edits("workers", "wrokers"), 2);
-        assert_eq!((edits("", "abc"), edits("abc", "abc")), (3, 0));
     }
 }

@@ -39,7 +39,7 @@ class JobEnded(Exception):
 
 
 class Client:
-    """A client of one server. `server` is http://, https:// or unix:PATH.
+    """A client of one server. `server` is HOST:PORT, http://, https:// or unix:PATH.
 
     Values that are left out come from TORQUED_SERVER and TORQUED_TOKEN, like those of the command line. Answers are
     those of the API (/v1/openapi.json), as dicts and lists.
@@ -52,9 +52,11 @@ class Client:
         self._token = token or os.environ.get("TORQUED_TOKEN") or None
         self._base = ""
         if not self.server.startswith("unix:"):
+            if "://" not in self.server:
+                self.server = f"http://{self.server}"
             parts = urllib.parse.urlsplit(self.server)
             if parts.scheme not in ("http", "https") or not parts.hostname:
-                raise ValueError(f"server {server!r}, allowed: http://, https:// or unix:PATH")
+                raise ValueError(f"server {server!r}, allowed: HOST:PORT, http://, https:// or unix:PATH")
             self._base = parts.path
 
     def get(self, path, **parameters):

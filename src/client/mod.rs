@@ -28,7 +28,8 @@ const LONGEST_PAGE: u32 = 500;
 /// The prefix of the address of a server on a Unix socket. The socket's path follows.
 pub const UNIX: &str = "unix:";
 
-/// A server's API at an address: `http://HOST:PORT`, `https://HOST` behind a proxy, or `unix:PATH`.
+/// A server's API at an address: `http://HOST:PORT` or `HOST:PORT`, `https://HOST` behind a proxy, or
+/// `unix:PATH`.
 #[derive(Clone, Debug)]
 pub struct Client {
     http: reqwest::Client,
@@ -59,13 +60,15 @@ impl Client {
     pub fn new(server: &str, token: Option<String>) -> Result<Self, ClientError> {
         let address = |reason: String| ClientError::Address { server: server.to_owned(), reason };
         let (web, socket) = match server.strip_prefix(UNIX) {
-            Some(path) => ("http://localhost", Some(path.to_owned())),
-            None => (server, None),
+            Some(path) => ("http://localhost".to_owned(), Some(path.to_owned())),
+            None if server.contains("://") => (server.to_owned(), None),
+            None => (format!("http://{server}"), None),
         };
-        let base = Url::parse(web).map_err(|error| address(error.to_string()))?;
+        let base = Url::parse(&web).map_err(|error| address(error.to_string()))?;
         let is_web = ["http", "https"].contains(&base.scheme()) && base.host_str().is_some();
         if !is_web || socket.as_deref() == Some("") {
-            return Err(address("expected http://HOST:PORT, https://HOST or unix:PATH".to_owned()));
+            let allowed = "expected http://HOST:PORT, HOST:PORT, https://HOST or unix:PATH";
+            return Err(address(allowed.to_owned()));
         }
         // This fails if a provider is installed already.
         let _ = rustls::crypto::ring::default_provider().install_default();
@@ -339,9 +342,26 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_address_without_a_scheme_is_refused_with_an_example() {
-        let error = Client::new("localhost:7070", None).unwrap_err().to_string();
-        assert!(error.contains("http://HOST:PORT"), "{error}");
+    fn an_address_without_a_scheme_is_one_of_http() {
+        for (server, url) in [
+            ("127.0.0.1:7070", "http://127.0.0.1:7070/jobs/1"),
+            ("localhost:7070/", "http://localhost:7070/jobs/1"),
+            ("lab", "http://lab/jobs/1"),
+            ("[::1]:7070", "http://[::1]:7070/jobs/1"),
+            ("https://lab.example", "https://lab.example/jobs/1"),
+        ] {
+            assert_eq!(Client::new(server, None).unwrap().url("/jobs/1"), url);
+        }
+    }
+
+    #[test]
+    fn what_is_no_address_is_refused_with_examples() {
+        for server in ["", "ftp://lab", "lab:port", "a b", "unix:", "://lab"] {
+            let error = Client::new(server, None).unwrap_err().to_string();
+            assert!(error.contains("is not a server address"), "{server:?}: {error}");
+        }
+        let error = Client::new("ftp://lab", None).unwrap_err().to_string();
+        assert!(error.contains("http://HOST:PORT, HOST:PORT"), "{error}");
     }
 
     #[test]

@@ -2,8 +2,10 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use anyhow::{Context, ensure};
+use anyhow::{Context, bail, ensure};
 use clap::Args;
+use serde_json::json;
+use spec::PresetPlace;
 
 use crate::arguments::{LabelArguments, OutputArguments, ServerArguments};
 use crate::client::{Reuse, Submitted};
@@ -12,8 +14,9 @@ use crate::output::write_json;
 
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// The job as JSON; `-` reads standard input
-    #[arg(value_name = "FILE")]
+    /// The job as JSON, or the name of a preset, which `torqued presets` lists; `-` reads standard
+    /// input. A file of the name comes first
+    #[arg(value_name = "FILE|PRESET")]
     spec: PathBuf,
 
     /// Compute again, even if the same job was done before
@@ -38,7 +41,7 @@ pub struct Arguments {
 pub const MAX_SPEC_BYTES: u64 = 1 << 20;
 
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
-    let spec = read_json(&arguments.spec, MAX_SPEC_BYTES)?;
+    let spec = read_spec(&arguments.spec)?;
     let client = arguments.server.client()?;
     let reuse = if arguments.force { Reuse::ComputeAnew } else { Reuse::ByDigest };
     let labels = arguments.labels.parameters();
@@ -62,6 +65,39 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     watch::follow_to_end(&client, job.id, output).await
 }
 
+/// Reads a spec from a file, or makes it from the name of a preset if there is no such file.
+fn read_spec(path: &Path) -> anyhow::Result<Vec<u8>> {
+    match path.to_str() {
+        Some(name) if name != "-" && !path.exists() => of_preset(name),
+        _ => read_json(path, MAX_SPEC_BYTES),
+    }
+}
+
+/// The spec of the preset of a job.
+fn of_preset(name: &str) -> anyhow::Result<Vec<u8>> {
+    let preset = spec::presets().iter().find(|preset| preset.name == name);
+    match preset.map(|preset| preset.place) {
+        Some(PresetPlace::Job) => Ok(json!({ "preset": name }).to_string().into_bytes()),
+        Some(PresetPlace::Model) => bail!(
+            "{name} is the preset of a model, and no file; it belongs in a train job: \
+             {{\"kind\": \"train\", \"model\": {{\"preset\": \"{name}\"}}, ...}}"
+        ),
+        None => {
+            let jobs = spec::presets().iter().filter(|preset| preset.place == PresetPlace::Job);
+            let names: Vec<&str> = jobs.map(|preset| preset.name.as_str()).collect();
+            match spec::nearest(name, names.iter().copied()) {
+                Some(meant) => bail!(
+                    "there is no file {name}, and no preset of that name; did you mean {meant}?"
+                ),
+                None => bail!(
+                    "there is no file {name}, and no preset of that name; the presets are {}",
+                    names.join(", ")
+                ),
+            }
+        }
+    }
+}
+
 /// Reads a spec or a request of at most `max_bytes`; `-` is standard input.
 pub fn read_json(path: &Path, max_bytes: u64) -> anyhow::Result<Vec<u8>> {
     let mut spec = Vec::new();
@@ -82,4 +118,31 @@ pub fn read_json(path: &Path, max_bytes: u64) -> anyhow::Result<Vec<u8>> {
         max_bytes >> 20
     );
     Ok(spec)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_name_of_a_preset_is_its_spec_and_another_name_is_answered_with_near_ones() {
+        let spec = read_spec(Path::new("quickstart")).unwrap();
+        assert_eq!(spec, br#"{"preset":"quickstart"}"#);
+        let error = |name: &str| read_spec(Path::new(name)).unwrap_err().to_string();
+        assert!(error("quickstrat").ends_with("did you mean quickstart?"));
+        assert!(error("lagrangian-tiny").contains(r#""model": {"preset": "lagrangian-tiny"}"#));
+        let strange = error("no/such.json");
+        assert!(strange.contains("there is no file no/such.json"), "{strange}");
+        assert!(strange.contains("the presets are"), "{strange}");
+    }
+
+    #[test]
+    fn a_file_comes_before_a_preset_of_its_name() {
+        let folder = tempfile::tempdir().unwrap();
+        let file = folder.path().join("quickstart");
+        std::fs::write(&file, "{}").unwrap();
+        assert_eq!(read_spec(&file).unwrap(), b"{}");
+        let broken = read_spec(folder.path()).unwrap_err();
+        assert!(format!("{broken:#}").contains("cannot read"), "{broken:#}");
+    }
 }
