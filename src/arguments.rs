@@ -114,9 +114,9 @@ pub struct StoreArguments {
 impl StoreArguments {
     pub fn location(&self) -> Location {
         Location {
-            folder: self.data.clone(),
             database: self.database.clone(),
             objects: self.objects.clone(),
+            ..Location::in_folder(&self.data)
         }
     }
 }

@@ -20,8 +20,9 @@ const COMMAND: &str = "serve";
 /// The flag that names it.
 const FLAG: &str = "config";
 
-/// Flags that are not allowed in the file: the one that names it, and those that only print.
-const NO_KEYS: [&str; 3] = [FLAG, "help", "version"];
+/// Flags that are not allowed in the file: the one that names it, those that only print, and the
+/// confirmation of a place, which is for a single start.
+const NO_KEYS: [&str; 4] = [FLAG, "help", "version", "claim-place"];
 
 /// Reads the command line, and then the file that it or `TORQUED_CONFIG` names. A flag takes
 /// precedence over a variable, a variable over the file, and the file over the built-in default. An

@@ -11,8 +11,9 @@ use crate::output::write_json;
 use crate::progress::measure;
 use crate::server::ORPHANED_AFTER;
 
-/// Permanently deletes things whose time in the trash is over, and files that nothing refers to. A
-/// server does this once an hour; this command may run beside it.
+/// Permanently deletes things whose time in the trash is over, files that nothing refers to, and
+/// files of this machine that killed workers did not finish. A server does this once an hour; this
+/// command may run beside it.
 #[derive(Debug, Args)]
 pub struct Arguments {
     /// Only print what would be deleted
@@ -88,6 +89,7 @@ fn names(garbage: &Garbage) -> (String, String) {
         GarbageKind::TrackedRun(run) => ("mlflow run".to_owned(), run.clone()),
         GarbageKind::Upload(digest) => ("upload".to_owned(), digest.short()),
         GarbageKind::Orphans => ("orphans".to_owned(), String::new()),
+        GarbageKind::Unfinished => ("unfinished".to_owned(), String::new()),
     }
 }
 
@@ -114,6 +116,9 @@ fn summary(found: &[Garbage], dry_run: bool) -> String {
     let verb = if dry_run { "would delete" } else { "deleted" };
     let files = measure::count(found.iter().map(|garbage| garbage.files).sum());
     let size = measure::size(found.iter().map(|garbage| garbage.bytes).sum());
-    let things = found.iter().filter(|garbage| garbage.kind != GarbageKind::Orphans).count();
+    let is_thing = |garbage: &&Garbage| {
+        !matches!(garbage.kind, GarbageKind::Orphans | GarbageKind::Unfinished)
+    };
+    let things = found.iter().filter(is_thing).count();
     format!("{verb} {things} things, {files} files, {size}")
 }

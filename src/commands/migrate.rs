@@ -36,7 +36,8 @@ pub struct Arguments {
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let Arguments { from, to_data, to_database, to_objects, .. } = arguments;
     let from = from.location();
-    let to = Location { folder: to_data, database: to_database, objects: to_objects };
+    let to =
+        Location { database: to_database, objects: to_objects, ..Location::in_folder(to_data) };
     let transfer = Transfer::prepare(&from, &to, &S3Options::from_env()?).await?;
     copied_store::copy(transfer, &from, &to, copied_store::MOVING).await?;
     println!(

@@ -20,8 +20,8 @@ pub struct Arguments {
     #[command(flatten)]
     store: StoreArguments,
 
-    /// Continue although some files do not describe themselves; a server deletes them when they are
-    /// 8 h old
+    /// Continue although some files do not describe themselves; a server deletes those that torqued
+    /// made when they are 8 h old
     #[arg(long)]
     leave_out: bool,
 }
@@ -43,11 +43,12 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     if !found.left_out.is_empty() && !arguments.leave_out {
         name(&found.left_out);
         bail!(
-            "{} files would be left out, and a server deletes files that its database does not name; copy those that you need, \
+            "{} files would be left out, and a server deletes files of torqued that its database does not name; copy those that you need, \
              then repeat with --leave-out; nothing was changed",
             found.left_out.len()
         );
     }
+    store.mark_place().await?;
     let before = found.left_out.len();
     let rebuilt = jobs::rebuild(&store, found).await?;
     name(&rebuilt.left_out[before..]);

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant, SystemTime};
 
 use store::{
     Duty, DutyClaim, EVENTS_KEPT, EVENTS_KEPT_FOR, Reaped, Reaper, Retention, Ripe, Store,
-    StoreError,
+    StoreError, Sweeper, Swept,
 };
 use tokio_util::sync::CancellationToken;
 
@@ -15,6 +15,9 @@ const REAP_EVERY: Duration = Duration::from_secs(1);
 const FORGET_ENGINES_EVERY: Duration = Duration::from_secs(10);
 
 const SWEEP_EVERY: Duration = Duration::from_secs(60 * 60);
+
+/// Number of files that the announcement of a sweep names. The others are counted.
+const NAMED: usize = 20;
 
 const FORGET_EVENTS_EVERY: Duration = Duration::from_secs(60);
 
@@ -79,18 +82,18 @@ pub async fn forget_engine(store: &Store) -> Result<(), StoreError> {
     Ok(())
 }
 
-/// Deletes files that killed workers left unfinished, and things whose time in the trash is over.
+/// Deletes files that killed workers left, an hour after it named them in the log, and things whose time in the trash is over.
 /// Nothing appears older because a clock was set ahead or the machine slept.
 pub async fn sweep(store: Store, keeping: Keeping, stop: CancellationToken) {
     let mut duty = store.duty(Duty::Sweeping);
+    let mut sweeper = Sweeper::new(store.clone());
     let (began, began_by_clock) = (Instant::now(), SystemTime::now());
     loop {
         let by_clock = began_by_clock.elapsed().unwrap_or_default();
         let leapt = by_clock.saturating_sub(began.elapsed());
         if is_mine(&mut duty).await {
-            match store.sweep_orphans(ORPHANED_AFTER + leapt).await {
-                Ok(0) => {}
-                Ok(count) => tracing::info!(count, "deleted files that nothing refers to"),
+            match sweeper.sweep(ORPHANED_AFTER + leapt).await {
+                Ok(swept) => report(&swept),
                 Err(error) => {
                     let error = anyhow::Error::new(error);
                     tracing::error!("cannot delete files that nothing refers to: {error:#}");
@@ -103,6 +106,28 @@ pub async fn sweep(store: Store, keeping: Keeping, stop: CancellationToken) {
             return;
         }
     }
+}
+
+/// Logs what a sweep deleted, and names what the next one deletes.
+fn report(swept: &Swept) {
+    let Swept { deleted, announced, bytes } = swept;
+    if *deleted > 0 {
+        tracing::info!(count = deleted, "deleted files that nothing refers to");
+    }
+    if announced.is_empty() {
+        return;
+    }
+    let named = announced.iter().take(NAMED).map(String::as_str).collect::<Vec<_>>().join(", ");
+    let more = match announced.len().saturating_sub(NAMED) {
+        0 => String::new(),
+        more => format!(" and {more} more"),
+    };
+    let count = announced.len();
+    tracing::info!(
+        count,
+        bytes,
+        "in an hour, these files that nothing refers to are deleted: {named}{more}"
+    );
 }
 
 async fn retire(store: &Store, Keeping { retention, trash }: Keeping) {

@@ -18,7 +18,7 @@ use clap::Args;
 use executors::{Control, WorkerProcesses};
 use live::Live;
 use spec::{DataSpec, JobKind, TrainSpec};
-use store::{Access, Store};
+use store::{Access, Location, Store};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
@@ -36,6 +36,11 @@ use listen::{Bound, SocketFile};
 pub struct Options {
     #[command(flatten)]
     pub store: StoreArguments,
+
+    /// Make a new store although its place has other files, or go on without the files that the
+    /// database names although store.json is missing beside them; look at the place first
+    #[arg(long)]
+    claim_place: bool,
 
     /// Address to listen on, or unix:PATH for a socket that only you can open [default:
     /// 127.0.0.1:7070, or the next free port]
@@ -146,7 +151,8 @@ impl Server {
         allocator::keep_freed_memory();
         process::open_many_files();
         device::require(options.device.device).await?;
-        let store = Store::open_at(&options.store.location(), Access::Server).await?;
+        let location = Location { claimed: options.claim_place, ..options.store.location() };
+        let store = Store::open_at(&location, Access::Server).await?;
         let has_token = options.token().is_some() || !store.tokens().await?.is_empty();
         listen::refuse_unguarded(options.listen.as_ref(), has_token)?;
         store.register_server(env!("CARGO_PKG_VERSION")).await?;

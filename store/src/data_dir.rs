@@ -71,10 +71,26 @@ impl DataDir {
         self.0.join("server.lock")
     }
 
-    /// Creates the folders. Only the owner may read a new data folder. An existing folder keeps its
+    /// Whether torqued gives this name to a file of the data folder itself.
+    pub fn has_made(&self, name: &str) -> bool {
+        let path = self.0.join(name);
+        let database = self.database();
+        let is_database = ["", "-wal", "-shm", "-journal"].into_iter().any(|ending| {
+            let mut file = database.clone().into_os_string();
+            file.push(ending);
+            path.as_os_str() == file
+        });
+        is_database || path == self.lock_file() || path == self.bell()
+    }
+
+    /// Creates the folder. Only the owner may read a new data folder. An existing folder keeps its
     /// mode.
     pub fn create(&self) -> Result<(), StoreError> {
-        self.create_private().map_err(|reason| self.unusable(reason))?;
+        self.create_private().map_err(|reason| self.unusable(reason))
+    }
+
+    /// Creates the folder for objects.
+    pub fn create_objects(&self) -> Result<(), StoreError> {
         std::fs::create_dir_all(self.objects()).map_err(|reason| self.unusable(reason))
     }
 

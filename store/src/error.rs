@@ -47,6 +47,43 @@ pub enum StoreError {
     )]
     ForeignObjects { place: String, remedy: &'static str },
 
+    /// A new store would lie among the files of somebody else.
+    #[error(
+        "{place} is not empty: it has {found}; a new store needs an empty place: choose another one, \
+         or confirm this one with --claim-place, and torqued leaves the files of others alone"
+    )]
+    Occupied { place: String, found: String },
+
+    /// A new store would lie in another one, whose users may delete it or move it away.
+    #[error("{place} lies in the store at {other}; choose a place outside of it")]
+    StoreAround { place: String, other: String },
+
+    #[error("{place} has another store in it, at {other}; choose a place without one")]
+    StoreInside { place: String, other: String },
+
+    /// The files of a store without their database.
+    #[error(
+        "{place} has the files of a store whose database is not there: if it is in PostgreSQL, name it \
+         with --database; if torqued.sqlite is lost, restore a backup into another folder, or rebuild \
+         it with `torqued reindex`"
+    )]
+    DatabaseLost { place: String },
+
+    /// The database names files, and their place is another one or lost them all.
+    #[error(
+        "{place} {found}, but the database has {rows}, so its files lie elsewhere: mount the disk, or \
+         correct --data or --objects; nothing was written there. If the files are lost for good, \
+         `torqued serve --claim-place` begins with the place as it is"
+    )]
+    FilesLost { place: String, found: &'static str, rows: String },
+
+    /// The place changed while the store was open.
+    #[error(
+        "the files of this store are not at {place} any more, which {found}: mount the disk, or put the \
+         bucket's objects back; nothing is written there until then"
+    )]
+    Displaced { place: String, found: &'static str },
+
     /// A store that is in use cannot be moved.
     #[error("{place} is in use by {by}; {remedy}")]
     InService { place: String, by: String, remedy: &'static str },

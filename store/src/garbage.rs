@@ -10,6 +10,7 @@ use wire::ItemKind;
 
 use crate::boxed;
 use crate::database::{Scope, sql};
+use crate::leftovers::Leftovers;
 use crate::{Item, JobId, Store, StoreError, Timestamp};
 
 /// When an item in the trash may be deleted permanently.
@@ -40,6 +41,8 @@ pub enum GarbageKind {
     Upload(Digest),
     /// Objects without a row.
     Orphans,
+    /// Files on this machine that killed workers did not finish.
+    Unfinished,
 }
 
 /// The column that tells whether an item is ripe, and the latest moment at which it is.
@@ -67,15 +70,12 @@ impl Store {
         orphaned: Duration,
     ) -> Result<Vec<Garbage>, StoreError> {
         let mut found = self.ripe_garbage(self.limit(ripe).await?).await?;
-        let orphans = self.orphans(orphaned).await?;
-        if !orphans.is_empty() {
-            found.push(of_orphans(&orphans));
-        }
+        found.extend(of_leftovers(&self.leftovers(orphaned).await?));
         Ok(found)
     }
 
-    /// Permanently deletes ripe items, and objects that are older than `orphaned` and have no row.
-    /// Returns them.
+    /// Permanently deletes ripe items, objects without a row and unfinished files. The latter two
+    /// are older than `orphaned`. Returns them.
     ///
     /// # Errors
     /// When the database or the listing of objects fails. Things deleted before the error stay
@@ -87,11 +87,9 @@ impl Store {
         orphaned: Duration,
     ) -> Result<Vec<Garbage>, StoreError> {
         let mut deleted = self.purge(ripe).await?;
-        let orphans = self.orphans(orphaned).await?;
-        if !orphans.is_empty() {
-            deleted.push(of_orphans(&orphans));
-            self.objects().delete(orphans.into_iter().map(|(path, _)| path).collect()).await;
-        }
+        let leftovers = self.leftovers(orphaned).await?;
+        deleted.extend(of_leftovers(&leftovers));
+        self.delete_leftovers(leftovers).await?;
         Ok(deleted)
     }
 
@@ -101,6 +99,8 @@ impl Store {
     /// When the database fails. Things deleted before the error stay deleted.
     #[boxed]
     pub async fn purge(&self, ripe: Ripe) -> Result<Vec<Garbage>, StoreError> {
+        // Rows would be deleted whose files are elsewhere.
+        self.check_place_now().await?;
         let limit = self.limit(ripe).await?;
         let mut deleted = Vec::new();
         for garbage in self.ripe_garbage(limit).await? {
@@ -108,7 +108,7 @@ impl Store {
                 GarbageKind::Item(item) => self.purge_item(*item, limit).await?,
                 GarbageKind::TrackedRun(run) => self.purge_tracked_run(run, limit).await?,
                 // They are deleted as a consequence of the others.
-                GarbageKind::Upload(_) | GarbageKind::Orphans => continue,
+                GarbageKind::Upload(_) | GarbageKind::Orphans | GarbageKind::Unfinished => continue,
             };
             // `None` if somebody restored or purged it meanwhile.
             if let Some(files) = files {
@@ -207,11 +207,19 @@ impl Store {
     }
 }
 
-fn of_orphans(orphans: &[(String, u64)]) -> Garbage {
-    Garbage {
-        kind: GarbageKind::Orphans,
-        name: "files that nothing refers to".to_owned(),
-        files: orphans.len() as u64,
-        bytes: orphans.iter().map(|(_, size)| size).sum(),
-    }
+fn of_leftovers(leftovers: &Leftovers) -> Vec<Garbage> {
+    let Leftovers { orphans, unfinished } = leftovers;
+    let garbage = |kind, name: &str, sizes: Vec<u64>| Garbage {
+        kind,
+        name: name.to_owned(),
+        files: sizes.len() as u64,
+        bytes: sizes.iter().sum(),
+    };
+    let orphans = orphans.iter().map(|(_, size)| *size).collect();
+    let unfinished = unfinished.iter().map(|left| left.size).collect();
+    let all = [
+        garbage(GarbageKind::Orphans, "files that nothing refers to", orphans),
+        garbage(GarbageKind::Unfinished, "files that were never finished", unfinished),
+    ];
+    all.into_iter().filter(|garbage| garbage.files > 0).collect()
 }

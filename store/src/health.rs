@@ -94,6 +94,9 @@ impl Store {
         if let Some(obstacle) = self.objects().away().and_then(RemoteStore::obstacle) {
             return Some(obstacle);
         }
+        if let Some(displaced) = self.objects().displaced() {
+            return Some(displaced.obstacle().to_owned());
+        }
         let space = self.disk_space().ok().filter(DiskSpace::is_low)?;
         Some(format!(
             "the disk of the data folder has {} MB free, but tasks are only claimed with {} MB or \

@@ -10,14 +10,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::boxed;
 use crate::database::{Scope, sql};
+use crate::objects::mark::Marker;
 use crate::objects::path::{MARKER, MOVE_MARKER};
-use crate::{Access, Store, StoreError};
-
-/// The object that names the store that the objects beside it belong to.
-#[derive(Debug, PartialEq, Eq, Serialize, Deserialize)]
-struct Marker {
-    store: String,
-}
+use crate::{Access, Location, Store, StoreError, new_place};
 
 /// The object that says that another store is moving here. It exists from before the first object
 /// is copied until the rows are committed.
@@ -39,19 +34,31 @@ impl Store {
         sql!(self.database(), "reading the store's identity", identity())
     }
 
+    /// Checks that the objects are those of this store. The objects of a new store get its mark.
+    ///
     /// # Errors
     /// [`StoreError::ForeignObjects`] when the objects belong to another store.
+    /// [`StoreError::FilesLost`] when the place has no mark although the store is not new.
     /// [`StoreError::UnfinishedTransfer`] when a store was moving here and its objects may not all
-    /// be there.
-    pub(crate) async fn check_objects(&self, access: Access) -> Result<(), StoreError> {
+    /// be there. An error of [`Store::check_unmarked`] when the place is not that of a new store.
+    pub(crate) async fn check_objects(
+        &self,
+        location: &Location,
+        access: Access,
+    ) -> Result<(), StoreError> {
         let own = Marker { store: self.identity().await? };
+        let found = self.read_mark(MARKER).await?;
         if access == Access::Rebuilding {
-            return self.adopt_objects(own).await;
+            return self.adopt_objects(found).await;
         }
-        let found: Option<Marker> = match self.read_mark(MARKER).await? {
+        let found: Option<Marker> = match found {
             None if access.is_owner() => {
+                self.check_unmarked(location, access).await?;
                 self.write_mark(MARKER, &own).await?;
                 self.read_mark(MARKER).await?
+            }
+            None => {
+                return Err(new_place::no_files(self.objects().place(), "has no store.json"));
             }
             found => found,
         };
@@ -62,21 +69,41 @@ impl Store {
         if access != Access::Transfer && self.moving_from().await?.is_some() {
             return Err(StoreError::UnfinishedTransfer { place: place() });
         }
+        self.objects().expect_mark(own);
         Ok(())
     }
 
-    /// Gives the objects of a store whose database is lost to this store.
-    async fn adopt_objects(&self, own: Marker) -> Result<(), StoreError> {
-        let found: Option<Marker> = self.read_mark(MARKER).await?;
-        match found {
-            None => self.write_mark(MARKER, &own).await,
-            Some(found) if found == own => Ok(()),
-            Some(found) => {
-                let mut tx = self.begin(Scope::Rows, "taking objects over").await?;
-                sql!(&mut tx, set_identity(&found.store))?;
-                tx.commit().await
-            }
+    /// Checks that the place of the objects is still that of this store.
+    ///
+    /// # Errors
+    /// [`StoreError::Displaced`] when it has no mark or that of another store.
+    pub(crate) async fn check_place_now(&self) -> Result<(), StoreError> {
+        self.objects().check_place_now().await
+    }
+
+    /// Gives the objects of a store whose database is lost to this store. Objects without a mark
+    /// get one from [`Store::mark_place`], once something was found among them.
+    async fn adopt_objects(&self, found: Option<Marker>) -> Result<(), StoreError> {
+        let Some(found) = found else { return Ok(()) };
+        if found.store != self.identity().await? {
+            let mut tx = self.begin(Scope::Rows, "taking objects over").await?;
+            sql!(&mut tx, set_identity(&found.store))?;
+            tx.commit().await?;
         }
+        self.objects().expect_mark(found);
+        Ok(())
+    }
+
+    /// Marks the place of the objects as this store's, if it has no mark.
+    ///
+    /// # Errors
+    /// When the mark cannot be written.
+    #[boxed]
+    pub async fn mark_place(&self) -> Result<(), StoreError> {
+        let own = Marker { store: self.identity().await? };
+        self.write_mark(MARKER, &own).await?;
+        self.objects().expect_mark(own);
+        Ok(())
     }
 
     /// The identity of the store that is moving here, if there is one.

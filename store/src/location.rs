@@ -1,7 +1,7 @@
 //! Where a store keeps its rows and its objects.
 
 use std::fmt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use sqlx::postgres::PgConnectOptions;
@@ -18,12 +18,15 @@ pub struct Location {
     pub database: Option<DatabaseUrl>,
     /// The bucket, if objects are not files in the folder.
     pub objects: Option<ObjectsUrl>,
+    /// Whether somebody confirmed that the place is meant: that a new store may lie among the files
+    /// of others, or that the files which the database names are lost for good.
+    pub claimed: bool,
 }
 
 impl Location {
     /// A store with everything in one folder.
     pub fn in_folder(folder: impl Into<PathBuf>) -> Self {
-        Self { folder: folder.into(), database: None, objects: None }
+        Self { folder: folder.into(), database: None, objects: None, claimed: false }
     }
 }
 
@@ -38,6 +41,16 @@ impl fmt::Display for Location {
             (Some(database), Some(objects)) => write!(f, "{database} with {objects}"),
         }
     }
+}
+
+/// The folder's path without links, as far as the folder exists.
+pub(crate) fn resolved(folder: &Path) -> PathBuf {
+    let absolute = std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned());
+    let existing = absolute.ancestors().find_map(|ancestor| {
+        let rest = absolute.strip_prefix(ancestor).ok()?;
+        Some(ancestor.canonicalize().ok()?.join(rest))
+    });
+    existing.unwrap_or(absolute)
 }
 
 /// A PostgreSQL database, as `postgres://USER:PASSWORD@HOST:PORT/DATABASE?sslmode=verify-full`. It

@@ -7,7 +7,7 @@ use crate::data_dir::DataDir;
 use crate::database::{Database, sql};
 use crate::health::FileIdentity;
 use crate::objects::Objects;
-use crate::{Access, Location, RemoteObjects, S3Options, StoreError};
+use crate::{Access, Location, RemoteObjects, S3Options, StoreError, new_place};
 
 /// An open data folder. Clones share it, and several processes may have the same folder open.
 #[derive(Clone, Debug)]
@@ -47,7 +47,7 @@ impl Store {
     #[boxed]
     pub async fn open_at(location: &Location, access: Access) -> Result<Self, StoreError> {
         match &location.objects {
-            None => Self::open_with(location, access, Objects::in_folder).await,
+            None => Self::open_with(location, access, None).await,
             Some(url) => {
                 let objects = url.connect(&S3Options::from_env()?).await?;
                 Self::open_with_objects(location, access, objects).await
@@ -65,29 +65,53 @@ impl Store {
         access: Access,
         objects: RemoteObjects,
     ) -> Result<Self, StoreError> {
-        let elsewhere = |dir: &DataDir| Objects::elsewhere(dir, objects);
-        Self::open_with(location, access, elsewhere).await
+        Self::open_with(location, access, Some(objects)).await
     }
 
     async fn open_with(
         location: &Location,
         access: Access,
-        objects: impl FnOnce(&DataDir) -> Result<Objects, StoreError>,
+        remote: Option<RemoteObjects>,
     ) -> Result<Self, StoreError> {
         let dir = DataDir::new(&location.folder);
         let is_shared = location.database.is_some();
-        if access.is_owner() || is_shared {
+        if access.is_owner() && !is_shared {
+            new_place::check_folder(&dir, location, access)?;
             dir.create()?;
         }
         // Servers that share a database agree through it instead of a lock.
         let lock = (access.is_owner() && !is_shared).then(|| dir.lock()).transpose()?;
         let database = Database::open(&dir, location.database.as_ref(), access).await?;
+        if access.is_owner() && is_shared {
+            if remote.is_none() {
+                new_place::refuse_lost_folder(&dir, &database, location).await?;
+            }
+            new_place::check_folder(&dir, location, access)?;
+        }
         let file = (!is_shared).then(|| FileIdentity::of(&dir.database())).transpose();
         let database_file = file.map_err(|reason| dir.unusable(reason))?;
-        let objects = objects(&dir)?;
+        let objects = match remote {
+            Some(remote) => {
+                dir.create()?;
+                dir.create_objects()?;
+                Objects::elsewhere(&dir, remote)?
+            }
+            None => {
+                if !dir.objects().is_dir() {
+                    if !access.is_owner() {
+                        let place = dir.objects().display().to_string();
+                        return Err(new_place::no_files(place, "does not exist"));
+                    }
+                    new_place::refuse_lost_folder(&dir, &database, location).await?;
+                    dir.create()?;
+                    dir.create_objects()?;
+                }
+                Objects::in_folder(&dir)?
+            }
+        };
         let inner = Inner { dir, database, database_file, objects, _lock: lock };
         let store = Self { inner: Arc::new(inner) };
-        store.check_objects(access).await?;
+        store.check_objects(location, access).await?;
         if access == Access::Server {
             store.fold_names().await?;
         }

@@ -2,6 +2,7 @@
 
 use crate::boxed;
 use crate::database::{Scope, sql};
+use crate::objects::path;
 use crate::tracked_runs::active_run;
 use crate::{Store, StoreError, StoredObject, Timestamp, TrackedRun, TrackedRunId, UploadWriter};
 
@@ -25,7 +26,7 @@ impl Store {
         &self,
         run: &TrackedRun,
     ) -> Result<UploadWriter, StoreError> {
-        self.receive(&format!("tracked/{}/artifact", run.id)).await
+        self.receive(&path::tracked_artifact(run.id)).await
     }
 
     /// The artifacts of a run, sorted by name.

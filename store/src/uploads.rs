@@ -11,7 +11,7 @@ use tokio::io::AsyncWriteExt;
 
 use crate::boxed;
 use crate::database::{Scope, sql};
-use crate::objects::{UnfinishedCopy, unique_name};
+use crate::objects::{UnfinishedCopy, path, unique_name};
 use crate::{Store, StoreError, StoredObject, Timestamp};
 
 #[derive(Clone, Debug)]
@@ -53,11 +53,12 @@ impl Store {
     /// When the disk is full or fails.
     #[boxed]
     pub async fn begin_upload(&self) -> Result<UploadWriter, StoreError> {
-        self.receive("uploads/upload").await
+        self.receive(path::UPLOAD).await
     }
 
     /// Begins to receive an object whose path begins with `prefix`.
     pub(crate) async fn receive(&self, prefix: &str) -> Result<UploadWriter, StoreError> {
+        self.objects().check_place().await?;
         // The digest is not known before the end.
         let path = unique_name(prefix);
         let to = match self.objects().away() {

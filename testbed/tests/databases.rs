@@ -2,6 +2,7 @@
 
 #![expect(clippy::unwrap_used, reason = "tests")]
 
+mod places;
 mod postgres;
 #[expect(dead_code, reason = "tests/s3.rs has it fail")]
 mod s3_server;

@@ -12,7 +12,9 @@ use bytes::Bytes;
 use futures::TryStreamExt;
 use s3_server::{Asked, BUCKET, Fault, S3Server, Transport};
 use spec::Digest;
-use store::{Access, Location, ObjectsUrl, RemoteObjects, Store, StoreError, StoredObject};
+use store::{
+    Access, Location, ObjectsUrl, RemoteObjects, Store, StoreError, StoredObject, Sweeper,
+};
 use tempfile::TempDir;
 use testbed::{Cluster, TestDatabase};
 
@@ -400,36 +402,46 @@ async fn a_store_without_conditions_is_written_to_when_that_is_said() {
     assert_eq!(machine.download(&object, None).await.unwrap(), bytes(LARGE));
 }
 
+const OLD: &str = "uploads/upload-1-2-3";
+const YOUNG: &str = "uploads/upload-4-5-6";
+
 /// The age does not depend on the clock of the machine that sweeps.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn orphans_are_as_old_as_the_store_says() {
     let server = S3Server::start();
     let machine = machine(&server, "arm").await;
-    machine.store.put_object("a/old", bytes(1000)).await.unwrap();
-    machine.store.put_object("a/young", bytes(1000)).await.unwrap();
+    machine.store.put_object(OLD, bytes(1000)).await.unwrap();
+    machine.store.put_object(YOUNG, bytes(1000)).await.unwrap();
     let age = |path: &str, age: Duration| {
-        let file = std::fs::File::options().write(true).open(server.file(path)).unwrap();
+        let file =
+            std::fs::File::options().write(true).open(server.file(&format!("arm/{path}"))).unwrap();
         file.set_modified(SystemTime::now() - age).unwrap();
     };
-    age("arm/a/old", Duration::from_secs(7200));
-    age("arm/a/young", Duration::from_secs(1800));
+    age(OLD, Duration::from_secs(7200));
+    age(YOUNG, Duration::from_secs(1800));
     for asked in [Asked::Head, Asked::List] {
         server.fail(asked, [Fault::OtherClock]);
     }
-    assert_eq!(machine.store.sweep_orphans(Duration::from_secs(3600)).await.unwrap(), 1);
+    let mut sweeper = Sweeper::new(machine.store.clone());
+    assert_eq!(sweeper.sweep(Duration::from_secs(3600)).await.unwrap().announced, [OLD]);
     assert_eq!((server.faults_left(Asked::Head), server.faults_left(Asked::List)), (0, 0));
-    assert!(!server.file("arm/a/old").exists() && server.file("arm/a/young").exists());
+    assert_eq!(sweeper.sweep(Duration::from_secs(3600)).await.unwrap().deleted, 1);
+    assert!(!server.file(&format!("arm/{OLD}")).exists());
+    assert!(server.file(&format!("arm/{YOUNG}")).exists());
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
 async fn a_sweep_leaves_the_objects_of_other_prefixes() {
     let server = S3Server::start();
     let (arm, leg) = (machine(&server, "arm").await, machine(&server, "arm-2").await);
-    arm.store.put_object("a", bytes(10)).await.unwrap();
-    leg.store.put_object("a", bytes(10)).await.unwrap();
+    arm.store.put_object(OLD, bytes(10)).await.unwrap();
+    leg.store.put_object(OLD, bytes(10)).await.unwrap();
     tokio::time::sleep(Duration::from_millis(1100)).await;
-    assert_eq!(arm.store.sweep_orphans(Duration::ZERO).await.unwrap(), 1);
-    assert!(!server.file("arm/a").exists() && server.file("arm-2/a").exists());
+    let mut sweeper = Sweeper::new(arm.store.clone());
+    sweeper.sweep(Duration::ZERO).await.unwrap();
+    assert_eq!(sweeper.sweep(Duration::ZERO).await.unwrap().deleted, 1);
+    assert!(!server.file(&format!("arm/{OLD}")).exists());
+    assert!(server.file(&format!("arm-2/{OLD}")).exists());
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]

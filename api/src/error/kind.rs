@@ -140,6 +140,9 @@ fn of_store(error: &StoreError) -> (StatusCode, &'static str, &'static str) {
             (S::CONFLICT, "param-changed", "The param has another value already")
         }
         StoreError::DiskFull { .. } => (S::INSUFFICIENT_STORAGE, "disk-full", "The disk is full"),
+        StoreError::Displaced { .. } => {
+            (S::SERVICE_UNAVAILABLE, "files-away", "The files of the store are not there")
+        }
         StoreError::DamagedObject { .. } => DAMAGED,
         _ => (S::INTERNAL_SERVER_ERROR, "internal", "The server failed"),
     }

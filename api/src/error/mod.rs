@@ -351,6 +351,11 @@ fn store_message(error: &StoreError) -> String {
         | StoreError::ParamChanged { .. }
         | StoreError::DiskFull { .. } => error.to_string(),
         StoreError::DamagedObject { .. } => format!("{error}; {REMEDY}"),
+        StoreError::Displaced { .. } => {
+            "the place of this server's files has no store.json any more; nothing is written there \
+             until the disk is mounted or the bucket is back"
+                .to_owned()
+        }
         _ => "an internal error of the server; its log has the details".to_owned(),
     }
 }

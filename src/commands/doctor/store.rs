@@ -3,7 +3,7 @@ use std::path::Path;
 use std::time::SystemTime;
 
 use nix::unistd::{AccessFlags, access};
-use store::{Access, Location, ObjectPlace, Store, StoredObject};
+use store::{Access, Location, ObjectPlace, Store, StoreError, StoredObject};
 
 use super::Findings;
 use crate::exit::message;
@@ -23,6 +23,10 @@ pub async fn look(location: &Location, bytes: bool, report: &mut Findings) -> an
     }
     let store = match Store::open_at(location, Access::Worker).await {
         Ok(store) => store,
+        Err(error @ (StoreError::FilesLost { .. } | StoreError::ForeignObjects { .. })) => {
+            let found = message(&error.into());
+            return report.wrong("files", found, "no server and no worker starts until then");
+        }
         Err(error) => {
             let found = message(&error.into());
             return report.wrong("database", found, "see docs/queue.md and docs/scale.md");

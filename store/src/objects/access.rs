@@ -17,8 +17,10 @@ impl Store {
     /// # Errors
     /// When the disk is full or fails, or the object store refuses or does not answer. Nothing lies
     /// under `path` then. [`StoreError::ObjectTaken`] when another object lies there.
+    /// [`StoreError::Displaced`] when the place is not that of this store any more.
     #[boxed]
     pub async fn put_object(&self, path: &str, bytes: Bytes) -> Result<StoredObject, StoreError> {
+        self.objects().check_place().await?;
         let object = StoredObject {
             path: path.to_owned(),
             size: bytes.len() as u64,

@@ -13,6 +13,8 @@ use tokio::sync::Semaphore;
 
 use super::answers::Answers;
 use super::cache::{CACHE_LIMIT, Cache, UnfinishedCopy};
+use super::mark::{Displaced, MarkWatch};
+use super::path::PROBE_CLOCK;
 use super::signed::UrlSigner;
 use super::trouble::in_short;
 use super::{parse, unique_name};
@@ -27,6 +29,15 @@ pub struct RemoteObjects {
     pub(super) cache_bytes: u64,
     /// Signs URLs; only a bucket has one.
     pub(super) signer: Option<UrlSigner>,
+    /// The bucket around the objects, if they have a prefix in it.
+    pub(super) around: Option<Surroundings>,
+}
+
+/// A whole bucket, and the prefix of the objects in it.
+#[derive(Clone, Debug)]
+pub(crate) struct Surroundings {
+    pub bucket: Arc<dyn ObjectStore>,
+    pub prefix: Path,
 }
 
 #[derive(Debug)]
@@ -35,9 +46,14 @@ pub(crate) struct RemoteStore {
     /// Local copies, from which objects are read.
     pub(super) cache: Cache,
     pub(super) signer: Option<UrlSigner>,
+    /// Watches the mark of the open store.
+    pub(super) mark: Arc<MarkWatch>,
+    around: Option<Surroundings>,
     answers: Answers,
     /// Whether a thread is checking whether a failing store still fails.
     asks_again: Arc<AtomicBool>,
+    /// Whether a thread is looking at the mark.
+    looks: Arc<AtomicBool>,
     /// Each object that is fetched ahead takes one permit.
     ahead: Arc<Semaphore>,
     /// Runs network requests while a thread blocks.
@@ -52,7 +68,8 @@ const FETCHED_AHEAD: usize = 4;
 
 impl From<Arc<dyn ObjectStore>> for RemoteObjects {
     fn from(store: Arc<dyn ObjectStore>) -> Self {
-        Self { store, answers: Answers::default(), cache_bytes: CACHE_LIMIT, signer: None }
+        let answers = Answers::default();
+        Self { store, answers, cache_bytes: CACHE_LIMIT, signer: None, around: None }
     }
 }
 
@@ -66,12 +83,18 @@ impl RemoteObjects {
 impl RemoteStore {
     /// Remote objects with copies in the data folder.
     pub fn new(dir: &DataDir, objects: RemoteObjects) -> Result<Self, StoreError> {
-        let RemoteObjects { store: remote, answers, cache_bytes, signer } = objects;
+        let RemoteObjects { store: remote, answers, cache_bytes, signer, around } = objects;
         let cache = Cache::new(dir.cache(), cache_bytes).map_err(|reason| dir.unusable(reason))?;
-        let asks_again = Arc::new(AtomicBool::new(false));
+        let (asks_again, looks) = (Arc::default(), Arc::default());
+        let mark = Arc::default();
         let ahead = Arc::new(Semaphore::new(FETCHED_AHEAD));
         let runtime = Handle::current();
-        Ok(Self { remote, cache, signer, answers, asks_again, ahead, runtime })
+        Ok(Self { remote, cache, signer, mark, around, answers, asks_again, looks, ahead, runtime })
+    }
+
+    /// The bucket around the objects, if they have a prefix in it.
+    pub const fn around(&self) -> Option<&Surroundings> {
+        self.around.as_ref()
     }
 
     /// Blocks on a future. A thread of the runtime tells the runtime that it blocks.
@@ -101,6 +124,19 @@ impl RemoteStore {
         })
     }
 
+    /// What was wrong with the place at the last look. If that look is old, the next one begins.
+    pub fn displaced(&self) -> Option<Displaced> {
+        if self.mark.is_stale() && !self.looks.swap(true, Ordering::Relaxed) {
+            let (remote, mark) = (Arc::clone(&self.remote), Arc::clone(&self.mark));
+            let looks = Arc::clone(&self.looks);
+            self.runtime.spawn(async move {
+                mark.look_at(&*remote).await;
+                looks.store(false, Ordering::Relaxed);
+            });
+        }
+        self.mark.known()
+    }
+
     pub(super) async fn delete(&self, paths: Vec<String>) {
         let locations: Vec<_> = paths.iter().filter_map(|path| Path::parse(path).ok()).collect();
         let locations = futures::stream::iter(locations.into_iter().map(Ok)).boxed();
@@ -118,7 +154,7 @@ impl RemoteStore {
 
     /// The store's clock: the time of publication of an object that is deleted again.
     pub(super) async fn now(&self) -> Result<SystemTime, StoreError> {
-        let path = unique_name("probe/clock");
+        let path = unique_name(PROBE_CLOCK);
         let failed = || StoreError::object("asking for the time of", &path);
         let location = parse(&path)?;
         self.remote.put(&location, Bytes::from_static(b"now").into()).await.map_err(failed())?;

@@ -6,7 +6,7 @@
 //! another one is fetching it. If there is no room for the next copy, the least recently opened
 //! copies are deleted; a process that has one open can still read it.
 
-use std::fs::{DirEntry, File, TryLockError};
+use std::fs::{DirEntry, File};
 use std::io::{self, Seek};
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
@@ -14,7 +14,8 @@ use std::time::{Duration, SystemTime};
 
 use spec::Digest;
 
-use super::writer::unique_name;
+use super::unfinished_file::{self, UnfinishedLeftover};
+use super::writer::{is_unique_name, unique_name};
 use crate::health::DiskSpace;
 
 /// Limit of the size of all copies together. Half of the available disk is the limit if that is
@@ -28,10 +29,13 @@ pub(crate) const KEPT_FROM: u64 = 64 << 10;
 /// The name of a copy's file until it is whole. The process that writes it holds a lock on it.
 const UNFINISHED: &str = "part";
 
+/// The beginning of the name of a copy whose digest is not known yet.
+const NEW: &str = "new";
+
 /// An unlocked copy without a write for this long was left by a process that died.
 const LEFT_BEHIND: Duration = Duration::from_secs(3600);
 
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct Cache {
     folder: PathBuf,
     limit: u64,
@@ -83,7 +87,7 @@ impl Cache {
 
     /// Begins a copy whose digest is not known yet.
     pub fn begin(&self) -> io::Result<UnfinishedCopy> {
-        let at = self.folder.join(format!("{}.{UNFINISHED}", unique_name("new")));
+        let at = self.folder.join(format!("{}.{UNFINISHED}", unique_name(NEW)));
         let file = File::options().read(true).write(true).create_new(true).open(&at)?;
         file.lock()?;
         Ok(UnfinishedCopy { file, at, kept: false })
@@ -98,9 +102,10 @@ impl Cache {
                 // Another process may have deleted it meanwhile.
                 let Ok(metadata) = entry.metadata() else { continue };
                 copies.push((metadata.modified()?, metadata.len(), entry.path()));
-            } else {
-                delete_leftover(&entry.path());
             }
+        }
+        for left in self.leftovers(LEFT_BEHIND)? {
+            unfinished_file::delete(&left.file);
         }
         let mut used: u64 = copies.iter().map(|(_, size, _)| size).sum();
         let free = DiskSpace::of(&self.folder)?.free_bytes;
@@ -117,6 +122,25 @@ impl Cache {
             used -= freed;
         }
         Ok(true)
+    }
+
+    /// Unfinished copies that are older than `age` and that no process works on any more.
+    pub fn leftovers(&self, age: Duration) -> io::Result<Vec<UnfinishedLeftover>> {
+        let mut found = Vec::new();
+        for entry in std::fs::read_dir(&self.folder)? {
+            let entry = entry?;
+            // Another process may have deleted it meanwhile.
+            let Ok(metadata) = entry.metadata() else { continue };
+            let is_left = entry.file_name().to_str().is_some_and(is_unfinished)
+                && metadata.is_file()
+                && metadata.modified()?.elapsed().is_ok_and(|elapsed| elapsed > age)
+                && !unfinished_file::is_in_use(&entry.path());
+            if is_left {
+                found.push(UnfinishedLeftover { file: entry.path(), size: metadata.len() });
+            }
+        }
+        found.sort_by(|a, b| a.file.cmp(&b.file));
+        Ok(found)
     }
 
     /// Gives its final name to a whole copy whose digest is right.
@@ -176,18 +200,15 @@ fn is_copy(entry: &DirEntry) -> bool {
     name.to_str().is_some_and(|name| name.parse::<Digest>().is_ok())
 }
 
-/// Deletes an unfinished copy that no process works on any more. An error is ignored, because there
-/// is a next time.
-fn delete_leftover(path: &Path) {
-    let is_old = || -> io::Result<bool> {
-        let file = File::open(path)?;
-        let age = file.metadata()?.modified()?.elapsed().unwrap_or_default();
-        let is_free = !matches!(file.try_lock(), Err(TryLockError::WouldBlock));
-        Ok(age > LEFT_BEHIND && is_free)
-    };
-    if is_old().unwrap_or(false) {
-        let _ = std::fs::remove_file(path);
-    }
+/// Whether the cache gives such a name to a file, to a whole copy or to an unfinished one. Files
+/// with other names belong to somebody else and are never deleted.
+pub(crate) fn is_made(name: &str) -> bool {
+    name.parse::<Digest>().is_ok() || is_unfinished(name)
+}
+
+fn is_unfinished(name: &str) -> bool {
+    let name = name.strip_suffix(UNFINISHED).and_then(|name| name.strip_suffix('.'));
+    name.is_some_and(|name| name.parse::<Digest>().is_ok() || is_unique_name(NEW, name))
 }
 
 /// Whether the open file still has the name `path`.
@@ -323,15 +344,21 @@ mod tests {
     #[test]
     fn what_a_process_left_that_died_is_deleted_later() {
         let (cache, _folder) = cache(u64::MAX);
-        let left = cache.folder.join("dead.part");
-        std::fs::write(&left, "half").unwrap();
+        let left = cache.folder.join(format!("{}.part", unique_name(NEW)));
+        let others = cache.folder.join("thesis.part");
+        for file in [&left, &others] {
+            std::fs::write(file, "half").unwrap();
+        }
         let alive = cache.begin().unwrap();
         let long_ago = SystemTime::now() - 2 * LEFT_BEHIND;
         cache.make_room(0).unwrap();
-        assert_eq!(names(&cache), 2, "too young");
-        File::options().write(true).open(&left).unwrap().set_modified(long_ago).unwrap();
+        assert_eq!(names(&cache), 3, "too young");
+        for file in [&left, &others] {
+            File::options().write(true).open(file).unwrap().set_modified(long_ago).unwrap();
+        }
         alive.file().set_modified(long_ago).unwrap();
         cache.make_room(0).unwrap();
         assert!(!left.exists() && alive.at.exists());
+        assert!(others.exists(), "torqued did not make it");
     }
 }

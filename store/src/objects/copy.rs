@@ -28,6 +28,7 @@ impl Store {
         object: &StoredObject,
         path: &str,
     ) -> Result<StoredObject, StoreError> {
+        self.objects().check_place().await?;
         let to = parse(path)?;
         let is_away = self.objects().away().is_some();
         if is_away && object.size <= COPIED_AT_ONCE {

@@ -21,6 +21,7 @@ mod download;
 mod fetch;
 pub(crate) mod file;
 mod fingerprint;
+pub(crate) mod mark;
 pub mod path;
 mod probe;
 mod publish;
@@ -38,8 +39,8 @@ use std::path::PathBuf;
 use std::time::{Duration, SystemTime};
 
 use bytes::Bytes;
-use futures::TryStreamExt;
 use futures::stream::BoxStream;
+use futures::{StreamExt, TryStreamExt};
 use object_store::local::LocalFileSystem;
 use object_store::path::Path;
 use object_store::{ObjectStore, ObjectStoreExt};
@@ -49,14 +50,17 @@ use crate::StoreError;
 use crate::data_dir::DataDir;
 use crate::objects::checked::{CheckedObjects, Verdict};
 use crate::objects::file::measure;
+use crate::objects::mark::{Displaced, MarkWatch, Marker};
+use crate::objects::path::MadeObject;
 
 pub use away::RemoteObjects;
 pub(crate) use away::RemoteStore;
-pub(crate) use cache::UnfinishedCopy;
+pub(crate) use cache::{UnfinishedCopy, is_made as is_cache_name};
 pub use file::measure_file;
 pub use fingerprint::Fingerprint;
 pub use s3::{Patience, S3Options};
 pub use signed::SignedFor;
+pub(crate) use unfinished_file::UnfinishedLeftover;
 pub use url::ObjectsUrl;
 pub use writer::ObjectWriter;
 pub(crate) use writer::unique_name;
@@ -97,6 +101,7 @@ enum Backend {
 struct Folder {
     path: PathBuf,
     local: LocalFileSystem,
+    mark: MarkWatch,
 }
 
 impl Objects {
@@ -105,7 +110,11 @@ impl Objects {
         let local = LocalFileSystem::new_with_prefix(dir.objects())
             .map_err(|error| dir.unusable(io::Error::other(error)))?
             .with_fsync(true);
-        Ok(Self::new(Backend::Folder(Folder { path: dir.objects(), local })))
+        Ok(Self::new(Backend::Folder(Folder {
+            path: dir.objects(),
+            local,
+            mark: MarkWatch::default(),
+        })))
     }
 
     /// Remote objects, with copies in the data folder.
@@ -158,9 +167,72 @@ impl Objects {
         object.check_size(found.size)
     }
 
+    /// Expects this mark at the place from now on.
+    pub fn expect_mark(&self, marker: Marker) {
+        match &self.place {
+            Backend::Folder(folder) => folder.mark.expect(marker),
+            Backend::Remote(remote) => remote.mark.expect(marker),
+        }
+    }
+
+    /// What is wrong with the place, as far as it is known without waiting.
+    pub fn displaced(&self) -> Option<Displaced> {
+        match &self.place {
+            Backend::Folder(folder) => folder.mark.look_in_folder(&folder.path),
+            Backend::Remote(remote) => remote.displaced(),
+        }
+    }
+
+    /// Checks before a write or a deletion that the place is still that of this store. For a bucket
+    /// the last look may be some seconds old.
+    ///
+    /// # Errors
+    /// [`StoreError::Displaced`] when the place has no mark or that of another store.
+    pub async fn check_place(&self) -> Result<(), StoreError> {
+        let found = match &self.place {
+            Backend::Folder(folder) => folder.mark.look_in_folder(&folder.path),
+            Backend::Remote(remote) if remote.mark.is_stale() => {
+                remote.mark.look_at(&*remote.remote).await
+            }
+            Backend::Remote(remote) => remote.mark.known(),
+        };
+        found.map_or(Ok(()), |found| Err(self.displaced_error(found)))
+    }
+
+    /// Like [`Self::check_place`], with a look at a bucket that is not older than this call.
+    pub async fn check_place_now(&self) -> Result<(), StoreError> {
+        let found = match &self.place {
+            Backend::Folder(folder) => folder.mark.look_in_folder(&folder.path),
+            Backend::Remote(remote) => remote.mark.look_at(&*remote.remote).await,
+        };
+        found.map_or(Ok(()), |found| Err(self.displaced_error(found)))
+    }
+
+    /// Like [`Self::check_place`]. Blocks.
+    pub fn check_place_blocking(&self) -> Result<(), StoreError> {
+        match &self.place {
+            Backend::Folder(folder) => {
+                let found = folder.mark.look_in_folder(&folder.path);
+                found.map_or(Ok(()), |found| Err(self.displaced_error(found)))
+            }
+            Backend::Remote(remote) => remote.block_on(self.check_place()),
+        }
+    }
+
+    pub fn displaced_error(&self, found: Displaced) -> StoreError {
+        StoreError::Displaced { place: self.place(), found: found.as_str() }
+    }
+
     /// Deletes objects that no row names any more. If one cannot be deleted, the next sweep tries
     /// again.
     pub async fn delete(&self, paths: Vec<String>) {
+        if paths.is_empty() {
+            return;
+        }
+        if let Err(error) = self.check_place().await {
+            tracing::warn!(count = paths.len(), %error, "objects are not deleted");
+            return;
+        }
         match &self.place {
             Backend::Folder(folder) => {
                 for path in paths {
@@ -174,26 +246,43 @@ impl Objects {
         }
     }
 
-    /// The path of any object besides the store's own marks, if there is one.
-    pub async fn any(&self) -> Result<Option<String>, StoreError> {
-        let mut listed = self.remote().list(None);
-        let failed = || StoreError::object("listing", "objects");
-        while let Some(object) = listed.try_next().await.map_err(failed())? {
-            if !path::is_mark(object.location.as_ref()) {
-                return Ok(Some(object.location.to_string()));
-            }
-        }
-        Ok(None)
+    /// The first paths besides the store's own marks and the objects that only test the place, at
+    /// most `limit` of them.
+    pub async fn first(&self, limit: usize) -> Result<Vec<String>, StoreError> {
+        let is_other = |path: &str| {
+            !path::is_mark(path) && MadeObject::of_path(path) != Some(MadeObject::Probe)
+        };
+        self.remote()
+            .list(None)
+            .map_ok(|object| object.location.to_string())
+            .try_filter(|path| std::future::ready(is_other(path)))
+            .take(limit)
+            .try_collect()
+            .await
+            .map_err(StoreError::object("listing", "objects"))
     }
 
-    /// The paths and sizes of all objects that were published before `limit`, without the store's
-    /// own marks.
+    /// The paths of all objects, of whoever made them, that may be marks of stores below this one.
+    pub async fn marks_below(&self) -> Result<Vec<String>, StoreError> {
+        let ending = format!("/{}", path::MARKER);
+        self.remote()
+            .list(None)
+            .map_ok(|object| object.location.to_string())
+            .try_filter(|path| std::future::ready(path.ends_with(&ending)))
+            .try_collect()
+            .await
+            .map_err(StoreError::object("listing", "objects"))
+    }
+
+    /// The paths and sizes of objects that were published before `limit`. Files of others at the
+    /// place are not among them.
     pub async fn older_than(&self, limit: SystemTime) -> Result<Vec<(String, u64)>, StoreError> {
         self.remote()
             .list(None)
             .try_filter(|object| {
                 let is_old = SystemTime::from(object.last_modified) < limit;
-                std::future::ready(is_old && !path::is_mark(object.location.as_ref()))
+                let is_made = || MadeObject::of_path(object.location.as_ref()).is_some();
+                std::future::ready(is_old && is_made())
             })
             .map_ok(|object| (object.location.to_string(), object.size))
             .try_collect()
@@ -209,13 +298,30 @@ impl Objects {
         }
     }
 
-    /// Deletes unfinished files older than `age`, and returns how many. The cache deletes its own.
-    pub async fn delete_unfinished(&self, age: Duration) -> Result<u64, StoreError> {
-        let Some(folder) = self.folder().map(std::path::Path::to_owned) else { return Ok(0) };
-        let failed = StoreError::file("sweeping unfinished files in", "objects");
-        let swept =
-            tokio::task::spawn_blocking(move || unfinished_file::delete_below(&folder, age)).await;
-        swept.map_err(io::Error::other).flatten().map_err(failed)
+    /// Unfinished files of this machine that are older than `age` and that no process writes.
+    pub async fn unfinished(&self, age: Duration) -> Result<Vec<UnfinishedLeftover>, StoreError> {
+        let (folder, cache) = match &self.place {
+            Backend::Folder(folder) => (Some(folder.path.clone()), None),
+            Backend::Remote(remote) => (None, Some(remote.cache.clone())),
+        };
+        let find = move || match (folder, cache) {
+            (Some(folder), _) => unfinished_file::find_below(&folder, age),
+            (None, Some(cache)) => cache.leftovers(age),
+            (None, None) => Ok(Vec::new()),
+        };
+        let found = tokio::task::spawn_blocking(find).await;
+        found
+            .map_err(io::Error::other)
+            .flatten()
+            .map_err(StoreError::file("looking for unfinished files in", "the folder of objects"))
+    }
+
+    /// Deletes unfinished files unless a process writes them by now. Returns how many it deleted.
+    pub async fn delete_unfinished(&self, files: Vec<PathBuf>) -> Result<u64, StoreError> {
+        let delete = move || files.iter().map(|file| unfinished_file::delete(file)).sum::<u64>();
+        let deleted = tokio::task::spawn_blocking(delete).await;
+        let failed = StoreError::file("deleting unfinished files in", "the folder of objects");
+        deleted.map_err(|error| failed(io::Error::other(error)))
     }
 
     /// Opens an object for blocking reads after checking its digest, which reads all of it once. A

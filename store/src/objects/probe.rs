@@ -5,6 +5,7 @@ use object_store::path::Path;
 use object_store::{Error, ObjectStore, ObjectStoreExt};
 
 use super::client::Condition;
+use super::path::PROBE_OBJECT;
 use super::s3::S3Options;
 use super::trouble::{Trouble, in_short};
 use super::url::ObjectsUrl;
@@ -37,7 +38,7 @@ pub(super) async fn probe(
             }
         }
     };
-    let path = Path::from(unique_name("probe/object"));
+    let path = Path::from(unique_name(PROBE_OBJECT));
     store.list(Some(&Path::from("probe"))).try_next().await.map_err(failed("listing"))?;
     store.put(&path, CONTENT.into()).await.map_err(failed("writing"))?;
     let again = store.put(&path, CONTENT.into()).await;

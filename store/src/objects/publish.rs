@@ -44,6 +44,13 @@ impl RemoteStore {
     /// # Errors
     /// Like [`Self::put`]. It also fails when the file cannot be read.
     pub fn publish(&self, copy: UnfinishedCopy, object: &StoredObject) -> Result<(), StoreError> {
+        // It may have taken hours to write the file.
+        if self.mark.is_stale()
+            && let Some(found) = self.block_on(self.mark.look_at(&*self.remote))
+        {
+            let place = self.remote.to_string();
+            return Err(StoreError::Displaced { place, found: found.as_str() });
+        }
         self.block_on(self.put_file(object, copy.file()))?;
         // The object is published, so an error of the cache does not matter.
         let kept = self.cache.make_room(object.size).and_then(|has_room| {

@@ -9,7 +9,7 @@ use object_store::prefix::PrefixStore;
 use object_store::{BackoffConfig, Certificate, ClientOptions, ObjectStore, RetryConfig};
 
 use super::answers::Answers;
-use super::away::RemoteObjects;
+use super::away::{RemoteObjects, Surroundings};
 use super::cache::CACHE_LIMIT;
 use super::client::{Condition, Connector};
 use super::probe::probe;
@@ -180,12 +180,15 @@ impl ObjectsUrl {
         let answers = Answers::default();
         let bucket = self.bucket_store(options, patience, answers.clone())?;
         let signer = UrlSigner { bucket: Arc::new(bucket.clone()), prefix: self.prefix().clone() };
-        let store: Arc<dyn ObjectStore> = if self.prefix().as_ref().is_empty() {
-            Arc::new(bucket)
+        let prefix = self.prefix().clone();
+        let (store, around): (Arc<dyn ObjectStore>, _) = if prefix.as_ref().is_empty() {
+            (Arc::new(bucket), None)
         } else {
-            Arc::new(PrefixStore::new(bucket, self.prefix().clone()))
+            let whole = Surroundings { bucket: Arc::new(bucket.clone()), prefix: prefix.clone() };
+            (Arc::new(PrefixStore::new(bucket, prefix)), Some(whole))
         };
-        Ok(RemoteObjects { store, answers, cache_bytes: options.cache_bytes, signer: Some(signer) })
+        let cache_bytes = options.cache_bytes;
+        Ok(RemoteObjects { store, answers, cache_bytes, signer: Some(signer), around })
     }
 
     fn bucket_store(

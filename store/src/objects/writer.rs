@@ -41,6 +41,7 @@ impl ObjectWriter {
     /// Writes into the store. For a remote store, publishing begins when all bytes are there: the
     /// upload is then short and can be retried, however long it took to make the bytes.
     pub(crate) fn in_store(store: &Store, path: &str) -> Result<Self, StoreError> {
+        store.objects().check_place_blocking()?;
         let to = match store.objects().away() {
             Some(elsewhere) => Destination::Remote(store.clone(), elsewhere.begin(path)?),
             None => {
@@ -129,6 +130,16 @@ pub(crate) fn unique_name(prefix: &str) -> String {
     let count = COUNT.fetch_add(1, Ordering::Relaxed);
     let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
     format!("{prefix}-{:x}-{:x}-{count:x}", since_1970.as_nanos(), std::process::id())
+}
+
+/// Whether [`unique_name`] could have given `name` for this prefix.
+pub(crate) fn is_unique_name(prefix: &str, name: &str) -> bool {
+    let rest = name.strip_prefix(prefix).and_then(|rest| rest.strip_prefix('-'));
+    let Some(rest) = rest else { return false };
+    let is_number = |part: &str| {
+        !part.is_empty() && part.bytes().all(|byte| matches!(byte, b'0'..=b'9' | b'a'..=b'f'))
+    };
+    rest.split('-').count() == 3 && rest.split('-').all(is_number)
 }
 
 /// Creates a folder and its parents. Their names are durable when this returns.

@@ -25,7 +25,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use tokio::sync::mpsc;
 
 use self::rows::{RowsDigest, Table};
-use self::tables::{NEVER_EMPTY, TABLES};
+use self::tables::TABLES;
 use crate::database::{Scope, Transaction, sql};
 use crate::{DutyClaim, Location, S3Options, Store, StoreError};
 
@@ -125,7 +125,7 @@ impl Transfer {
         s3: &S3Options,
     ) -> Result<Self, StoreError> {
         let source_identity = source.store.identity().await?;
-        if place::identity(to, s3).await?.is_some_and(|found| found == source_identity) {
+        if place::identity(to).await?.is_some_and(|found| found == source_identity) {
             return Err(place::shared(from, to));
         }
         let mut target = place::open_target(to, s3).await?;
@@ -138,7 +138,10 @@ impl Transfer {
             Some(_) => Some("a part of another store".to_owned()),
             None => match rows {
                 Some(rows) => Some(rows),
-                None => target.store.objects().any().await?.map(|path| format!("object {path}")),
+                None => {
+                    let first = target.store.objects().first(1).await?.pop();
+                    first.map(|path| format!("object {path}"))
+                }
             },
         };
         if let Some(found) = in_the_way {
@@ -330,11 +333,10 @@ impl Side {
 
     /// A description of rows that only a store in use has.
     async fn first_content(&mut self) -> Result<Option<String>, StoreError> {
-        for name in TABLES.into_iter().filter(|name| !NEVER_EMPTY.contains(name)) {
+        for name in tables::content_tables() {
             let rows = sql!(&mut self.transaction, count_rows(name))?;
             if rows > 0 {
-                let plural = if rows == 1 { "" } else { "s" };
-                return Ok(Some(format!("{rows} {}{plural}", name.replace('_', " "))));
+                return Ok(Some(tables::in_words(name, rows)));
             }
         }
         Ok(None)

@@ -1,11 +1,12 @@
 //! The two places of a move: checks that nobody uses them meanwhile, and that they hold what they
 //! must.
 
-use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use super::Side;
-use crate::database::{Scope, sql};
+use crate::data_dir::DataDir;
+use crate::database::{Database, Scope, sql};
+use crate::location::resolved;
 use crate::{Access, Duty, DutyClaim, Location, S3Options, Store, StoreError};
 
 const SOURCE_REMEDY: &str =
@@ -35,16 +36,6 @@ pub(super) fn shared(from: &Location, to: &Location) -> StoreError {
     StoreError::SharedPlace { from: from.to_string(), to: to.to_string() }
 }
 
-/// The folder's path without links, as far as the folder exists.
-fn resolved(folder: &Path) -> PathBuf {
-    let absolute = std::path::absolute(folder).unwrap_or_else(|_| folder.to_owned());
-    let existing = absolute.ancestors().find_map(|ancestor| {
-        let rest = absolute.strip_prefix(ancestor).ok()?;
-        Some(ancestor.canonicalize().ok()?.join(rest))
-    });
-    existing.unwrap_or(absolute)
-}
-
 /// Opens the store that moves. It must have the schema that this program knows, and must not be in
 /// use.
 pub(super) async fn open_source(location: &Location, s3: &S3Options) -> Result<Side, StoreError> {
@@ -67,26 +58,20 @@ pub(super) async fn open_snapshot(location: &Location, s3: &S3Options) -> Result
     Side::snapshot(store, place).await
 }
 
-/// The identity of the store at a place, if there is one. It is looked up before anything there
-/// could change.
+/// The identity of the database at a place, if it has one. It is looked up before anything there
+/// could change. The files of that database may lie elsewhere.
 ///
 /// # Errors
-/// When the store has another version, or cannot be opened.
-pub(super) async fn identity(
-    location: &Location,
-    s3: &S3Options,
-) -> Result<Option<String>, StoreError> {
-    match open(location, Access::Worker, s3).await {
-        Ok(store) => {
-            let identity = store.identity().await?;
-            store.close().await;
-            Ok(Some(identity))
+/// When the database has another version, or cannot be opened.
+pub(super) async fn identity(location: &Location) -> Result<Option<String>, StoreError> {
+    let dir = DataDir::new(&location.folder);
+    match Database::open(&dir, location.database.as_ref(), Access::Worker).await {
+        Ok(database) => {
+            let identity = sql!(&database, "reading the store's identity", identity());
+            database.close().await;
+            identity.map(Some)
         }
-        Err(
-            StoreError::Absent { .. }
-            | StoreError::OlderSchema { found: 0, .. }
-            | StoreError::UnfinishedTransfer { .. },
-        ) => Ok(None),
+        Err(StoreError::Absent { .. } | StoreError::OlderSchema { found: 0, .. }) => Ok(None),
         Err(error) => Err(error),
     }
 }

@@ -48,7 +48,18 @@ pub(crate) const TABLES: [&str; 37] = [
 ];
 
 /// Those of [`TABLES`] that may have rows in a store without jobs.
-pub(super) const NEVER_EMPTY: [&str; 4] = ["resources", "worker", "queue", "tracked_experiment"];
+const NEVER_EMPTY: [&str; 4] = ["resources", "worker", "queue", "tracked_experiment"];
+
+/// The tables that have no rows in a store that was never used.
+pub(crate) fn content_tables() -> Vec<&'static str> {
+    TABLES.into_iter().filter(|name| !NEVER_EMPTY.contains(name)).collect()
+}
+
+/// The rows of a table, as in `3 jobs`.
+pub(crate) fn in_words(table: &str, rows: u64) -> String {
+    let plural = if rows == 1 { "" } else { "s" };
+    format!("{rows} {}{plural}", table.replace('_', " "))
+}
 
 /// Tables about the database itself, which do not move: the store's identity, the last write, the
 /// server started last, open sessions, the engine's view of workers, and events.

@@ -147,7 +147,9 @@ async fn objects_of_another_database_are_refused() {
     let error = Store::open_at(&at(&other.url(), &dir), Access::Server).await.unwrap_err();
     assert!(matches!(error, StoreError::ForeignObjects { .. }), "{error}");
     let error = Store::open(dir.path(), Access::Server).await.unwrap_err();
-    assert!(matches!(error, StoreError::ForeignObjects { .. }), "{error}");
+    assert!(matches!(error, StoreError::DatabaseLost { .. }), "{error}");
+    assert!(error.to_string().contains("name it with --database"), "{error}");
+    assert!(!dir.path().join("torqued.sqlite").exists(), "nothing was made");
 }
 
 async fn running(store: &Store) -> Fence {

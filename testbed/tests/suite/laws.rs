@@ -275,6 +275,8 @@ macro_rules! all_laws {
                 the_first_range_of_an_object_has_all_of_it_checked,
                 a_table_is_written_and_read_wherever_it_lies,
                 what_a_killed_worker_left_half_written_is_swept,
+                only_what_torqued_makes_is_swept_and_only_after_it_was_named,
+                a_place_without_its_mark_is_neither_written_nor_swept,
                 what_was_published_but_not_committed_is_swept;
             uploads:
                 a_file_is_found_by_its_digest,
@@ -328,6 +330,9 @@ macro_rules! laws_of_objects {
                 an_object_of_another_size_is_refused_before_its_first_byte,
                 the_first_range_of_an_object_has_all_of_it_checked,
                 a_table_is_written_and_read_wherever_it_lies,
+                what_a_killed_process_left_of_a_copy_is_swept,
+                only_what_torqued_makes_is_swept_and_only_after_it_was_named,
+                a_place_without_its_mark_is_neither_written_nor_swept,
                 what_was_published_but_not_committed_is_swept;
             uploads:
                 a_file_is_found_by_its_digest,

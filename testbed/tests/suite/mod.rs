@@ -45,7 +45,7 @@ use spec::{Digest, Moment, Resources};
 use store::{
     ClaimedTask, Fence, FileContent, JobId, JobReuse, JobState, Labels, Need, NewJob, NewMember,
     NewPipeline, NewTask, Output, PartReuse, Reaped, Reaper, Reuse, ShardContents, Store,
-    StoreError, Submission, Submitted, Timestamp, object_path,
+    StoreError, Submission, Submitted, Sweeper, Timestamp, object_path,
 };
 use tempfile::TempDir;
 
@@ -247,6 +247,14 @@ impl Fixture {
             done.push(task);
         }
         done
+    }
+
+    /// Sweeps twice, because a sweep deletes only what an earlier one announced. Returns how many
+    /// files were deleted.
+    pub async fn sweep(&self, older_than: Duration) -> u64 {
+        let mut sweeper = Sweeper::new(self.store.clone());
+        sweeper.sweep(older_than).await.unwrap();
+        sweeper.sweep(older_than).await.unwrap().deleted
     }
 
     pub async fn state(&self, job: JobId) -> JobState {

@@ -6,8 +6,12 @@ use std::time::Duration;
 use arrow_array::{ArrayRef, Float32Array, Int32Array, RecordBatch};
 use bytes::Bytes;
 use futures::TryStreamExt;
+use object_store::ObjectStoreExt;
 use spec::{Column, ColumnType, Digest};
-use store::{STEP, StoreError, StoredObject, TRAJECTORY, TableWriter, table_schema};
+use store::{
+    Epoch, FileContent, GarbageKind, JobId, Ripe, STEP, StoreError, StoredObject, Sweeper,
+    TRAJECTORY, TableWriter, object_path, table_schema,
+};
 
 use super::{Fixture, simulate};
 
@@ -159,11 +163,116 @@ pub async fn a_table_is_written_and_read_wherever_it_lies(f: Fixture) {
 }
 
 pub async fn what_a_killed_worker_left_half_written_is_swept(f: Fixture) {
-    let unfinished = f.store.write_object("datasets/1/unfinished").await.unwrap();
-    std::mem::forget(unfinished);
-    assert_eq!(f.store.sweep_orphans(Duration::from_secs(3600)).await.unwrap(), 0, "too young");
+    let path = object_path::shard(JobId(1), 0, Epoch(1), FileContent::Robots);
+    let folder = f.dir.path().join("objects");
+    let left = folder.join(format!("{path}#0"));
+    std::fs::create_dir_all(left.parent().unwrap()).unwrap();
+    std::fs::write(&left, "half").unwrap();
+    let upload = folder.join("uploads/upload-1-2-3#1");
+    std::fs::create_dir_all(upload.parent().unwrap()).unwrap();
+    std::fs::write(&upload, "ha").unwrap();
+    let alive = f.store.write_object("datasets/2/shard-00000-e1-robots.parquet").await.unwrap();
+    check_unfinished(&f, 2, 6).await;
+    assert!(!left.exists() && !upload.exists());
+    alive.finish().unwrap();
+}
+
+pub async fn what_a_killed_process_left_of_a_copy_is_swept(f: Fixture) {
+    let cache = f.dir.path().join("cache");
+    let digest = Digest::of(b"copy");
+    for (name, bytes) in [(format!("{digest}.part"), "half"), ("new-1-2-3.part".to_owned(), "ha")] {
+        std::fs::write(cache.join(name), bytes).unwrap();
+    }
+    std::fs::write(cache.join("thesis.part"), "mine").unwrap();
+    let alive = f.store.write_object("datasets/2/shard-00000-e1-robots.parquet").await.unwrap();
+    check_unfinished(&f, 2, 6).await;
+    assert!(cache.join("thesis.part").exists());
+    drop(alive);
+}
+
+/// Checks that so many unfinished files of so many bytes are foretold, and then deleted.
+async fn check_unfinished(f: &Fixture, files: u64, bytes: u64) {
+    const HOUR: Duration = Duration::from_secs(3600);
+    let ripe = Ripe::AtItsDate { leap: Duration::ZERO };
+    assert_eq!(f.store.garbage(ripe, HOUR).await.unwrap(), [], "too young");
     tokio::time::sleep(Duration::from_millis(20)).await;
-    assert_eq!(f.store.sweep_orphans(Duration::ZERO).await.unwrap(), 1);
+    let foretold = f.store.garbage(ripe, Duration::ZERO).await.unwrap();
+    let found: Vec<_> = foretold.iter().map(|left| (&left.kind, left.files, left.bytes)).collect();
+    assert_eq!(found, [(&GarbageKind::Unfinished, files, bytes)]);
+    assert_eq!(f.store.collect_garbage(ripe, Duration::ZERO).await.unwrap(), foretold);
+    assert_eq!(f.store.garbage(ripe, Duration::ZERO).await.unwrap(), []);
+}
+
+/// Caught: a server deleted the files of others that lay at its place, and other stores.
+pub async fn only_what_torqued_makes_is_swept_and_only_after_it_was_named(f: Fixture) {
+    let orphan = object_path::shard(JobId(7), 0, Epoch(1), FileContent::Robots);
+    f.store.put_object(&orphan, "nobody's".into()).await.unwrap();
+    let others = [
+        "ball.obj",
+        "meshes/link1.stl",
+        "lab/store.json",
+        "lab/datasets/1/shard-00000-e1-robots.parquet",
+        "datasets/1/notes.md",
+        "datasets/panda/shard-00000-e1-robots.parquet",
+        "uploads/upload-of-a-colleague",
+        "runs/1/events.log",
+    ];
+    for other in others {
+        f.objects.put(&other.into(), "mine".into()).await.unwrap();
+    }
+    // Some stores round times to seconds.
+    tokio::time::sleep(Duration::from_millis(1100)).await;
+    let mut sweeper = Sweeper::new(f.store.clone());
+    let first = sweeper.sweep(Duration::ZERO).await.unwrap();
+    assert_eq!((first.deleted, first.bytes), (0, 8));
+    assert_eq!(first.announced, [orphan.clone()]);
+    assert!(f.objects.head(&orphan.as_str().into()).await.is_ok());
+    let late = object_path::shard(JobId(7), 1, Epoch(1), FileContent::Robots);
+    f.store.put_object(&late, "late".into()).await.unwrap();
+    tokio::time::sleep(Duration::from_millis(1100)).await;
+    let second = sweeper.sweep(Duration::ZERO).await.unwrap();
+    assert_eq!((second.deleted, second.announced), (1, vec![late]));
+    assert!(f.objects.head(&orphan.as_str().into()).await.is_err());
+    assert_eq!(sweeper.sweep(Duration::ZERO).await.unwrap().deleted, 1);
+    for other in others {
+        let found = f.objects.get(&other.into()).await.unwrap().bytes().await.unwrap();
+        assert_eq!(found, "mine", "{other}");
+    }
+}
+
+/// The disk is unmounted, or the bucket emptied, while the store is open.
+pub async fn a_place_without_its_mark_is_neither_written_nor_swept(f: Fixture) {
+    let mark = f.objects.get(&"store.json".into()).await.unwrap().bytes().await.unwrap();
+    let orphan = object_path::shard(JobId(7), 0, Epoch(1), FileContent::Robots);
+    f.store.put_object(&orphan, "nobody's".into()).await.unwrap();
+    tokio::time::sleep(Duration::from_millis(1100)).await;
+    let mut sweeper = Sweeper::new(f.store.clone());
+    let other = format!("{{\"store\": \"{}\"}}", "ab".repeat(16));
+    for found in [None, Some(Bytes::from(other))] {
+        match found {
+            None => f.objects.delete(&"store.json".into()).await.unwrap(),
+            Some(found) => {
+                f.objects.put(&"store.json".into(), found.into()).await.unwrap();
+            }
+        }
+        let refused = [
+            sweeper.sweep(Duration::ZERO).await.map(drop),
+            f.store.collect_garbage(Ripe::After(Duration::ZERO), Duration::ZERO).await.map(drop),
+            f.store.put_object("datasets/1/a", "a".into()).await.map(drop),
+            f.store.write_object("datasets/1/a").await.map(drop),
+            f.store.begin_upload().await.map(drop),
+        ];
+        for refused in refused {
+            let error = refused.unwrap_err();
+            assert!(matches!(error, StoreError::Displaced { .. }), "{error}");
+        }
+        assert!(f.store.obstacle().unwrap().contains("store.json"));
+        assert!(f.objects.head(&orphan.as_str().into()).await.is_ok());
+    }
+    f.objects.put(&"store.json".into(), mark.into()).await.unwrap();
+    assert_eq!(sweeper.sweep(Duration::ZERO).await.unwrap().announced, [orphan]);
+    assert_eq!(f.store.obstacle(), None);
+    f.store.put_object("datasets/1/a", "a".into()).await.unwrap();
 }
 
 pub async fn what_was_published_but_not_committed_is_swept(f: Fixture) {
@@ -173,11 +282,11 @@ pub async fn what_was_published_but_not_committed_is_swept(f: Fixture) {
     f.store.commit_shard(committed.fence, &shard, None).await.unwrap();
     let killed = f.must_claim().await;
     let orphan = f.publish_shard(&killed).await;
-    assert_eq!(f.store.sweep_orphans(Duration::from_secs(3600)).await.unwrap(), 0, "too young");
+    assert_eq!(f.sweep(Duration::from_secs(3600)).await, 0, "too young");
     assert!(f.store.read_object(&orphan.robots).await.is_ok());
     // Some stores round times to seconds.
     tokio::time::sleep(Duration::from_millis(1100)).await;
-    assert_eq!(f.store.sweep_orphans(Duration::ZERO).await.unwrap(), 2);
+    assert_eq!(f.sweep(Duration::ZERO).await, 2);
     assert!(f.store.read_object(&orphan.robots).await.is_err());
     assert!(f.store.read_object(&shard.robots).await.is_ok());
     assert!(f.store.read_object(&shard.trajectories).await.is_ok());

@@ -204,7 +204,7 @@ pub async fn a_file_of_a_run_is_replaced_by_the_next_of_its_name(f: Fixture) {
     assert!(f.store.read_object(&first).await.is_err(), "what was replaced is still there");
     send("a.txt", b"").await;
     tokio::time::sleep(Duration::from_millis(5)).await;
-    assert_eq!(f.store.sweep_orphans(Duration::ZERO).await.unwrap(), 0, "a file was swept");
+    assert_eq!(f.sweep(Duration::ZERO).await, 0, "a file was swept");
     let names = ["plots/loss.svg".to_owned()];
     f.store.delete_tracked_artifacts(&run.identifier, &names).await.unwrap();
     let left = f.store.tracked_artifacts(run.id).await.unwrap();

@@ -82,7 +82,7 @@ async fn a_bucket_with_files_of_somebody_else_is_not_moved_to() {
     std::fs::create_dir(file.parent().unwrap()).unwrap();
     std::fs::write(&file, "draft").unwrap();
     let error = places.refusal(&places.first(), &places.postgres_and_s3()).await;
-    assert!(error.contains("has object thesis.pdf already"), "{error}");
+    assert!(error.contains("has thesis.pdf already"), "{error}");
     assert_eq!(std::fs::read_to_string(&file).unwrap(), "draft");
 }
 
