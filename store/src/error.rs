@@ -277,6 +277,21 @@ fn of_process(pid: Option<u32>) -> String {
 }
 
 impl StoreError {
+    /// Whether the results of a task found no place to lie. Another attempt may succeed later,
+    /// whatever the task is.
+    pub fn is_without_room(error: &(dyn Error + 'static)) -> bool {
+        let mut cause = Some(error);
+        while let Some(error) = cause {
+            if let Some(Self::DiskFull { .. } | Self::Displaced { .. }) =
+                error.downcast_ref::<Self>()
+            {
+                return true;
+            }
+            cause = error.source();
+        }
+        is_disk_full(error)
+    }
+
     /// Whether the requested file does not exist.
     pub fn is_missing_file(&self) -> bool {
         match self {

@@ -3,7 +3,7 @@
 use std::fs::Metadata;
 use std::io;
 use std::os::unix::fs::MetadataExt;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use nix::sys::statvfs::statvfs;
@@ -21,6 +21,14 @@ pub struct DiskSpace {
     pub reserved_bytes: u64,
 }
 
+/// Keeps the end of the reserve free while a large object is written, because the database has to
+/// say that the task found no room.
+#[derive(Debug)]
+pub(crate) struct LastRoom {
+    folder: PathBuf,
+    unlooked: usize,
+}
+
 /// Distinguishes a file from a later one with the same path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct FileIdentity {
@@ -33,6 +41,12 @@ const RESERVED_BYTES: u64 = 256 << 20;
 
 /// The fraction of a small disk that is kept free is 1 / `RESERVED_PART`.
 const RESERVED_PART: u64 = 20;
+
+/// Objects leave the last 1 / `LAST_PART` of the reserve to the database.
+const LAST_PART: u64 = 4;
+
+/// Number of written bytes after which the free space is looked at.
+const LOOK_EVERY: usize = 1 << 20;
 
 /// Time limit of a trivial write.
 const WRITE_WITHIN: Duration = Duration::from_secs(2);
@@ -50,6 +64,32 @@ impl DiskSpace {
 
     pub const fn is_low(&self) -> bool {
         self.free_bytes < self.reserved_bytes
+    }
+
+    /// Whether so little is left that the database needs it.
+    const fn is_nearly_full(&self) -> bool {
+        self.free_bytes < self.reserved_bytes / LAST_PART
+    }
+}
+
+impl LastRoom {
+    pub fn of(folder: &Path) -> Self {
+        Self { folder: folder.to_owned(), unlooked: 0 }
+    }
+
+    /// Call this before a write of `bytes`.
+    ///
+    /// # Errors
+    /// [`io::ErrorKind::StorageFull`] when the rest of the disk is kept for the database.
+    pub fn before(&mut self, bytes: usize) -> io::Result<()> {
+        self.unlooked += bytes;
+        if self.unlooked < LOOK_EVERY {
+            return Ok(());
+        }
+        self.unlooked = 0;
+        // A file system that does not tell its space says by itself when it is full.
+        let is_full = DiskSpace::of(&self.folder).is_ok_and(|space| space.is_nearly_full());
+        if is_full { Err(io::ErrorKind::StorageFull.into()) } else { Ok(()) }
     }
 }
 

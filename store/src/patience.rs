@@ -21,19 +21,20 @@ impl Patience {
         Self { began: Instant::now() }
     }
 
-    /// After `error`, waits a moment and returns false if another try may help. Returns true
-    /// otherwise.
+    /// After `error`, waits a moment and returns false if another try may help: the database is
+    /// away, or has no room until somebody deletes something. Returns true otherwise.
     pub async fn is_over(&self, error: &StoreError) -> bool {
-        if !error.is_database_away() || self.began.elapsed() > PATIENCE {
+        let may_pass = error.is_database_away() || matches!(error, StoreError::DiskFull { .. });
+        if !may_pass || self.began.elapsed() > PATIENCE {
             return true;
         }
-        tracing::warn!(error = error.to_string(), "the database is away; trying again");
+        tracing::warn!(error = error.to_string(), "the database cannot be written; trying again");
         tokio::time::sleep(PAUSE).await;
         false
     }
 }
 
-/// Repeats an idempotent action after the database was away: `patiently!({ ... })` with the body of
+/// Repeats an idempotent action after the database was away or had no room: `patiently!({ ... })` with the body of
 /// a function that returns a result.
 macro_rules! patiently {
     ($operation:block) => {{

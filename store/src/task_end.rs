@@ -79,6 +79,20 @@ impl Store {
         })
     }
 
+    /// Puts a task back that found no room for its results. No attempt is counted, and the task
+    /// waits a while before it can be claimed again. `reason` is shown until then.
+    ///
+    /// # Errors
+    /// [`StoreError::LeaseLost`] when the lease is lost. Nothing has changed then.
+    #[boxed]
+    pub async fn defer(&self, fence: Fence, reason: &str) -> Result<(), StoreError> {
+        patiently!({
+            let mut tx = self.begin(Scope::Queue, "deferring a task").await?;
+            give_back(&mut tx, fence, Ending::Deferred, Some(reason)).await?;
+            tx.commit().await
+        })
+    }
+
     /// Ends a task that was stopped because its cancellation was requested.
     ///
     /// # Errors
@@ -148,7 +162,7 @@ pub(crate) async fn give_back(
         _ if standing.state == TaskState::Cancelled => AttemptOutcome::Cancelled,
         Ending::Completed => AttemptOutcome::Succeeded,
         Ending::Failed(_) => AttemptOutcome::Failed,
-        Ending::Released => AttemptOutcome::Released,
+        Ending::Released | Ending::Deferred => AttemptOutcome::Released,
         Ending::Stopped => AttemptOutcome::Cancelled,
     };
     sql!(tx, end_attempt(fence, outcome, error))?;

@@ -11,6 +11,7 @@ use tokio::io::AsyncWriteExt;
 
 use crate::boxed;
 use crate::database::{Scope, sql};
+use crate::health::LastRoom;
 use crate::objects::{UnfinishedCopy, path, unique_name};
 use crate::{Store, StoreError, StoredObject, Timestamp};
 
@@ -30,6 +31,7 @@ pub struct UploadWriter {
     path: String,
     size: u64,
     digest: Sha256,
+    room: LastRoom,
 }
 
 #[derive(Debug)]
@@ -73,7 +75,8 @@ impl Store {
                 Destination::Folder(WriteMultipart::new_with_chunk_size(parts, PART_SIZE))
             }
         };
-        Ok(UploadWriter { store: self.clone(), to, path, size: 0, digest: Sha256::new() })
+        let room = LastRoom::of(self.dir().path());
+        Ok(UploadWriter { store: self.clone(), to, path, size: 0, digest: Sha256::new(), room })
     }
 
     /// The upload with this digest.
@@ -157,6 +160,7 @@ impl UploadWriter {
     /// When the disk is full or fails.
     #[boxed]
     pub async fn write(&mut self, bytes: &[u8]) -> Result<(), StoreError> {
+        self.room.before(bytes.len()).map_err(StoreError::file("writing", &self.path))?;
         match &mut self.to {
             Destination::Folder(parts) => {
                 let room = parts.wait_for_capacity(PARTS_IN_FLIGHT).await;

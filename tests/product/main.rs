@@ -40,6 +40,7 @@ mod s3_server;
 mod shards;
 mod slurm;
 mod slurm_cluster;
+mod small_disk;
 mod stopping;
 mod streams;
 mod sweeps;

@@ -123,6 +123,15 @@ impl TaskError {
         }
     }
 
+    /// Whether the disk had no room for the results, or the place of the files is not there.
+    pub fn is_without_room(&self) -> bool {
+        match self {
+            // It is transparent: its source is that of the error in it.
+            Self::Store(error) => StoreError::is_without_room(error),
+            error => StoreError::is_without_room(error),
+        }
+    }
+
     /// Whether the device may be at fault.
     pub fn is_of_device(&self) -> bool {
         matches!(self, Self::Device { .. } | Self::Model(ModelError::Device(_)))

@@ -22,6 +22,9 @@ pub(crate) struct HeldTask<'a> {
 /// another process takes the task back.
 const END_WITHIN: Duration = Duration::from_secs(5);
 
+/// What becomes of a task that found no room for its results.
+const WAITS: &str = "it waits for room and is tried again; this attempt is not counted";
+
 impl HeldTask<'_> {
     /// Ends the attempt according to the result of its work.
     pub async fn end(&self, done: &Result<(), TaskError>, told: Option<StopReason>) {
@@ -43,6 +46,10 @@ impl HeldTask<'_> {
             // The task is not at fault.
             TaskError::Store(error) if error.is_database_away() => {
                 self.store.release(self.fence).await
+            }
+            error if error.is_without_room() => {
+                let reason = format!("{}; {WAITS}", faults::causes(error));
+                self.store.defer(self.fence, &reason).await
             }
             error => self.store.fail(self.fence, &faults::causes(error), error.retry()).await,
         };

@@ -11,6 +11,7 @@ use spec::Digest;
 
 use super::cache::UnfinishedCopy;
 use super::unfinished_file::UnfinishedFile;
+use crate::health::LastRoom;
 use crate::{Store, StoreError, StoredObject};
 
 /// The suffix of an object's file until it is whole. `object_store` uses a hash and a number for
@@ -26,6 +27,8 @@ pub struct ObjectWriter {
     path: String,
     size: u64,
     digest: Sha256,
+    /// For an object of a store.
+    room: Option<LastRoom>,
 }
 
 #[derive(Debug)]
@@ -42,14 +45,13 @@ impl ObjectWriter {
     /// upload is then short and can be retried, however long it took to make the bytes.
     pub(crate) fn in_store(store: &Store, path: &str) -> Result<Self, StoreError> {
         store.objects().check_place_blocking()?;
-        let to = match store.objects().away() {
-            Some(elsewhere) => Destination::Remote(store.clone(), elsewhere.begin(path)?),
-            None => {
-                let folder = store.objects().folder().unwrap_or(Path::new("."));
-                return Self::below(folder, path);
+        let writer = match store.objects().away() {
+            Some(elsewhere) => {
+                Self::new(Destination::Remote(store.clone(), elsewhere.begin(path)?), path)
             }
+            None => Self::below(store.objects().folder().unwrap_or(Path::new(".")), path)?,
         };
-        Ok(Self::new(to, path))
+        Ok(Self { room: Some(LastRoom::of(store.dir().path())), ..writer })
     }
 
     /// Writes into a file below `root`.
@@ -78,7 +80,7 @@ impl ObjectWriter {
     }
 
     fn new(to: Destination, path: &str) -> Self {
-        Self { to, path: path.to_owned(), size: 0, digest: Sha256::new() }
+        Self { to, path: path.to_owned(), size: 0, digest: Sha256::new(), room: None }
     }
 
     pub fn path(&self) -> &str {
@@ -108,6 +110,9 @@ impl ObjectWriter {
 
 impl io::Write for ObjectWriter {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        if let Some(room) = &mut self.room {
+            room.before(bytes.len())?;
+        }
         match &mut self.to {
             Destination::File(file) => file.write_all(bytes)?,
             Destination::Remote(_, copy) => copy.file().write_all(bytes)?,

@@ -33,6 +33,8 @@ pub(crate) enum Ending {
     Failed(Retry),
     /// The worker shuts down.
     Released,
+    /// There is no room for the results, which has nothing to do with the task.
+    Deferred,
     /// The worker noticed that the task is to be cancelled.
     Stopped,
 }
@@ -66,7 +68,9 @@ impl TaskStanding {
             Ending::Completed => ended(TaskState::Succeeded),
             Ending::Failed(Retry::Never) => ended(TaskState::Failed),
             Ending::Stopped => ended(TaskState::Cancelled),
-            Ending::Failed(Retry::Allowed) | Ending::Released if self.cancel_requested => {
+            Ending::Failed(Retry::Allowed) | Ending::Released | Ending::Deferred
+                if self.cancel_requested =>
+            {
                 ended(TaskState::Cancelled)
             }
             Ending::Failed(Retry::Allowed) if self.attempt >= self.max_attempts => {
@@ -78,6 +82,12 @@ impl TaskStanding {
             Ending::Released => {
                 let attempt = self.attempt.saturating_sub(1);
                 (Self { state: TaskState::Queued, attempt, ..self }, Duration::ZERO)
+            }
+            Ending::Deferred => {
+                let attempt = self.attempt.saturating_sub(1);
+                let uncounted = self.epoch.0.saturating_sub(i64::from(attempt));
+                let delay = deferral_after(u32::try_from(uncounted).unwrap_or(u32::MAX));
+                (Self { state: TaskState::Queued, attempt, ..self }, delay)
             }
         }
     }
@@ -94,9 +104,38 @@ fn delay_after(attempt: u32) -> Duration {
     FIRST_DELAY.saturating_mul(2u32.saturating_pow(doublings)).min(LONGEST_DELAY)
 }
 
+/// The delay after a claim that does not count, given the number of such claims. Other tasks, which
+/// may need less room, have their turn meanwhile.
+fn deferral_after(uncounted: u32) -> Duration {
+    let doublings = uncounted.saturating_sub(1);
+    FIRST_DEFERRAL.saturating_mul(2u32.saturating_pow(doublings)).min(LONGEST_DELAY)
+}
+
+const FIRST_DEFERRAL: Duration = Duration::from_secs(15);
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_task_without_room_waits_ever_longer_and_never_fails() {
+        let mut standing = TaskStanding {
+            state: TaskState::Queued,
+            attempt: 0,
+            max_attempts: 1,
+            epoch: Epoch(0),
+            cancel_requested: false,
+        };
+        let delays = (0..7).map(|_| {
+            let (next, delay) = standing.claimed().after(Ending::Deferred);
+            standing = next;
+            assert_eq!((next.state, next.attempt), (TaskState::Queued, 0));
+            delay.as_secs()
+        });
+        assert_eq!(delays.collect::<Vec<_>>(), [15, 30, 60, 120, 240, 300, 300]);
+        let cancelled = TaskStanding { cancel_requested: true, ..standing.claimed() };
+        assert_eq!(cancelled.after(Ending::Deferred).0.state, TaskState::Cancelled);
+    }
 
     #[test]
     fn retries_come_at_once_and_then_ever_later_up_to_a_limit() {

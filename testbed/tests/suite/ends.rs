@@ -3,7 +3,7 @@
 use serde_json::json;
 use store::{AttemptOutcome, JobState, Page, Retry, TaskState};
 
-use super::{Fixture, assert_lost, evaluate, simulate, train};
+use super::{Fixture, assert_lost, evaluate, simulate, train, with_execution};
 
 pub async fn a_task_may_be_done_before_all_that_was_planned(f: Fixture) {
     let job = f.submit_one(train(&simulate(1), vec![])).await;
@@ -46,6 +46,24 @@ pub async fn a_task_that_succeeds_at_last_has_no_error(f: Fixture) {
     let found = f.store.task(task.fence.task).await.unwrap();
     assert_eq!((found.state, found.error, found.attempt), (TaskState::Succeeded, None, 2));
     assert_eq!((found.lease_until, found.progress.rate_per_second), (None, None));
+}
+
+/// Caught: a full disk failed a job after three attempts.
+pub async fn a_task_that_found_no_room_waits_and_no_attempt_is_counted(f: Fixture) {
+    let job = f.submit_one(with_execution(simulate(1), 0, 1)).await;
+    let task = f.must_claim().await;
+    f.store.defer(task.fence, "disk full").await.unwrap();
+    assert_lost(f.store.defer(task.fence, "disk full").await, task.fence);
+    let found = f.store.task(task.fence.task).await.unwrap();
+    assert_eq!((found.state, found.attempt), (TaskState::Queued, 0));
+    assert_eq!(found.error.as_deref(), Some("disk full"));
+    let attempts = f.store.attempts(job, Page { limit: 3, before: None }).await.unwrap();
+    assert_eq!(attempts[0].outcome, Some(AttemptOutcome::Released));
+    assert_eq!(attempts[0].reason.as_deref(), Some("disk full"));
+    // Others have their turn meanwhile, and the job goes on.
+    let others = f.work_off().await;
+    assert_eq!(others.iter().map(|other| other.ordinal).collect::<Vec<_>>(), [1, 2]);
+    assert_eq!(f.state(job).await, JobState::Running);
 }
 
 pub async fn attempts_are_read_in_pages(f: Fixture) {

@@ -105,6 +105,7 @@ macro_rules! all_laws {
                 the_first_failure_is_the_jobs,
                 tasks_that_wait_are_cancelled_with_a_job_that_failed,
                 a_task_that_succeeds_at_last_has_no_error,
+                a_task_that_found_no_room_waits_and_no_attempt_is_counted,
                 attempts_are_read_in_pages,
                 progress_of_a_job_is_that_of_its_tasks,
                 an_attempt_begins_its_progress_anew;

@@ -104,6 +104,7 @@ impl Twin {
             Ending::Completed => self.store.complete(fence, None).await,
             Ending::Failed(retry) => self.store.fail(fence, "no", retry).await,
             Ending::Released => self.store.release(fence).await,
+            Ending::Deferred => self.store.defer(fence, "no room").await,
             Ending::Stopped => self.store.stopped(fence).await,
         };
         ended.unwrap();
