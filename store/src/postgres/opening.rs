@@ -5,11 +5,12 @@ use std::time::Duration;
 
 use sqlx::migrate::{Migrate, Migration, MigrationType, Migrator};
 use sqlx::postgres::{PgConnectOptions, PgPoolOptions};
-use sqlx::{ConnectOptions, Connection, Executor, PgConnection, SqlStr};
+use sqlx::{AssertSqlSafe, ConnectOptions, Connection, Executor, PgConnection, Row, SqlStr};
 
 use super::Database;
 use super::kept::{KeptConnection, is_alive};
 use crate::location::DatabaseUrl;
+use crate::objects::unique_name;
 use crate::patience::PATIENCE;
 use crate::{Access, StoreError};
 
@@ -81,6 +82,8 @@ pub async fn open(url: &DatabaseUrl, access: Access) -> Result<Database, StoreEr
         })
         .connect_lazy_with(options.clone());
     let failed = |source| unusable(&place, &options, source);
+    refuse_encoding(&mut connection, &place, &options).await?;
+    refuse_shared_sessions(&mut connection, &place, &options).await?;
     let found = found_schema(&mut connection).await.map_err(failed)?;
     let known = known_schema();
     if found > known {
@@ -119,6 +122,75 @@ async fn found_schema(connection: &mut PgConnection) -> Result<i64, sqlx::Error>
     Ok(applied.iter().map(|migration| migration.version).max().unwrap_or(0))
 }
 
+/// Refuses a database that cannot keep every name: one letter outside of its encoding would fail a
+/// request, or the job that has it.
+async fn refuse_encoding(
+    connection: &mut PgConnection,
+    place: &str,
+    options: &PgConnectOptions,
+) -> Result<(), StoreError> {
+    // No prepared statement: a pooler may send it to a session that does not know it.
+    let asked = sqlx::raw_sql("SELECT current_setting('server_encoding')");
+    let row = asked.fetch_one(&mut *connection).await;
+    let encoding: String =
+        row.and_then(|row| row.try_get(0)).map_err(|source| unusable(place, options, source))?;
+    if encoding == "UTF8" {
+        return Ok(());
+    }
+    let database = options.get_database().unwrap_or_else(|| options.get_username());
+    Err(StoreError::DatabaseUnusable {
+        place: place.to_owned(),
+        reason: format!("its encoding is {encoding}, allowed: UTF8"),
+        remedy: format!(
+            "create another one: createdb --encoding=UTF8 --locale=C.UTF-8 --template=template0 {database}-utf8"
+        ),
+    })
+}
+
+/// Refuses a connection pooler that gives one session of PostgreSQL to several clients. Workers
+/// listen for tasks, and servers hold locks, for as long as their sessions last.
+async fn refuse_shared_sessions(
+    connection: &mut PgConnection,
+    place: &str,
+    options: &PgConnectOptions,
+) -> Result<(), StoreError> {
+    let own = unique_name("session");
+    // A pooler without a free session lets the second client wait.
+    let probe = tokio::time::timeout(PROBED_WITHIN, is_seen_by_others(connection, options, &own));
+    match probe.await {
+        Ok(Ok(true)) => {}
+        Ok(Ok(false)) | Err(_) => return Ok(()),
+        Ok(Err(source)) => return Err(unusable(place, options, source)),
+    }
+    let reason = "a connection pooler gives one session to several clients".to_owned();
+    Err(StoreError::DatabaseUnusable { place: place.to_owned(), reason, remedy: POOLER.to_owned() })
+}
+
+/// Whether another client sees a setting that this one makes for its session.
+async fn is_seen_by_others(
+    connection: &mut PgConnection,
+    options: &PgConnectOptions,
+    value: &str,
+) -> Result<bool, sqlx::Error> {
+    let set = |value: &str| {
+        let statement = format!("SELECT set_config('torqued.session', '{value}', false)");
+        sqlx::raw_sql(AssertSqlSafe(statement))
+    };
+    set(value).execute(&mut *connection).await?;
+    let mut other = options.connect().await?;
+    let asked = sqlx::raw_sql("SELECT current_setting('torqued.session', true)");
+    let seen: Option<String> = asked.fetch_one(&mut other).await?.try_get(0)?;
+    let _ = other.close().await;
+    set("").execute(&mut *connection).await?;
+    Ok(seen.as_deref() == Some(value))
+}
+
+/// How long the second client may wait for its session.
+const PROBED_WITHIN: Duration = Duration::from_secs(5);
+
+const POOLER: &str = "PgBouncer needs pool_mode = session (not transaction or statement), or name \
+                      PostgreSQL's own port in --database";
+
 /// Why the database cannot be used, and what to do about it.
 fn unusable(place: &str, options: &PgConnectOptions, source: sqlx::Error) -> StoreError {
     let user = options.get_username();
@@ -130,6 +202,12 @@ fn unusable(place: &str, options: &PgConnectOptions, source: sqlx::Error) -> Sto
         ("3D000", _) => format!("create it first: createdb {database}"),
         ("42501", _) => format!("allow it: GRANT CREATE ON SCHEMA public TO {user}"),
         ("53300", _) => "raise max_connections of the server, or end other programs".to_owned(),
+        // A pooler sends statements of one client to different sessions.
+        ("26000" | "42P05", _) => POOLER.to_owned(),
+        ("08P01", _) => format!(
+            "a connection pooler may refuse a parameter: PgBouncer needs ignore_startup_parameters = \
+             extra_float_digits; {POOLER}"
+        ),
         ("57P03", _) => "the server is starting; try again in a moment".to_owned(),
         (_, sqlx::Error::Io(_) | sqlx::Error::PoolTimedOut) => {
             "start the server, or check host and port in --database".to_owned()

@@ -1,5 +1,7 @@
 //! The places of stores: a new one needs an empty place, and an old one its own.
 
+mod databases;
+
 use std::path::Path;
 use std::time::Duration;
 
