@@ -83,6 +83,11 @@ impl DataDir {
         is_database || path == self.lock_file() || path == self.bell()
     }
 
+    /// Whether the folder lies on a file system that is mounted read-only.
+    pub fn is_read_only(&self) -> bool {
+        nix::unistd::access(&self.0, nix::unistd::AccessFlags::W_OK) == Err(nix::Error::EROFS)
+    }
+
     /// Creates the folder. Only the owner may read a new data folder. An existing folder keeps its
     /// mode.
     pub fn create(&self) -> Result<(), StoreError> {

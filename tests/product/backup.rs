@@ -8,7 +8,8 @@ use serde_json::{Value, json};
 use spec::Digest;
 use testbed::Cluster;
 
-use crate::product::{Product, run_to_end, small_pipeline, torqued};
+use crate::product::{Product, run_to_end, small_pipeline, torqued, until_gone};
+use crate::small_disk::SmallDisk;
 
 fn succeed(command: &mut Command) -> String {
     let (code, output, errors) = run_to_end(command);
@@ -113,6 +114,35 @@ async fn a_backup_taken_under_load_is_restored_with_equal_listings_and_goes_on()
     let attempts = product.get(&format!("/v1/jobs/{training}/attempts")).await;
     assert_eq!(attempts["attempts"].as_array().unwrap().len(), 2, "{attempts:#}");
     product.post(&format!("/v1/jobs/{training}/cancel"), "").await;
+}
+
+/// Caught: `doctor` advised chown, and `backup` wanted to write to the snapshot.
+#[tokio::test]
+async fn a_snapshot_that_is_mounted_read_only_is_saved() {
+    let name = "a_snapshot_that_is_mounted_read_only_is_saved";
+    // A server that ended has merged its log into the database, and one that was killed has not.
+    for end in ["TERM", "KILL"] {
+        let Some(disk) = SmallDisk::mount("64m", name) else { return };
+        let data = disk.path().join("data");
+        let product = Product::start(&data);
+        let job = product.submit(&small_pipeline()["jobs"]["train-set"]).await;
+        product.succeeded(job).await;
+        let workers = product.workers();
+        product.end_by(end);
+        for worker in workers {
+            until_gone(worker).await;
+        }
+        disk.make_read_only();
+        let nobody = ["--server", "http://127.0.0.1:1"];
+        let (code, said, _) = run_to_end(torqued(&["doctor", "--data"]).arg(&data).args(nobody));
+        assert!(code == Some(0) && said.contains("mounted read-only"), "{end}: {said}");
+        assert!(!said.contains("chown"), "{end}: {said}");
+        let folder = tempfile::tempdir().unwrap();
+        let said = succeed(&mut backup(&data, &folder.path().join("saved")));
+        assert!(said.contains("saved 1 job"), "{end}: {said}");
+        let product = Product::start_with(&folder.path().join("saved"), &["--workers", "0"]);
+        assert_eq!(product.get(&format!("/v1/jobs/{job}")).await["state"], "succeeded");
+    }
 }
 
 #[tokio::test]

@@ -2,6 +2,7 @@ use std::os::unix::fs::MetadataExt as _;
 use std::path::Path;
 use std::time::SystemTime;
 
+use nix::errno::Errno;
 use nix::unistd::{AccessFlags, access};
 use store::{Access, Location, ObjectPlace, Store, StoreError, StoredObject};
 
@@ -51,6 +52,13 @@ fn folder(folder: &Path, report: &mut Findings) -> anyhow::Result<bool> {
         }
     };
     let needed = AccessFlags::R_OK | AccessFlags::W_OK | AccessFlags::X_OK;
+    if access(folder, AccessFlags::W_OK) == Err(Errno::EROFS) {
+        let found = format!("{name} lies on a file system that is mounted read-only");
+        let remedy =
+            "torqued backup can read it; for a server, remount it with mount -o remount,rw";
+        report.note("data folder", found, remedy)?;
+        return Ok(true);
+    }
     if access(folder, needed).is_err() {
         let found = format!("{name} belongs to user {} and may not be written", metadata.uid());
         let remedy = "run this as that user, or give it to this one with chown -R";

@@ -79,6 +79,9 @@ pub(crate) struct Database {
 impl Database {
     pub async fn open(dir: &DataDir, access: Access) -> Result<Self, StoreError> {
         let exists = dir.database().exists();
+        if exists && access == Access::Worker && dir.is_read_only() {
+            return Self::open_snapshot(dir).await;
+        }
         if exists {
             refuse_unknown(dir, access).await?;
         } else if access == Access::Worker {
@@ -107,6 +110,26 @@ impl Database {
             .connect_with(options.pragma("query_only", "ON"))
             .await
             .map_err(|source| failed_to_open(dir, source))?;
+        Ok(Self { writer, reader, bell: dir.bell() })
+    }
+
+    /// Opens the database of a folder on a file system that is mounted read-only, such as a snapshot
+    /// of a disk. It can only be read.
+    async fn open_snapshot(dir: &DataDir) -> Result<Self, StoreError> {
+        let mut log = dir.database().into_os_string();
+        log.push("-wal");
+        // A snapshot never changes. Without a log there is nothing to recover, and SQLite need not
+        // make the files that it recovers with.
+        let has_log = std::fs::metadata(&log).is_ok_and(|log| log.len() > 0);
+        let options = SqliteConnectOptions::new()
+            .filename(dir.database())
+            .read_only(true)
+            .immutable(!has_log)
+            .busy_timeout(BUSY_TIMEOUT);
+        refuse_schema(dir, Access::Worker, &mut connect(dir, &options).await?).await?;
+        let pool = || SqlitePoolOptions::new().acquire_timeout(BUSY_TIMEOUT);
+        let writer = pool().max_connections(1).connect_lazy_with(options.clone());
+        let reader = pool().max_connections(READERS).connect_lazy_with(options);
         Ok(Self { writer, reader, bell: dir.bell() })
     }
 
@@ -240,12 +263,8 @@ pub(crate) fn known_schema() -> i64 {
 
 /// Checks an existing database before anything could change it.
 async fn refuse_unknown(dir: &DataDir, access: Access) -> Result<(), StoreError> {
-    let mut connection = SqliteConnectOptions::new()
-        .filename(dir.database())
-        .busy_timeout(BUSY_TIMEOUT)
-        .connect()
-        .await
-        .map_err(|source| failed_to_open(dir, source))?;
+    let options = SqliteConnectOptions::new().filename(dir.database()).busy_timeout(BUSY_TIMEOUT);
+    let mut connection = connect(dir, &options).await?;
     if access.is_owner() {
         let verdict: String = sqlx::query_scalar("PRAGMA quick_check(1)")
             .fetch_one(&mut connection)
@@ -256,10 +275,27 @@ async fn refuse_unknown(dir: &DataDir, access: Access) -> Result<(), StoreError>
             return Err(StoreError::Damaged { place: dir.place(), detail });
         }
     }
+    refuse_schema(dir, access, &mut connection).await?;
+    connection.close().await.map_err(|source| failed_to_open(dir, source))
+}
+
+async fn connect(
+    dir: &DataDir,
+    options: &SqliteConnectOptions,
+) -> Result<SqliteConnection, StoreError> {
+    options.connect().await.map_err(|source| failed_to_open(dir, source))
+}
+
+/// Checks that the schema is one that this program can use.
+async fn refuse_schema(
+    dir: &DataDir,
+    access: Access,
+    connection: &mut SqliteConnection,
+) -> Result<(), StoreError> {
     let has_schema: bool = sqlx::query_scalar(
         "SELECT EXISTS (SELECT 1 FROM sqlite_schema WHERE type = 'table' AND name = '_sqlx_migrations')",
     )
-    .fetch_one(&mut connection)
+    .fetch_one(&mut *connection)
     .await
     .map_err(|source| failed_to_open(dir, source))?;
     let found = if has_schema {
@@ -274,7 +310,6 @@ async fn refuse_unknown(dir: &DataDir, access: Access) -> Result<(), StoreError>
     } else {
         0
     };
-    connection.close().await.map_err(|source| failed_to_open(dir, source))?;
     let known = known_schema();
     if found > known {
         return Err(StoreError::NewerSchema { place: dir.place(), found, known });
