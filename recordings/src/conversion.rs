@@ -7,6 +7,8 @@ use spec::{ImportSpec, Split};
 use wire::ImportCounts;
 
 use crate::error::{ImportError, RowError};
+use crate::frozen::Frozen;
+use crate::jumps::Jumps;
 use crate::recording::Recording;
 use crate::rows::Rows;
 use crate::samples::Sampling;
@@ -25,6 +27,8 @@ pub struct Conversion<I> {
     /// Index of the next row of `rows`.
     next: usize,
     recording: Option<Recording>,
+    jumps: Jumps,
+    frozen: Frozen,
     window: Window,
     tables: Tables,
     counts: ImportCounts,
@@ -42,6 +46,8 @@ impl<I: Iterator<Item = Result<Rows, ImportError>>> Conversion<I> {
             rows: Rows::default(),
             next: 0,
             recording: None,
+            jumps: Jumps::new(spec),
+            frozen: Frozen::new(spec),
             window: Window::new(spec),
             tables,
             counts: ImportCounts::default(),
@@ -53,6 +59,17 @@ impl<I: Iterator<Item = Result<Rows, ImportError>>> Conversion<I> {
     /// # Errors
     /// When the file is damaged, or has values that the spec does not allow.
     pub fn next_trajectories(&mut self) -> Result<Option<ImportedTrajectories>, ImportError> {
+        let converted = self.convert();
+        // A jump is found some rows later, and the first wrong row is the one to report.
+        converted.map_err(|error| self.earlier_jump().map_or(error, ImportError::from))
+    }
+
+    fn earlier_jump(&mut self) -> Option<RowError> {
+        let recording = self.recording.as_ref()?.name.clone();
+        self.jumps.finish().err().map(|error| RowError { recording, ..error })
+    }
+
+    fn convert(&mut self) -> Result<Option<ImportedTrajectories>, ImportError> {
         while !self.tables.is_full() && (self.cut()? || self.accept_row()?) {}
         if !self.tables.is_full() && !self.read_rows()? {
             self.end_recording()?;
@@ -67,7 +84,9 @@ impl<I: Iterator<Item = Result<Rows, ImportError>>> Conversion<I> {
     /// # Errors
     /// When the file gave no trajectory.
     pub fn finish(self) -> Result<ImportCounts, ImportError> {
-        let counts = ImportCounts { trajectories: self.tables.count(), ..self.counts };
+        let trajectories = self.tables.count();
+        let warnings = self.frozen.warnings();
+        let counts = ImportCounts { trajectories, warnings, ..self.counts };
         if counts.trajectories > 0 {
             return Ok(counts);
         }
@@ -135,11 +154,13 @@ impl<I: Iterator<Item = Result<Rows, ImportError>>> Conversion<I> {
             self.recording = Some(Recording::new(name, place));
         }
         if let Some(recording) = &mut self.recording {
-            let sample = self
-                .sampling
-                .sample(&self.rows, index, recording.rows)
-                .map_err(|error| RowError { recording: recording.name.clone(), ..error })?;
-            recording.accept(sample, &self.spec)?;
+            let name = &recording.name;
+            let named = |error| RowError { recording: name.clone(), ..error };
+            let sample = self.sampling.sample(&self.rows, index, recording.rows).map_err(named)?;
+            recording.check(&sample, &self.spec)?;
+            self.jumps.accept(&sample).map_err(named)?;
+            self.frozen.accept(&sample, name.as_deref()).map_err(named)?;
+            recording.accept(sample);
         }
         self.next += 1;
         self.counts.rows += 1;
@@ -148,6 +169,9 @@ impl<I: Iterator<Item = Result<Rows, ImportError>>> Conversion<I> {
 
     fn end_recording(&mut self) -> Result<(), ImportError> {
         let Some(recording) = self.recording.take() else { return Ok(()) };
+        let name = &recording.name;
+        self.jumps.finish().map_err(|error| RowError { recording: name.clone(), ..error })?;
+        self.frozen.finish(name.as_deref());
         recording.check_rate(&self.spec)?;
         if self.spec.split == Split::Whole {
             self.check_length(&recording)?;

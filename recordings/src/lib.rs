@@ -11,10 +11,13 @@ mod decoder;
 mod decoding;
 mod error;
 mod frames;
+mod frozen;
+mod jumps;
 mod recording;
 mod rows;
 mod samples;
 mod tables;
+mod turns;
 mod windows;
 
 pub use confinement::{BATCH_SECONDS, MEMORY_BYTES, TimedOutput, confine};

@@ -34,18 +34,20 @@ impl Recording {
         Self { name, first, rows: 0, start_s: 0.0, last: None, incoming: None, samples: 0 }
     }
 
-    /// Accepts the next row, after [`Self::advance`] has nothing more to hand out.
-    ///
     /// # Errors
-    /// When its time is wrong.
-    pub fn accept(&mut self, sample: Sample, spec: &ImportSpec) -> Result<(), RowError> {
-        match self.last {
-            None => self.start_s = sample.time_s,
-            Some(last) => self.check_period(sample.time_s - last.time_s, sample.place, spec)?,
+    /// When the next row has a wrong time.
+    pub fn check(&self, sample: &Sample, spec: &ImportSpec) -> Result<(), RowError> {
+        let Some(last) = self.last else { return Ok(()) };
+        self.check_period(sample.time_s - last.time_s, sample.place, spec)
+    }
+
+    /// Accepts the next row, after [`Self::advance`] has nothing more to hand out.
+    pub const fn accept(&mut self, sample: Sample) {
+        if self.last.is_none() {
+            self.start_s = sample.time_s;
         }
         self.rows += 1;
         self.incoming = Some(sample);
-        Ok(())
     }
 
     /// The next sample of the dataset, as far as rows were accepted.
@@ -156,7 +158,7 @@ fn likely_unit(period: f64, expected: f64, declared: TimeUnit) -> Option<TimeUni
 }
 
 /// The number with six significant digits.
-fn rounded(value: f64) -> f64 {
+pub(crate) fn rounded(value: f64) -> f64 {
     format!("{value:.5e}").parse().unwrap_or(value)
 }
 
@@ -188,7 +190,9 @@ mod tests {
         let mut recording = Recording::new(Some("a".to_owned()), Place::Line(2));
         let mut samples = Vec::new();
         for (row, time) in (0..).zip(times) {
-            recording.accept(sample(*time, row), spec).map_err(|error| error.to_string())?;
+            let sample = sample(*time, row);
+            recording.check(&sample, spec).map_err(|error| error.to_string())?;
+            recording.accept(sample);
             while let Some(sample) = recording.advance(spec) {
                 samples.push((rounded(sample.time_s), sample.values[0], rounded(sample.values[7])));
             }

@@ -4,6 +4,7 @@ use spec::{AngleUnit, ImportRanges, ImportSpec, JointDescription, Range};
 
 use crate::error::{Place, RowError};
 use crate::rows::{MAX_CHANNELS, Rows, TimeColumn};
+use crate::turns::Turns;
 
 /// Torques, positions and perhaps velocities at one time.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -36,6 +37,8 @@ struct Channel {
     range_source: String,
     /// Whether the file may actually be in degrees.
     maybe_degrees: bool,
+    /// The turns of an angle that is made continuous.
+    turns: Option<Turns>,
 }
 
 struct Time {
@@ -52,16 +55,25 @@ impl Sampling {
         let angle = if radians { 1.0 } else { 1f64.to_radians() };
         let columns = &spec.columns;
         let [u_limits, q_limits, qd_limits] = limits(spec);
+        let turns = spec.unwrap.then(Turns::default);
         let groups = [
-            (Some(&columns.u), 1.0, "N·m", u_limits, false),
-            (Some(&columns.q), angle, "rad", q_limits, radians),
-            (columns.qd.as_ref(), angle, "rad/s", qd_limits, radians),
+            (Some(&columns.u), 1.0, "N·m", u_limits, false, None),
+            (Some(&columns.q), angle, "rad", q_limits, radians, turns),
+            (columns.qd.as_ref(), angle, "rad/s", qd_limits, radians, None),
         ];
         let mut channels = Vec::new();
-        for (names, factor, unit, limits, maybe_degrees) in groups {
+        for (names, factor, unit, limits, maybe_degrees, turns) in groups {
             for (column, (range, range_source)) in names.into_iter().flatten().zip(limits) {
                 let column = column.clone();
-                channels.push(Channel { column, factor, unit, range, range_source, maybe_degrees });
+                channels.push(Channel {
+                    column,
+                    factor,
+                    unit,
+                    range,
+                    range_source,
+                    maybe_degrees,
+                    turns,
+                });
             }
         }
         let unit_s = spec.units.time.seconds();
@@ -85,8 +97,11 @@ impl Sampling {
     ) -> Result<Sample, RowError> {
         let place = rows.place(index);
         let mut values = [0.0; MAX_CHANNELS];
-        for ((value, channel), column) in values.iter_mut().zip(&self.channels).zip(&rows.channels)
-        {
+        let channels = self.channels.iter_mut().zip(&rows.channels);
+        for (value, (channel, column)) in values.iter_mut().zip(channels) {
+            if since_start == 0 {
+                channel.turns = channel.turns.map(|_| Turns::default());
+            }
             *value = channel.convert(column[index], place)?;
         }
         let time_s = match (&mut self.time, &rows.time) {
@@ -131,12 +146,31 @@ fn limits(spec: &ImportSpec) -> [Vec<(Range, String)>; 3] {
     ]
 }
 
+/// The largest speed of a joint, with its source.
+#[derive(Clone, Debug)]
+pub(crate) struct VelocityLimit {
+    pub rad_s: f64,
+    pub source: String,
+}
+
+/// The limit of each joint: `ranges.qd_rad_s`, or the one in the description of the robot.
+pub(crate) fn velocity_limits(spec: &ImportSpec) -> impl Iterator<Item = VelocityLimit> {
+    let [_, _, velocities] = limits(spec);
+    velocities.into_iter().map(|(range, source)| VelocityLimit {
+        rad_s: range.min.abs().max(range.max.abs()),
+        source,
+    })
+}
+
 /// Reads a limit of a joint.
 type Limit<'a> = &'a dyn Fn(&JointDescription) -> Range;
 
 impl Channel {
-    fn convert(&self, written: f64, place: Place) -> Result<f64, RowError> {
-        let value = written * self.factor;
+    fn convert(&mut self, written: f64, place: Place) -> Result<f64, RowError> {
+        let mut value = written * self.factor;
+        if let Some(turns) = self.turns.as_mut().filter(|_| value.is_finite()) {
+            value = turns.unwrap(value, self.range);
+        }
         if self.range.contains(value) {
             return Ok(value);
         }

@@ -3,9 +3,10 @@ use std::process::ExitCode;
 
 use anyhow::{Context, bail, ensure};
 use clap::Args;
+use serde::Deserialize;
 use serde_json::{Value, json};
 use spec::{DataSpec, FileFormat, JobSpec};
-use wire::{Dataset, Job, JobState};
+use wire::{Dataset, ImportCounts, Job, JobState};
 
 use crate::arguments::{LabelArguments, OutputArguments, ServerArguments};
 use crate::client::{Client, Reuse, Submitted};
@@ -35,6 +36,10 @@ pub struct Arguments {
     /// `position_noise_rad` of the spec
     #[arg(long, value_name = "RAD")]
     position_noise_rad: Option<f64>,
+
+    /// Make positions continuous that the recording wraps at ±π or at 2π, as `unwrap` of the spec
+    #[arg(long)]
+    unwrap: bool,
 
     /// Import again, even if the same file was imported in the same way before
     #[arg(long)]
@@ -70,6 +75,9 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     if let Some(noise) = arguments.position_noise_rad {
         spec["position_noise_rad"] = json!(noise);
     }
+    if arguments.unwrap {
+        spec["unwrap"] = json!(true);
+    }
     let reuse = if arguments.force { Reuse::ComputeAnew } else { Reuse::ByDigest };
     let labels = arguments.labels.parameters();
     let Submitted { job, existed } = client.import(&arguments.file, &spec, reuse, &labels).await?;
@@ -86,6 +94,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
             // Only a job that succeeded leaves a dataset that can be used.
             let ended = client.job(job.id).await?;
             if ended.state == JobState::Succeeded {
+                print_warnings(&client, &ended).await?;
                 print_dataset(&client, &ended);
             }
             Ok(code)
@@ -99,6 +108,17 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
             Ok(ExitCode::SUCCESS)
         }
     }
+}
+
+/// Prints what looks wrong in the recordings.
+async fn print_warnings(client: &Client, job: &Job) -> anyhow::Result<()> {
+    let results = client.tasks(job.id).await?.into_iter().filter_map(|task| task.result);
+    for counts in results.filter_map(|result| ImportCounts::deserialize(&result["import"]).ok()) {
+        for warning in counts.warnings {
+            println!("warning: {warning}");
+        }
+    }
+    Ok(())
 }
 
 fn print_dataset(client: &Client, job: &Job) {
@@ -134,7 +154,8 @@ fn format_of(file: &Path) -> Option<FileFormat> {
 }
 
 /// The import spec for predictions on `dataset`: all samples after the first `context` of each
-/// trajectory. The robot is that of the dataset, but predictions may exceed its joint limits.
+/// trajectory. The robot is that of the dataset, but predictions may exceed its joint limits, and
+/// jump.
 fn mapping_of_predictions(
     dataset: &Dataset,
     context: u32,
@@ -151,11 +172,11 @@ fn mapping_of_predictions(
     let columns = |quantity: &str| -> Vec<String> {
         (1..=data.joints()).map(|joint| format!("{quantity}{joint}")).collect()
     };
-    let wide = [-1000.0, 1000.0];
+    let (any, wide) = ([-1e6, 1e6], [-1000.0, 1000.0]);
     let mut mapping = json!({
         "format": format,
         "columns": {"recording": "trajectory", "u": columns("u"), "q": columns("q")},
-        "ranges": {"u_nm": [-1e6, 1e6], "q_rad": wide, "qd_rad_s": wide},
+        "ranges": {"u_nm": any, "q_rad": wide, "qd_rad_s": any},
         "rate_hz": data.rate_hz(),
         "samples": data.samples() - context,
     });

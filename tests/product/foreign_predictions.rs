@@ -305,7 +305,12 @@ async fn an_evaluation_that_no_file_answers_is_refused_at_submission() {
         (json!({"samples": 20, "rate_hz": 50}), "rate_hz 60, as this evaluation has"),
         (json!({"samples": 20, "split": {"kind": "windows", "stride": 20}}), "split"),
         (
-            json!({"samples": 20, "columns": {"u": names("u"), "q": names("q")}, "split": {"kind": "windows", "stride": 20}}),
+            json!({
+                "samples": 20, "columns": {"u": names("u"), "q": names("q")},
+                "split": {"kind": "windows", "stride": 20},
+                // The next trajectory begins elsewhere.
+                "ranges": {"qd_rad_s": [-1e6, 1e6]},
+            }),
             "columns.recording",
         ),
     ] {

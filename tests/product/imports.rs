@@ -210,3 +210,66 @@ fn uploads(data: &Path) -> Vec<std::ffi::OsString> {
         Err(_) => Vec::new(),
     }
 }
+
+/// A recording of one slow motion, as CSV, with `rows` rows.
+fn slow_motion(rows: u32, change: impl Fn(u32, &mut Vec<f64>)) -> String {
+    let names: Vec<String> =
+        ["u", "q"].iter().flat_map(|name| (1..=7).map(move |k| format!("{name}{k}"))).collect();
+    let mut text = names.join(",");
+    for row in 0..rows {
+        let mut values: Vec<f64> =
+            (0..14).map(|k| 0.7 + 0.2 * (f64::from(row + 9 * k) * 0.02).sin()).collect();
+        change(row, &mut values);
+        let values: Vec<String> = values.iter().map(ToString::to_string).collect();
+        text.push('\n');
+        text.push_str(&values.join(","));
+    }
+    text
+}
+
+fn numbered_mapping() -> Value {
+    let names = |quantity: &str| (1..=7).map(|k| format!("{quantity}{k}")).collect::<Vec<_>>();
+    json!({
+        "columns": {"u": names("u"), "q": names("q")}, "samples": 100,
+        "split": {"kind": "windows", "stride": 100},
+    })
+}
+
+#[tokio::test]
+async fn a_position_that_jumps_is_refused_and_one_that_stays_is_doubtful() {
+    let folder = tempfile::tempdir().unwrap();
+    let product = Product::start(&folder.path().join("data"));
+    let import = |file: &str, text: &str, more: &[&str]| {
+        let [file, spec] = [file, "mapping.json"].map(|name| folder.path().join(name));
+        std::fs::write(&spec, numbered_mapping().to_string()).unwrap();
+        std::fs::write(&file, text).unwrap();
+        let [file, spec] = [&file, &spec].map(|path| path.to_str().unwrap());
+        let arguments = ["import", file, "--spec", spec, "--wait", "--server", &product.url];
+        run_to_end(torqued(&arguments).args(more))
+    };
+    let wrapping = slow_motion(200, |row, values| {
+        values[9] = (3.0 + f64::from(row) * 0.01 + std::f64::consts::PI)
+            .rem_euclid(std::f64::consts::TAU)
+            - std::f64::consts::PI;
+    });
+    let (code, output, errors) = import("wrapping.csv", &wrapping, &[]);
+    assert_eq!(code, Some(3), "{output}{errors}");
+    for words in ["line 17, column \"q3\": -3.13", "in line 16", "\"unwrap\": true"] {
+        assert!(output.contains(words), "{words}: {output}");
+    }
+    let (code, output, errors) = import("wrapping.csv", &wrapping, &["--unwrap"]);
+    assert_eq!(code, Some(0), "{output}{errors}");
+    assert!(!output.contains("warning"), "{output}");
+
+    let frozen = slow_motion(200, |row, values| {
+        values[0] = 30.0 * (f64::from(row) * 0.05).sin();
+        values[7] = f64::from(row.min(50)) * 0.01;
+    });
+    let (code, output, errors) = import("frozen.csv", &frozen, &[]);
+    assert_eq!(code, Some(0), "{output}{errors}");
+    let warning = "line 52 to line 201: column \"q1\" stays at 0.5 rad";
+    assert!(output.contains(&format!("warning: {warning}")), "{output}");
+    let log = ["logs", "3", "--server", &product.url];
+    let (_, log, _) = run_to_end(&mut torqued(&log));
+    assert!(log.contains("stays at 0.5 rad"), "{log}");
+}

@@ -1,10 +1,11 @@
-//! Counts of an import: trajectories made, recordings and samples dropped.
+//! Counts of an import: trajectories made, recordings and samples dropped. What looks wrong in its
+//! recordings.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 /// Counts in the result of an import's task, under `import`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct ImportCounts {
     pub rows: u64,
     pub recordings: u64,
@@ -13,4 +14,7 @@ pub struct ImportCounts {
     pub trajectories: u64,
     /// Samples at the dataset's rate that are not part of any trajectory.
     pub dropped_samples: u64,
+    /// What looks wrong, but can be: at most one sentence for each joint.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<String>,
 }

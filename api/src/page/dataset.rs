@@ -66,8 +66,12 @@ pub async fn show(
     let summary = app.summary(id).await?;
     let checked = Checked::new(dataset.verification.as_ref());
     let mut facts = facts(&dataset, job.kind, summary.trajectories);
-    if job.kind == JobKind::Import {
-        facts.extend(recordings::facts(&app, &job).await?);
+    let mut warnings = job.warnings.clone();
+    if job.kind == JobKind::Import
+        && let Some(counts) = recordings::counts(&app, &job).await?
+    {
+        facts.extend(recordings::facts(&counts));
+        warnings.extend(counts.warnings);
     }
     let page = DatasetPage {
         id,
@@ -83,7 +87,7 @@ pub async fn show(
         digest: dataset.digest.to_string(),
         short_digest: dataset.digest.short(),
         unfinished: unfinished(&job),
-        warnings: job.warnings.clone(),
+        warnings,
         facts,
         complete: dataset.completed_at.is_some(),
         checked,

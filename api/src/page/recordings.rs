@@ -8,20 +8,21 @@ use crate::error::ApiError;
 use crate::page::parts::Fact;
 use crate::page::text;
 
-/// Empty until the import has ended.
-pub async fn facts(app: &App, import: &Job) -> Result<Vec<Fact>, ApiError> {
+/// The counts and warnings of an import; `None` until it has ended.
+pub async fn counts(app: &App, import: &Job) -> Result<Option<ImportCounts>, ApiError> {
     let result = app.sole_results(&[import.id]).await?.remove(&import.id);
     let counts = result.as_ref().and_then(|result| result.get("import"));
-    let counts = counts.and_then(|counts| ImportCounts::deserialize(counts).ok());
-    Ok(counts.map_or(Vec::new(), |counts| {
-        let too_short = match counts.dropped_recordings {
-            0 => format!("in {} rows", text::count(counts.rows)),
-            dropped => format!("{} of them too short", text::count(dropped)),
-        };
-        let left_over = text::count(counts.dropped_samples);
-        vec![
-            Fact::new("Recordings", text::count(counts.recordings), too_short),
-            Fact::new("Left over", left_over, "samples in no trajectory"),
-        ]
-    }))
+    Ok(counts.and_then(|counts| ImportCounts::deserialize(counts).ok()))
+}
+
+pub fn facts(counts: &ImportCounts) -> Vec<Fact> {
+    let too_short = match counts.dropped_recordings {
+        0 => format!("in {} rows", text::count(counts.rows)),
+        dropped => format!("{} of them too short", text::count(dropped)),
+    };
+    let left_over = text::count(counts.dropped_samples);
+    vec![
+        Fact::new("Recordings", text::count(counts.recordings), too_short),
+        Fact::new("Left over", left_over, "samples in no trajectory"),
+    ]
 }

@@ -258,7 +258,7 @@ impl Server {
         let mut result = tables::summary(&data, shard.count, 0).to_result();
         result["import"] = json!({
             "rows": 1700, "recordings": 5, "dropped_recordings": 2, "trajectories": 3,
-            "dropped_samples": 37,
+            "dropped_samples": 37, "warnings": ["line 9 to line 99: column \"q3\" stays"],
         });
         self.store.commit_import(task.fence, &shard, &result).await.unwrap();
     }

@@ -176,8 +176,14 @@ async fn an_import_tells_what_became_of_the_file() {
     let row = page(&server, "/").await;
     assert!(row.contains("3 trajectories") && row.contains("/datasets/1"), "{row}");
     let dataset = page(&server, "/datasets/1?trajectory=2").await;
-    for text in ["cut from recordings", "2 of them too short", "samples in no trajectory", "Begins"]
-    {
+    let texts = [
+        "cut from recordings",
+        "2 of them too short",
+        "samples in no trajectory",
+        "Begins",
+        "line 9 to line 99: column",
+    ];
+    for text in texts {
         assert!(dataset.contains(text), "{text} is not in {dataset}");
     }
     assert!(!dataset.contains("Drawn again"), "{dataset}");

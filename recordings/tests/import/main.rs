@@ -6,6 +6,7 @@ mod csv;
 mod decoder;
 mod fuzz;
 mod limits;
+mod motion;
 mod parquet;
 mod tables;
 

@@ -18,6 +18,7 @@ fn trajectories_say_where_they_come_from() {
         dropped_recordings: 1,
         trajectories: 3,
         dropped_samples: 10 + 30 + 10,
+        warnings: Vec::new(),
     };
     assert_eq!(counts, expected);
 
@@ -91,7 +92,9 @@ fn without_time_rows_are_a_period_apart_and_without_names_one_recording() {
     let names = channel_names();
     let columns = json!({"u": names[..7], "q": names[7..]});
     let split = json!({"kind": "windows", "stride": 20});
-    let spec = spec("csv", &json!({"columns": columns, "split": split}));
+    // The second one begins elsewhere.
+    let ranges = json!({"qd_rad_s": [-100, 100]});
+    let spec = spec("csv", &json!({"columns": columns, "split": split, "ranges": ranges}));
     let Imported { table, counts, .. } = import(recordings.csv(), &spec).unwrap();
     assert_eq!((counts.recordings, counts.trajectories, counts.dropped_samples), (1, 2, 0));
     assert_eq!(table.column(1).as_string::<i32>().value(1), "");

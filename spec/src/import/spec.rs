@@ -27,6 +27,10 @@ pub struct ImportSpec {
     /// the noise filter with it.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub position_noise_rad: f64,
+    /// Makes positions continuous that the recording wraps at ±π or at 2π: a step of more than half
+    /// a turn is taken for the shorter way round. Without it, such a step is refused.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub unwrap: bool,
     /// Sampling rate of the dataset in Hz.
     #[serde(default = "defaults::rate_hz")]
     pub rate_hz: f64,
@@ -144,7 +148,8 @@ pub enum AngleUnit {
 
 /// The allowed ranges of values after conversion. A value outside is refused, which detects wrong
 /// units and wrong columns. `null`, the default if `robot` is given, uses the limits of each joint
-/// in the robot's description.
+/// in the robot's description. `qd_rad_s` also limits the step of a position from one row to the
+/// next, which detects wrapped angles, lost rows and spikes.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ImportRanges {

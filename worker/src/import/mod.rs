@@ -35,6 +35,9 @@ fn run(attempt: &Attempt) -> Result<(), TaskError> {
     let written = convert(rows, &spec, trajectories, table, &|done| attempt.show(done))?;
     let ImportCounts { rows, recordings, trajectories, .. } = &written.counts;
     tracing::info!(rows, recordings, trajectories, "converted and published");
+    for warning in &written.counts.warnings {
+        tracing::warn!("{warning}");
+    }
     let mut result = written.summary.to_result();
     result["import"] = serde_json::to_value(written.counts)?;
     attempt.end(store.commit_import(attempt.fence(), &written.shard, &result))

@@ -26,7 +26,8 @@ fn spec(fields: &Value) -> ImportSpec {
 fn converted(spec: &ImportSpec) -> WrittenImport {
     let mut file = spec.columns.named().iter().map(|(_, name)| *name).collect::<Vec<_>>().join(",");
     for row in 0..100 {
-        let values = (0..14).map(|channel| f64::from(row * 14 + channel).sin().to_string());
+        let values =
+            (0..14).map(|channel| (f64::from(row + 14 * channel) / 50.0).sin().to_string());
         file.push('\n');
         file.push_str(&values.collect::<Vec<_>>().join(","));
     }
