@@ -24,6 +24,9 @@ use std::process::ExitCode;
 
 use simd::InstructionSet;
 
+use crate::cli::Command;
+use crate::commands::decode_recording;
+
 fn main() -> ExitCode {
     let cli = match configuration::parse() {
         Ok(cli) => cli,
@@ -32,6 +35,10 @@ fn main() -> ExitCode {
             return ExitCode::from(exit::USAGE);
         }
     };
+    // It decodes a stranger's file and confines itself, which only a process with one thread can.
+    if let Command::DecodeRecording(arguments) = &cli.command {
+        return decode_recording::run(arguments).unwrap_or_else(|error| fail(&error));
+    }
     let log = logging::start(&cli);
     if let Err(error) = InstructionSet::chosen() {
         return fail(&anyhow::Error::new(error).context(simd::VARIABLE));

@@ -2,6 +2,8 @@
 
 use std::io::{self, Write};
 
+use crate::isolation::{Mechanism, isolate};
+
 /// Limit of the memory that decoding a file may take.
 pub const MEMORY_BYTES: u64 = 1 << 30;
 
@@ -11,7 +13,9 @@ pub const BATCH_SECONDS: u64 = 60;
 
 /// Limits this process permanently. An allocation beyond [`MEMORY_BYTES`] fails. The process ends
 /// when its parent ends. `SIGXCPU` also ends it, unless it writes to the returned output within
-/// [`BATCH_SECONDS`] of processor time.
+/// [`BATCH_SECONDS`] of processor time. It can open no file and no connection, and start no process
+/// or thread. If the kernel has no filter for system calls, it says so on standard error, and goes
+/// on.
 ///
 /// # Errors
 /// When the operating system refuses a limit.
@@ -22,6 +26,13 @@ pub fn confine<W: Write>(output: W) -> io::Result<TimedOutput<W>> {
     lower(libc::RLIMIT_CORE, 0)?;
     lower(libc::RLIMIT_DATA, data_bytes() + MEMORY_BYTES)?;
     grant_time()?;
+    let failed = isolate();
+    // The filter alone is enough.
+    if failed.iter().any(|(mechanism, _)| *mechanism == Mechanism::Seccomp) {
+        for (mechanism, reason) in failed {
+            eprintln!("the decoder could read other files; {mechanism} failed: {reason}");
+        }
+    }
     Ok(TimedOutput(output))
 }
 

@@ -38,6 +38,10 @@ const KEPT_BYTES: usize = 16 * 1024;
 /// Number of bytes of a line that are read at once.
 const LINE_BYTES: u64 = 4 * 1024;
 
+/// The only variable that a child inherits. Where libraries are in unusual folders, the program
+/// does not start without it. Others have the token and the keys of the database and the bucket.
+const KEPT_VARIABLE: &str = "LD_LIBRARY_PATH";
+
 impl Decoder {
     /// Starts `program` to decode `file`, which its sender called `name`.
     ///
@@ -52,6 +56,8 @@ impl Decoder {
         let mut process = Command::new(&program.program)
             .args(&program.arguments)
             .arg(serde_json::to_string(spec).map_err(|error| ImportError::Start(error.into()))?)
+            .env_clear()
+            .envs(std::env::var_os(KEPT_VARIABLE).map(|value| (KEPT_VARIABLE, value)))
             .env("RUST_BACKTRACE", "0")
             // Otherwise mimalloc, the product's allocator, would reserve memory by the gigabyte.
             .env("MIMALLOC_ARENA_EAGER_COMMIT", "0")

@@ -3,7 +3,8 @@
 //!
 //! A Parquet file states how much memory its decoder should reserve, and a decoder believes it. So
 //! a foreign file is decoded by a [`Decoder`]: a child process with limits on its memory and time,
-//! which returns rows over a pipe. [`Conversion`] turns them into trajectories.
+//! which has no secrets, can open no other file and no connection, and returns rows over a pipe.
+//! [`Conversion`] turns them into trajectories.
 
 mod confinement;
 mod conversion;
@@ -12,6 +13,7 @@ mod decoding;
 mod error;
 mod frames;
 mod frozen;
+mod isolation;
 mod jumps;
 mod recording;
 mod rows;
@@ -26,5 +28,6 @@ pub use decoder::{Decoder, DecoderProgram};
 pub use decoding::{decode, decode_standard_input};
 pub use error::{ImportError, Place, RowError};
 pub use frames::Frames;
+pub use isolation::{Mechanism, missing_mechanisms};
 pub use rows::Rows;
 pub use tables::{ImportedTrajectories, TableSchemas};

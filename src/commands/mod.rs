@@ -116,6 +116,7 @@ pub async fn run(command: Command, log: &Logging) -> anyhow::Result<ExitCode> {
         Command::Summary(arguments) => summary::run(arguments).await,
         Command::Tasks(arguments) => tasks::run(arguments).await,
         Command::Trajectory(arguments) => trajectory::run(arguments).await,
+        // `main` has done so, without threads.
         Command::DecodeRecording(arguments) => decode_recording::run(&arguments),
     }
 }

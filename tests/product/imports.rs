@@ -273,3 +273,41 @@ async fn a_position_that_jumps_is_refused_and_one_that_stays_is_doubtful() {
     let (_, log, _) = run_to_end(&mut torqued(&log));
     assert!(log.contains("stays at 0.5 rad"), "{log}");
 }
+
+/// The child waits with a full pipe while this test looks at it.
+#[cfg(target_os = "linux")]
+#[test]
+fn the_process_that_decodes_a_file_is_alone_and_confined() {
+    use std::process::{Command, Stdio};
+
+    let mut spec = numbered_mapping();
+    spec["kind"] = json!("import");
+    spec["file"] = json!("0".repeat(64));
+    spec["format"] = json!("csv");
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("long.csv");
+    std::fs::write(&path, slow_motion(20_000, |_, _| {})).unwrap();
+    let mut child = Command::new(torqued(&[]).get_program())
+        .args(["decode-recording", &spec.to_string()])
+        .stdin(std::fs::File::open(path).unwrap())
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let status = || std::fs::read_to_string(format!("/proc/{}/status", child.id())).unwrap();
+    let value = |status: &str, name: &str| {
+        let line = status.lines().find_map(|line| line.strip_prefix(name)).unwrap();
+        line.trim_start_matches(':').trim().to_owned()
+    };
+    for _ in 0..1000 {
+        if value(&status(), "Seccomp") == "2" {
+            break;
+        }
+        std::thread::sleep(std::time::Duration::from_millis(10));
+    }
+    let status = status();
+    child.kill().unwrap();
+    child.wait().unwrap();
+    for (name, expected) in [("Seccomp", "2"), ("NoNewPrivs", "1"), ("Threads", "1")] {
+        assert_eq!(value(&status, name), expected, "{status}");
+    }
+}

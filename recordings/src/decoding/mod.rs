@@ -5,13 +5,14 @@ mod line_count;
 mod parquet_rows;
 
 use std::fs::File;
-use std::io::{self, Write};
+use std::io::{self, Seek, SeekFrom, Write};
 use std::os::fd::AsFd;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use ::csv::Error as CsvError;
+use bytes::Bytes;
 use parquet::errors::ParquetError;
-use parquet::file::reader::ChunkReader;
+use parquet::file::reader::{ChunkReader, Length};
 use spec::{FileFormat, ImportSpec};
 use thiserror::Error;
 
@@ -48,8 +49,34 @@ pub fn decode_standard_input(spec: &str) -> io::Result<()> {
     // A panic is reported in a frame, so standard error need not repeat it.
     std::panic::set_hook(Box::new(|_| {}));
     let spec: ImportSpec = serde_json::from_str(spec)?;
-    let file = File::from(io::stdin().as_fd().try_clone_to_owned()?);
-    decode(file, &spec, &mut output)
+    let mut file = File::from(io::stdin().as_fd().try_clone_to_owned()?);
+    let bytes = file.seek(SeekFrom::End(0))?;
+    decode(OpenFile { file, bytes }, &spec, &mut output)
+}
+
+/// A file with its length. A confined process may not ask for it, because the same system call
+/// finds other files.
+struct OpenFile {
+    file: File,
+    bytes: u64,
+}
+
+impl Length for OpenFile {
+    fn len(&self) -> u64 {
+        self.bytes
+    }
+}
+
+impl ChunkReader for OpenFile {
+    type T = <File as ChunkReader>::T;
+
+    fn get_read(&self, start: u64) -> parquet::errors::Result<Self::T> {
+        self.file.get_read(start)
+    }
+
+    fn get_bytes(&self, start: u64, length: usize) -> parquet::errors::Result<Bytes> {
+        self.file.get_bytes(start, length)
+    }
 }
 
 /// Decodes `file` and writes its rows as frames. [`crate::Frames`] reads them.

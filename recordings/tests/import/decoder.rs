@@ -112,6 +112,76 @@ fn a_refusal_arrives_as_the_child_words_it() {
     assert!(error.to_string().contains("footer claims"), "{error}");
 }
 
+/// What the child tells of its attempts to get out, for a file, a server and a socket that exist.
+#[cfg(target_os = "linux")]
+fn attacks(how: &str) -> Vec<String> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    std::fs::write(path("secret"), "of another user").unwrap();
+    let server = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let _socket = std::os::unix::net::UnixListener::bind(path("socket")).unwrap();
+    let address = server.local_addr().unwrap().to_string();
+    let words = ["attack", how, &path("secret"), &address, &path("socket")];
+    let arguments = words.map(str::to_owned).to_vec();
+    let program = DecoderProgram { program: PathBuf::from(PROGRAM), arguments };
+    let file = std::fs::File::open("/dev/null").unwrap();
+    let mut decoder = Decoder::start(&program, file, "a", &spec("csv", &json!({}))).unwrap();
+    match decoder.next().unwrap() {
+        Err(ImportError::Died { said, .. }) => said.lines().map(str::to_owned).collect(),
+        other => panic!("{other:?}"),
+    }
+}
+
+/// Without the confinement, every one of these succeeds.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_decoder_opens_no_other_file_and_no_connection() {
+    let verdicts = |how: &str| -> Vec<(String, bool)> {
+        let told = attacks(how).join(" ");
+        let attempts = [
+            "reads a file",
+            "measures a file",
+            "writes a file",
+            "makes a file",
+            "lists a folder",
+            "reads its parent's variables",
+            "connects:",
+            "sends a datagram",
+            "connects to a socket",
+            "starts a program",
+            "starts a thread",
+            "signals its parent",
+        ];
+        let verdict = |attempt: &str| {
+            let (_, rest) = told.split_once(attempt).unwrap_or_else(|| panic!("{attempt}: {told}"));
+            rest.trim_start_matches(':').trim_start().starts_with("done")
+        };
+        attempts.into_iter().map(|attempt| (attempt.to_owned(), verdict(attempt))).collect()
+    };
+    for (attempt, succeeds) in verdicts("free") {
+        assert!(succeeds, "{attempt} without confinement");
+    }
+    for (attempt, succeeds) in verdicts("confined") {
+        assert!(!succeeds, "{attempt} in spite of the confinement");
+    }
+}
+
+/// The variables of a worker have the token, and the keys of the database and of the bucket.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_decoder_gets_no_variable_of_the_worker() {
+    assert!(std::env::var_os("CARGO_MANIFEST_DIR").is_some(), "this process has variables");
+    let told = attacks("confined").join(" ");
+    let words: Vec<&str> = told.split_whitespace().collect();
+    let found: Vec<&str> =
+        words.windows(2).filter(|pair| pair[0] == "variable").map(|pair| pair[1]).collect();
+    assert!(found.contains(&"RUST_BACKTRACE"), "{told}");
+    for variable in found {
+        let allowed = ["RUST_BACKTRACE", "MIMALLOC_ARENA_EAGER_COMMIT", "LD_LIBRARY_PATH"];
+        assert!(allowed.contains(&variable), "{variable}");
+    }
+}
+
 #[test]
 fn a_program_that_cannot_be_started_may_be_there_at_the_next_attempt() {
     let program = DecoderProgram { program: "/no/such/program".into(), arguments: Vec::new() };

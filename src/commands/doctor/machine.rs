@@ -1,6 +1,7 @@
 use std::time::{Duration, SystemTime};
 
 use nix::sys::resource::{Resource, getrlimit};
+use recordings::Mechanism;
 use worker::DeviceKind;
 
 use super::Findings;
@@ -15,6 +16,7 @@ const FILES_PER_CONNECTION: u64 = 4;
 pub async fn look(report: &mut Findings) -> anyhow::Result<()> {
     clock(report)?;
     files(report)?;
+    isolation(report)?;
     for kind in DeviceKind::ALL.into_iter().filter(|kind| kind.is_built()) {
         match device::probe(kind).await {
             Ok(probed) => {
@@ -49,4 +51,18 @@ fn files(report: &mut Findings) -> anyhow::Result<()> {
     }
     let found = format!("{found}, which allows {} connections", most / FILES_PER_CONNECTION);
     report.note("files", found, "raise ulimit -Hn, or LimitNOFILE= of the systemd unit")
+}
+
+/// Checks whether a process that decodes an uploaded file can be kept from other files.
+fn isolation(report: &mut Findings) -> anyhow::Result<()> {
+    let missing = recordings::missing_mechanisms();
+    let names: Vec<String> = missing.iter().map(ToString::to_string).collect();
+    if missing.contains(&Mechanism::Seccomp) {
+        let found = format!("uploads are decoded without {}", names.join(" and without "));
+        let remedy = "whoever sends a file could read those of the worker if a decoder has a hole; \
+                      use Linux, and a container that allows seccomp";
+        return report.note("isolation", found, remedy);
+    }
+    let without = if missing.is_empty() { "and Landlock" } else { "alone" };
+    report.good("isolation", format!("uploads are decoded behind seccomp {without}"))
 }
