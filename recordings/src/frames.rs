@@ -6,7 +6,7 @@
 
 use std::io::{self, ErrorKind, Read, Write};
 
-use spec::{FileFormat, ImportSpec};
+use spec::{FileFormat, ImportSpec, TimeUnit};
 
 use crate::ImportError;
 use crate::rows::{MAX_BATCH_ROWS, MAX_NAME_BYTES, Rows, TimeColumn, channel_columns};
@@ -14,6 +14,10 @@ use crate::rows::{MAX_BATCH_ROWS, MAX_NAME_BYTES, Rows, TimeColumn, channel_colu
 const ROWS: u8 = b'r';
 const END: u8 = b'e';
 const REFUSAL: u8 = b'x';
+
+/// The kinds of times that have a unit.
+const DATED: [(u8, TimeUnit); 4] =
+    [(3, TimeUnit::S), (4, TimeUnit::Ms), (5, TimeUnit::Us), (6, TimeUnit::Ns)];
 
 /// Largest number of bytes of a reason, because names of columns may have any length.
 const MAX_REFUSAL_BYTES: usize = 16 * 1024;
@@ -30,6 +34,10 @@ pub(crate) fn write_rows(out: &mut impl Write, rows: &Rows) -> io::Result<()> {
         }
         Some(TimeColumn::Decimal(times)) => {
             content.push(2);
+            content.extend(times.iter().flat_map(|time| time.to_le_bytes()));
+        }
+        Some(TimeColumn::Dated(times, unit)) => {
+            content.extend(DATED.iter().filter(|(_, other)| other == unit).map(|(kind, _)| *kind));
             content.extend(times.iter().flat_map(|time| time.to_le_bytes()));
         }
     }
@@ -135,6 +143,10 @@ impl<R: Read> Frames<R> {
             [0] if !self.has_time => None,
             [1] if self.has_time => Some(TimeColumn::Integer(content.numbers(count)?)),
             [2] if self.has_time => Some(TimeColumn::Decimal(content.numbers(count)?)),
+            [kind] if self.has_time => {
+                let (_, unit) = DATED.into_iter().find(|(other, _)| other == kind)?;
+                Some(TimeColumn::Dated(content.numbers(count)?, unit))
+            }
             _ => return None,
         };
         let recording = match self.has_names {
@@ -257,9 +269,12 @@ mod tests {
         let mut decimal = rows(5, &["y"]);
         decimal.time = Some(TimeColumn::Decimal(vec![-0.0]));
         write_rows(&mut bytes, &decimal).unwrap();
+        let mut dated = rows(6, &["z"]);
+        dated.time = Some(TimeColumn::Dated(vec![7], TimeUnit::Us));
+        write_rows(&mut bytes, &dated).unwrap();
         write_end(&mut bytes).unwrap();
         let [first, second] = sent;
-        assert_eq!(read(&bytes).unwrap(), [first, second, decimal]);
+        assert_eq!(read(&bytes).unwrap(), [first, second, decimal, dated]);
     }
 
     #[test]

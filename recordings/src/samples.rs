@@ -43,7 +43,7 @@ struct Channel {
 
 struct Time {
     column: String,
-    /// The file's unit of time in seconds.
+    /// The file's unit of time in seconds: the one of the spec, unless the column has its own.
     unit_s: f64,
     /// The origin from which integers are counted, so that times since 1970 keep all their digits.
     origin: Option<i64>,
@@ -193,6 +193,10 @@ impl Time {
         let (whole, part) = match times {
             TimeColumn::Integer(times) => (times[index], 0.0),
             TimeColumn::Decimal(times) => (0, times[index]),
+            TimeColumn::Dated(times, unit) => {
+                self.unit_s = unit.seconds();
+                (times[index], 0.0)
+            }
         };
         if !part.is_finite() {
             return Err(RowError::value(place, &self.column, part.to_string(), "a finite number"));

@@ -198,7 +198,7 @@ fn a_recording_has_the_joints_of_its_robot_and_its_limits_unless_ranges_are_give
     assert_eq!(columns.len(), 2 + 12);
 
     let unnamed = parse(import(7, &json!({})).to_string().as_bytes()).unwrap().to_json();
-    assert_eq!(unnamed.get("robot"), None);
+    assert_eq!((unnamed.get("robot"), unnamed.get("unwrap")), (None, None));
     assert_eq!(unnamed["ranges"]["q_rad"], json!([-6.5, 6.5]));
 }
 
@@ -208,10 +208,13 @@ fn a_recording_with_columns_for_another_number_of_joints_is_refused() {
         parse(import(joints, fields).to_string().as_bytes()).unwrap_err().to_string()
     };
     let six = refusal(6, &json!({}));
+    let lists = refusal(1, &json!({}));
     let seven = refusal(7, &json!({"robot": {"model": arm_of_six()}}));
     let null = refusal(7, &json!({"ranges": {"q_rad": null}}));
     for (error, parts) in [
-        (six, ["columns.u is 6 columns", "7 columns, one for each joint"]),
+        (six.clone(), ["columns.u is 6 columns", "7 columns, one for each joint"]),
+        (six, ["a Panda because none is named", "\"robot\": {\"model\": {...}}"]),
+        (lists, ["columns.u is 1 column,", "a column of lists cannot be imported yet"]),
         (seven, ["columns.q is 7 columns", "6 columns, one for each joint"]),
         (null, ["ranges.q_rad is null", "where no robot is given"]),
     ] {

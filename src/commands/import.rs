@@ -137,6 +137,11 @@ fn read_spec(path: &Path, file: &Path) -> anyhow::Result<Value> {
     if !fields.contains_key("format") {
         let known = format_of(file);
         ensure!(
+            !is_compressed(file),
+            "{} is compressed; unpack it first, such as with gunzip",
+            file.display()
+        );
+        ensure!(
             known.is_some(),
             "the name {} does not show whether the file is Parquet or CSV; add \"format\" to {}",
             file.display(),
@@ -151,6 +156,14 @@ fn read_spec(path: &Path, file: &Path) -> anyhow::Result<Value> {
 fn format_of(file: &Path) -> Option<FileFormat> {
     let extension = file.extension()?.to_str()?;
     FileFormat::ALL.into_iter().find(|format| extension.eq_ignore_ascii_case(format.as_str()))
+}
+
+/// Whether the name has the extension of a compressed file.
+fn is_compressed(file: &Path) -> bool {
+    let extensions = ["gz", "zst", "xz", "bz2", "lz4", "zip"];
+    file.extension().is_some_and(|extension| {
+        extensions.iter().any(|other| extension.eq_ignore_ascii_case(other))
+    })
 }
 
 /// The import spec for predictions on `dataset`: all samples after the first `context` of each
@@ -206,6 +219,7 @@ mod tests {
         assert_eq!(format("{}", "a.b.parquet").unwrap(), "parquet");
         assert_eq!(format(r#"{"format": "csv"}"#, "a.txt").unwrap(), "csv");
         assert!(format("{}", "a.txt").unwrap_err().to_string().contains("a.txt"));
+        assert!(format("{}", "a.csv.gz").unwrap_err().to_string().contains("gunzip"));
         assert!(format("[]", "a.csv").is_err());
     }
 }

@@ -57,8 +57,7 @@ impl CsvRows {
         lines.borrow_mut().pass(reader.position().byte());
         let names = header_names(&header)?;
         let places = find_columns(&spec.columns, &names)
-            .map_err(|error| if names.len() == 1 { without_commas(&error) } else { error })
-            .map_err(DecodeError::File)?;
+            .map_err(|error| DecodeError::File(missing(&error, &names)))?;
         let mut places = places.into_iter();
         let mut column = |name: &str| {
             let place = places.next().unwrap_or_default();
@@ -146,8 +145,20 @@ fn header_names(header: &ByteRecord) -> Result<Vec<&str>, DecodeError> {
     Ok(names)
 }
 
-fn without_commas(error: &str) -> String {
-    format!("{error}; columns are separated by commas")
+/// Explains why columns are missing that `error` names.
+fn missing(error: &str, names: &[&str]) -> String {
+    let numbers = names.iter().filter(|name| name.parse::<f64>().is_ok()).count();
+    // The name of a recording may be a text.
+    if 2 * numbers > names.len() {
+        let first: Vec<&str> = names.iter().take(3).copied().collect();
+        return format!(
+            "it has no header: its first line has numbers instead of names ({}, ..); add a first \
+             line with the name of each column",
+            first.join(", ")
+        );
+    }
+    let doubt = if names.len() == 1 { "; columns are separated by commas" } else { "" };
+    format!("{error}{doubt}")
 }
 
 fn number(text: &str, place: Place, column: &str) -> Result<f64, RowError> {

@@ -3,6 +3,7 @@
 mod csv_rows;
 mod line_count;
 mod parquet_rows;
+mod signature;
 
 use std::fs::File;
 use std::io::{self, Seek, SeekFrom, Write};
@@ -111,6 +112,9 @@ impl<R: ChunkReader<T: 'static> + 'static> Source<R> {
         Ok(match spec.format {
             FileFormat::Parquet => Self::Parquet(Box::new(ParquetRows::open(file, spec)?)),
             FileFormat::Csv => {
+                if let Some(reason) = signature::describe(&first_bytes(&file)?) {
+                    return Err(DecodeError::File(reason));
+                }
                 Self::Csv(Box::new(CsvRows::open(Box::new(file.get_read(0)?), spec)?))
             }
         })
@@ -122,6 +126,12 @@ impl<R: ChunkReader<T: 'static> + 'static> Source<R> {
             Self::Csv(rows) => rows.next(),
         }
     }
+}
+
+/// The bytes that tell a format; fewer if the file is shorter.
+fn first_bytes<R: ChunkReader>(file: &R) -> Result<Bytes, DecodeError> {
+    let length = usize::try_from(file.len()).unwrap_or(usize::MAX);
+    Ok(file.get_bytes(0, length.min(signature::LENGTH))?)
 }
 
 /// Reports an error with all its causes in a frame.

@@ -4,9 +4,10 @@ use std::sync::Arc;
 
 use arrow_array::cast::AsArray;
 use arrow_array::types::{
-    Float32Type, Float64Type, Int8Type, Int16Type, Int32Type, Int64Type, TimestampMicrosecondType,
-    TimestampMillisecondType, TimestampNanosecondType, TimestampSecondType, UInt8Type, UInt16Type,
-    UInt32Type, UInt64Type,
+    Decimal128Type, Float16Type, Float32Type, Float64Type, Int8Type, Int16Type, Int32Type,
+    Int64Type, Time32MillisecondType, Time64MicrosecondType, Time64NanosecondType,
+    TimestampMicrosecondType, TimestampMillisecondType, TimestampNanosecondType,
+    TimestampSecondType, UInt8Type, UInt16Type, UInt32Type, UInt64Type,
 };
 use arrow_array::{Array, ArrayRef, RecordBatch};
 use arrow_schema::{DataType, TimeUnit as ArrowTimeUnit};
@@ -24,11 +25,9 @@ use parquet::file::reader::{ChunkReader, Length};
 use parquet::file::serialized_reader::SerializedPageReader;
 use spec::{ImportSpec, TimeUnit};
 
-use super::DecodeError;
+use super::{DecodeError, first_bytes, signature};
 use crate::error::Place;
-use crate::rows::{
-    MAX_BATCH_ROWS, Rows, TimeColumn, absent, channel_columns, check_name, find_columns,
-};
+use crate::rows::{MAX_BATCH_ROWS, Rows, TimeColumn, absent, check_name, find_columns};
 
 const MAGIC: &[u8] = b"PAR1";
 
@@ -49,9 +48,11 @@ pub(super) struct ParquetRows<R> {
     next_row: u64,
 }
 
-/// The names of the columns, by their meaning.
+/// The names of the columns in the file, by their meaning.
 struct Columns {
     time: Option<String>,
+    /// The unit that the type of the time has.
+    time_unit: Option<TimeUnit>,
     recording: Option<String>,
     channels: Vec<String>,
 }
@@ -66,11 +67,15 @@ impl<R: ChunkReader + 'static> ParquetRows<R> {
         let metadata = ArrowReaderMetadata::load(&file, options)?;
         check_row_counts(metadata.metadata())?;
         let leaves = find_leaves(metadata.metadata(), spec)?;
-        check_types(metadata.metadata(), &leaves, spec)?;
+        let time_unit = check_types(metadata.metadata(), &leaves, spec)?;
+        let schema = metadata.metadata().file_metadata().schema_descr();
+        // In the order of `ImportColumns::named`.
+        let mut names = leaves.iter().map(|leaf| schema.column(*leaf).name().to_owned());
         let columns = Columns {
-            time: spec.columns.time.clone(),
-            recording: spec.columns.recording.clone(),
-            channels: channel_columns(&spec.columns).into_iter().map(str::to_owned).collect(),
+            time: spec.columns.time.as_ref().and_then(|_| names.next()),
+            time_unit,
+            recording: spec.columns.recording.as_ref().and_then(|_| names.next()),
+            channels: names.collect(),
         };
         Ok(Self {
             file: SharedFile(Arc::new(file)),
@@ -185,10 +190,15 @@ fn check_ends<R: ChunkReader>(file: &R) -> Result<(), DecodeError> {
     let size = file.len();
     let no_parquet =
         |reason: &str| Err(DecodeError::File(format!("it is not a Parquet file: {reason}")));
+    let first = first_bytes(file)?;
+    let is_parquet = first.starts_with(MAGIC);
+    if !is_parquet && let Some(reason) = signature::describe(&first) {
+        return Err(DecodeError::File(reason));
+    }
     if size < (MAGIC.len() + TAIL) as u64 {
         return no_parquet(&format!("it has {size} bytes, and a Parquet file has at least 12"));
     }
-    if *file.get_bytes(0, MAGIC.len())? != *MAGIC {
+    if !is_parquet {
         return no_parquet("it does not begin with PAR1");
     }
     let tail = file.get_bytes(size - TAIL as u64, TAIL)?;
@@ -249,45 +259,108 @@ fn find_leaves(metadata: &ParquetMetaData, spec: &ImportSpec) -> Result<Vec<usiz
         .map(|(leaf, column)| (leaf, column.name()))
         .collect();
     let names: Vec<&str> = flat.iter().map(|(_, name)| *name).collect();
-    let found = find_columns(&spec.columns, &names).map_err(DecodeError::File)?;
+    let found = find_columns(&spec.columns, &names)
+        .map_err(|error| DecodeError::File(format!("{error}{}", nested(metadata, spec))))?;
     Ok(found.into_iter().map(|place| flat[place].0).collect())
 }
 
+/// Words about the requested columns that have lists, such as `action` or `action[0]` of LeRobot.
+fn nested(metadata: &ParquetMetaData, spec: &ImportSpec) -> String {
+    let schema = metadata.file_metadata().schema_descr();
+    let mut lists: Vec<&str> = schema
+        .columns()
+        .iter()
+        .filter(|column| column.path().parts().len() > 1 || column.max_rep_level() > 0)
+        .filter_map(|column| column.path().parts().first().map(String::as_str))
+        .filter(|list| {
+            let is_asked_for = |name: &str| name.trim().split('[').next() == Some(list.trim());
+            spec.columns.named().iter().any(|(_, name)| is_asked_for(name))
+        })
+        .collect();
+    lists.dedup();
+    let Some(first) = lists.first() else { return String::new() };
+    let all: Vec<String> = lists.iter().map(|list| format!("{list:?}")).collect();
+    let have = if lists.len() == 1 { "has" } else { "have" };
+    format!(
+        "; {} {have} lists or structs, which cannot be imported yet: write each element as a column of \
+         its own, such as \"{first}_1\"",
+        all.join(" and "),
+    )
+}
+
+/// Checks the types of the columns. Returns the unit that the type of the time has.
 fn check_types(
     metadata: &ParquetMetaData,
     leaves: &[usize],
     spec: &ImportSpec,
-) -> Result<(), DecodeError> {
-    let schema = metadata.file_metadata().schema_descr();
-    let mask = ProjectionMask::leaves(schema, leaves.iter().copied());
-    let schema = parquet_to_arrow_schema_by_columns(schema, mask, None)?;
-    for (field, name) in spec.columns.named() {
-        let (_, column) = schema.column_with_name(name).ok_or_else(|| {
+) -> Result<Option<TimeUnit>, DecodeError> {
+    let descriptor = metadata.file_metadata().schema_descr();
+    let mut unit = None;
+    for ((field, name), leaf) in spec.columns.named().into_iter().zip(leaves) {
+        let mask = ProjectionMask::leaves(descriptor, [*leaf]);
+        let schema = parquet_to_arrow_schema_by_columns(descriptor, mask, None)?;
+        let column = schema.fields().first().ok_or_else(|| {
             DecodeError::File(format!("column {name:?} (columns.{field}) cannot be decoded"))
         })?;
         let found = column.data_type();
-        let allowed = match (field.as_str(), found) {
-            ("recording", DataType::Utf8 | DataType::LargeUtf8) => continue,
-            ("recording", other) if other.is_integer() => continue,
-            ("time", DataType::Timestamp(unit, _)) if time_unit(*unit) == spec.units.time => {
+        if field == "time" {
+            unit = duration_unit(metadata, *leaf).or_else(|| own_unit(found));
+        }
+        let allowed = if field == "time"
+            && let Some(unit) = unit
+        {
+            // Seconds are the default, too.
+            if [unit, TimeUnit::S].contains(&spec.units.time) {
                 continue;
             }
-            ("time", DataType::Timestamp(unit, _)) => {
-                let unit = time_unit(*unit).as_str();
-                format!("this one with units.time {unit:?}")
+            format!("units.time {:?}, or none, as the column says its unit", unit.as_str())
+        } else {
+            match (field.as_str(), found) {
+                ("recording", DataType::Utf8 | DataType::LargeUtf8) => continue,
+                ("recording", other) if other.is_integer() => continue,
+                ("recording", _) => "integers or text".to_owned(),
+                (_, other) if is_number(other) => continue,
+                _ => "integers, decimals, f16, f32 or f64".to_owned(),
             }
-            ("recording", _) => "integers or text".to_owned(),
-            (_, other) if is_number(other) => continue,
-            _ => "integers, f32 or f64".to_owned(),
         };
         let reason = format!("column {name:?} (columns.{field}) is {found}, allowed: {allowed}");
         return Err(DecodeError::File(reason));
     }
-    Ok(())
+    Ok(unit)
 }
 
 fn is_number(data_type: &DataType) -> bool {
-    data_type.is_integer() || matches!(data_type, DataType::Float32 | DataType::Float64)
+    data_type.is_integer() || is_decimal(data_type)
+}
+
+const fn is_decimal(data_type: &DataType) -> bool {
+    matches!(
+        data_type,
+        DataType::Float16 | DataType::Float32 | DataType::Float64 | DataType::Decimal128(..)
+    )
+}
+
+/// The unit of dates and of times of a day.
+const fn own_unit(data_type: &DataType) -> Option<TimeUnit> {
+    match data_type {
+        DataType::Timestamp(unit, _) | DataType::Time32(unit) | DataType::Time64(unit) => {
+            Some(time_unit(*unit))
+        }
+        _ => None,
+    }
+}
+
+/// The unit of durations. Parquet has no such type, so Arrow writes integers, and notes their type
+/// in the schema that it adds. A schema that cannot be read says nothing.
+fn duration_unit(metadata: &ParquetMetaData, leaf: usize) -> Option<TimeUnit> {
+    let file = metadata.file_metadata();
+    let mask = ProjectionMask::leaves(file.schema_descr(), [leaf]);
+    let notes = file.key_value_metadata();
+    let schema = parquet_to_arrow_schema_by_columns(file.schema_descr(), mask, notes).ok()?;
+    match schema.fields().first()?.data_type() {
+        DataType::Duration(unit) => Some(time_unit(*unit)),
+        _ => None,
+    }
 }
 
 const fn time_unit(unit: ArrowTimeUnit) -> TimeUnit {
@@ -303,7 +376,8 @@ impl Columns {
     fn rows(&self, batch: &RecordBatch, first: u64) -> Result<Rows, DecodeError> {
         let column = |name: &str| complete(batch, name, first);
         let numbers = |name: &str| floats(&column(name)?);
-        let time = self.time.as_deref().map(|name| time_column(&column(name)?)).transpose()?;
+        let time = |name: &str| time_column(&column(name)?, self.time_unit);
+        let time = self.time.as_deref().map(time).transpose()?;
         let recording =
             self.recording.as_deref().map(|name| names(&column(name)?, first, name)).transpose()?;
         let channels = self.channels.iter().map(|name| numbers(name)).collect::<Result<_, _>>()?;
@@ -323,10 +397,11 @@ fn complete(batch: &RecordBatch, name: &str, first: u64) -> Result<ArrayRef, Dec
     Ok(Arc::clone(column))
 }
 
-fn time_column(column: &ArrayRef) -> Result<TimeColumn, DecodeError> {
-    Ok(match column.data_type() {
-        DataType::Float32 | DataType::Float64 => TimeColumn::Decimal(floats(column)?),
-        _ => TimeColumn::Integer(integers(column)?),
+fn time_column(column: &ArrayRef, unit: Option<TimeUnit>) -> Result<TimeColumn, DecodeError> {
+    Ok(match unit {
+        Some(unit) => TimeColumn::Dated(integers(column)?, unit),
+        None if is_decimal(column.data_type()) => TimeColumn::Decimal(floats(column)?),
+        None => TimeColumn::Integer(integers(column)?),
     })
 }
 
@@ -361,6 +436,9 @@ macro_rules! with_integers {
             Timestamp(ArrowTimeUnit::Millisecond, _) => TimestampMillisecondType,
             Timestamp(ArrowTimeUnit::Microsecond, _) => TimestampMicrosecondType,
             Timestamp(ArrowTimeUnit::Nanosecond, _) => TimestampNanosecondType,
+            Time32(ArrowTimeUnit::Millisecond) => Time32MillisecondType,
+            Time64(ArrowTimeUnit::Microsecond) => Time64MicrosecondType,
+            Time64(ArrowTimeUnit::Nanosecond) => Time64NanosecondType,
         )
     };
     (@ $column:ident, $values:ident, $body:expr, $other:expr,
@@ -378,9 +456,18 @@ macro_rules! with_integers {
 /// The values as floats. Integers with more than 53 bits are rounded.
 fn floats(column: &ArrayRef) -> Result<Vec<f64>, DecodeError> {
     match column.data_type() {
+        DataType::Float16 => {
+            let values = column.as_primitive::<Float16Type>().values();
+            Ok(values.iter().map(|value| value.to_f64()).collect())
+        }
         DataType::Float32 => {
             let values = column.as_primitive::<Float32Type>().values();
             Ok(values.iter().map(|value| f64::from(*value)).collect())
+        }
+        DataType::Decimal128(_, scale) => {
+            let one = 10f64.powi((*scale).into());
+            let values = column.as_primitive::<Decimal128Type>().values();
+            Ok(values.iter().map(|value| *value as f64 / one).collect())
         }
         DataType::Float64 => Ok(column.as_primitive::<Float64Type>().values().to_vec()),
         _ => with_integers!(

@@ -44,6 +44,34 @@ fn a_missing_column_is_named_beside_those_there_are() {
 }
 
 #[test]
+fn a_file_without_a_header_is_told_so() {
+    let spec = spec("csv", &json!({}));
+    let rows = good().split_once('\n').unwrap().1.to_owned();
+    check_refused(rows.clone(), &spec, &["has no header", "add a first line"]);
+    // Numbers are possible names.
+    let names =
+        |name: &str| spec.columns.named().iter().position(|(_, other)| *other == name).unwrap();
+    let mut numbered = spec.clone();
+    let number = |name: &mut String| *name = names(name).to_string();
+    numbered.columns.u.iter_mut().chain(&mut numbered.columns.q).for_each(number);
+    numbered.columns.time = Some("0".to_owned());
+    numbered.columns.recording = Some("1".to_owned());
+    let header: Vec<String> =
+        ["1", "0"].map(str::to_owned).into_iter().chain((2..16).map(|k| k.to_string())).collect();
+    import(format!("{}\n{rows}", header.join(",")), &numbered).unwrap();
+}
+
+#[test]
+fn spaces_around_a_name_of_the_mapping_are_no_part_of_it() {
+    let mut spaced = spec("csv", &json!({}));
+    for name in spaced.columns.u.iter_mut().chain(&mut spaced.columns.q) {
+        *name = format!(" {name}");
+    }
+    import(good(), &spaced).unwrap();
+    import(good().replacen(',', ", ", 15), &spaced).unwrap();
+}
+
+#[test]
 fn a_value_that_is_no_number_is_named_with_its_place() {
     let spec = spec("csv", &json!({}));
     let place = ["line 9, column \"tau_3\"", "recording"];

@@ -5,10 +5,13 @@ use std::sync::Arc;
 use ::parquet::basic::{Compression, Encoding, GzipLevel, ZstdLevel};
 use ::parquet::file::properties::{WriterProperties, WriterVersion};
 use ::parquet::schema::types::ColumnPath;
-use arrow_array::types::Int32Type;
+use arrow_array::cast::AsArray;
+use arrow_array::types::{Float16Type, Float32Type, Float64Type, Int32Type};
 use arrow_array::{
-    Array, ArrayRef, BinaryArray, Float64Array, Int64Array, ListArray, TimestampMillisecondArray,
-    UInt64Array,
+    Array, ArrayRef, ArrowPrimitiveType, BinaryArray, Decimal128Array, DurationMicrosecondArray,
+    DurationMillisecondArray, DurationNanosecondArray, Float16Array, Float32Array, Float64Array,
+    Int64Array, ListArray, Time32MillisecondArray, Time64MicrosecondArray, Time64NanosecondArray,
+    TimestampMicrosecondArray, TimestampMillisecondArray, TimestampNanosecondArray, UInt64Array,
 };
 use serde_json::json;
 
@@ -100,7 +103,115 @@ fn dates_bring_their_unit_along() {
     let file = with("t", Arc::new(TimestampMillisecondArray::from_iter_values(times)));
     let in_ms = spec("parquet", &json!({"units": {"time": "ms"}}));
     import(file.clone(), &in_ms).unwrap();
-    check_refused(file, &spec("parquet", &json!({})), &["columns.time", "units.time \"ms\""]);
+    import(file.clone(), &spec("parquet", &json!({}))).unwrap();
+    let in_us = spec("parquet", &json!({"units": {"time": "us"}}));
+    check_refused(file, &in_us, &["(columns.time) is Timestamp", "units.time \"ms\", or none"]);
+}
+
+/// The time of the second sample, which is a sixtieth of a second after the first.
+fn second_time(file: Vec<u8>) -> f64 {
+    let fields = json!({"split": {"kind": "windows", "stride": 1}, "samples": 39});
+    let table = import(file, &spec("parquet", &fields)).unwrap().table;
+    let times = table.column(2).as_primitive::<Float64Type>();
+    times.value(1) - times.value(0)
+}
+
+#[test]
+fn times_of_every_type_have_the_unit_of_their_type() {
+    let of = |per_second: i64| (0..80_i64).map(move |k| (k % 40) * per_second / 60 + 7);
+    let columns: [ArrayRef; 11] = [
+        Arc::new(TimestampMillisecondArray::from_iter_values(of(1000)).with_timezone("UTC")),
+        Arc::new(
+            TimestampMicrosecondArray::from_iter_values(of(1_000_000)).with_timezone("+02:00"),
+        ),
+        Arc::new(TimestampNanosecondArray::from_iter_values(of(1_000_000_000))),
+        Arc::new(DurationMillisecondArray::from_iter_values(of(1000))),
+        Arc::new(DurationMicrosecondArray::from_iter_values(of(1_000_000))),
+        Arc::new(DurationNanosecondArray::from_iter_values(of(1_000_000_000))),
+        Arc::new(Time32MillisecondArray::from_iter_values(of(1000).map(|time| time as i32))),
+        Arc::new(Time64MicrosecondArray::from_iter_values(of(1_000_000))),
+        Arc::new(Time64NanosecondArray::from_iter_values(of(1_000_000_000))),
+        Arc::new(Float32Array::from_iter_values((0..80_u8).map(|k| f32::from(k % 40) / 60.0))),
+        Arc::new(
+            Decimal128Array::from_iter_values(of(1_000_000).map(i128::from))
+                .with_precision_and_scale(20, 6)
+                .unwrap(),
+        ),
+    ];
+    for column in columns {
+        let kind = column.data_type().clone();
+        let second = second_time(with("t", column));
+        assert!((second - 1.0 / 60.0).abs() < 1e-3, "{kind}: {second}");
+    }
+}
+
+#[test]
+fn f16_and_decimals_are_numbers() {
+    let spec = spec("parquet", &json!({}));
+    let q3 = |column: ArrayRef| {
+        let imported = import(with("pos_3", column), &spec).unwrap();
+        let column = imported.samples.column_by_name("q3").unwrap().clone();
+        column.as_primitive::<Float32Type>().values()[..3].to_vec()
+    };
+    type Half = <Float16Type as ArrowPrimitiveType>::Native;
+    let halves = (0..80_u8).map(|k| Half::from_f32(f32::from(k) / 128.0));
+    let halves = Float16Array::from_iter_values(halves);
+    assert_eq!(q3(Arc::new(halves)), [0.0, 1.0 / 128.0, 2.0 / 128.0]);
+    let decimals = Decimal128Array::from_iter_values((0..80).map(|k| -5 * k));
+    let decimals = decimals.with_precision_and_scale(9, 3).unwrap();
+    assert_eq!(q3(Arc::new(decimals)), [0.0, -0.005, -0.01]);
+}
+
+/// A file of another kind, under the name of a Parquet file.
+#[test]
+fn a_file_of_another_format_is_called_what_it_is() {
+    for format in ["parquet", "csv"] {
+        let spec = spec(format, &json!({}));
+        check_refused(b"\x1f\x8b\x08\0\0\0\0\0\0\x03", &spec, &["compressed with gzip", "gunzip"]);
+        check_refused(b"\x28\xb5\x2f\xfd and more bytes", &spec, &["Zstandard"]);
+        check_refused(b"PK\x03\x04 and more bytes", &spec, &["Excel"]);
+        check_refused(b"\x89HDF\r\n\x1a\n and more bytes", &spec, &["HDF5"]);
+    }
+    let parquet = Recordings::of(&[40]).parquet(small_pages());
+    check_refused(parquet, &spec("csv", &json!({})), &["\"format\": \"parquet\""]);
+}
+
+/// pandas keeps the spaces of a CSV file's header, and writes them into Parquet.
+#[test]
+fn spaces_around_a_name_are_no_part_of_it() {
+    let renamed = |from: &str, to: &str| {
+        let mut columns = columns();
+        columns.iter_mut().find(|(name, _)| name == from).unwrap().0 = to.to_owned();
+        parquet_of(columns, small_pages())
+    };
+    let plain = spec("parquet", &json!({}));
+    import(renamed("pos_3", " pos_3"), &plain).unwrap();
+    let mut spaced = plain.clone();
+    spaced.columns.q[2] = " pos_3 ".to_owned();
+    import(renamed("pos_3", "pos_3"), &spaced).unwrap();
+    let mut both = columns();
+    both.push((" pos_3".to_owned(), columns()[4].1.clone()));
+    import(parquet_of(both, small_pages()), &plain).unwrap();
+    let mut twice = plain;
+    twice.columns.q[2] = " pos_2".to_owned();
+    check_refused(
+        renamed("pos_3", "x"),
+        &twice,
+        &["columns.q[2] and columns.q[1] are both", "\"pos_2\""],
+    );
+}
+
+#[test]
+fn a_column_of_lists_is_named_with_what_to_do() {
+    let list = ListArray::from_iter_primitive::<Int32Type, _, _>(
+        (0..80).map(|_| Some(vec![Some(1), Some(2)])),
+    );
+    let file = with("pos_2", Arc::new(list));
+    let mut elements = spec("parquet", &json!({}));
+    let expected = ["\"pos_2\" has lists", "\"pos_2_1\""];
+    check_refused(file.clone(), &elements, &expected);
+    elements.columns.q[1] = "pos_2[0]".to_owned();
+    check_refused(file, &elements, &expected);
 }
 
 #[test]

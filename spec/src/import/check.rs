@@ -36,8 +36,21 @@ impl ImportSpec {
         let before = violations.count();
         for (quantity, names) in [("u", Some(u)), ("q", Some(q)), ("qd", qd.as_ref())] {
             if let Some(names) = names.filter(|names| names.len() != joints) {
-                let found = format!("{} columns", names.len());
-                let allowed = format!("{joints} columns, one for each joint of the robot");
+                let plural = if names.len() == 1 { "" } else { "s" };
+                let found = format!("{} column{plural}", names.len());
+                let mut allowed = format!("{joints} columns, one for each joint of the robot");
+                if self.robot.is_none() {
+                    allowed.push_str(
+                        ", a Panda because none is named: name another one with \
+                         \"robot\": {\"model\": {...}}",
+                    );
+                }
+                if names.len() == 1 {
+                    allowed.push_str(
+                        "; a column of lists cannot be imported yet: write each element as a \
+                         column of its own",
+                    );
+                }
                 violations.add(&format!("columns.{quantity}"), found, allowed);
             }
         }
@@ -64,10 +77,10 @@ impl Check for ImportColumns {
         let named = self.named();
         let mut first: HashMap<&str, &str> = HashMap::new();
         for (field, name) in &named {
-            if name.is_empty() || name.len() > 200 {
+            if name.trim().is_empty() || name.len() > 200 {
                 violations.add(field, format!("{name:?}"), "a name of 1 to 200 bytes");
             }
-            match first.entry(name) {
+            match first.entry(name.trim()) {
                 Entry::Vacant(entry) => drop(entry.insert(field)),
                 Entry::Occupied(other) => {
                     let allowed = format!("another column than {}", other.get());
