@@ -13,6 +13,7 @@ pub async fn probe(kind: DeviceKind) -> Result<Probed, ProbeError> {
     let program = own_program().map_err(|source| ProbeError::Spawn { kind, source })?;
     let mut child = Command::new(program);
     child.args(["devices", kind.name(), "--in-this-process"]);
+    child.env_remove(executors::SERVERS_TOKEN);
     worker::probe(kind, child, PROBE_LIMIT).await
 }
 

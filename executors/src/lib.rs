@@ -26,4 +26,4 @@ pub use kubernetes::{Kubernetes, TemplateError};
 pub use local::{GAVE_UP, WorkerProcesses};
 pub use plan::{Action, Bounds, KnownWorker, SETTLED_AFTER, WorkerState, plan};
 pub use slurm::Slurm;
-pub use worker_command::{WorkerCommand, new_name, prefix};
+pub use worker_command::{SERVERS_TOKEN, WorkerCommand, new_name, prefix};

@@ -8,7 +8,7 @@ use tokio::process::{Child, Command};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
-use crate::WorkerCommand;
+use crate::{SERVERS_TOKEN, WorkerCommand};
 
 /// The exit code of a worker that ended because its task did not. It is no crash: EX_TEMPFAIL of
 /// sysexits.h.
@@ -118,6 +118,7 @@ impl WorkerProcesses {
             .args(self.command.flags(&self.name(index), self.threads, &self.command.device))
             .args(&self.offers)
             .arg("--stop-with-stdin")
+            .env_remove(SERVERS_TOKEN)
             .envs(environment)
             // Nothing is ever written to the pipe. The worker stops when it is closed, which
             // happens even if the server is killed.

@@ -9,6 +9,10 @@ use spec::Resources;
 
 use crate::Ask;
 
+/// The variable with the server's token. Workers speak to the database and not to the server, so no
+/// worker gets it.
+pub const SERVERS_TOKEN: &str = "TORQUED_TOKEN";
+
 /// The command line and the environment of a worker.
 #[derive(Clone)]
 pub struct WorkerCommand {

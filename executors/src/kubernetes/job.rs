@@ -12,7 +12,7 @@ use spec::Resources;
 
 use super::template::container;
 use crate::resources::written;
-use crate::{Ask, WorkerCommand};
+use crate::{Ask, SERVERS_TOKEN, WorkerCommand};
 
 /// The label with the store that a Job or a Pod belongs to.
 pub const STORE: &str = "torqued/store";
@@ -98,6 +98,10 @@ fn run(container: &mut Container, command: &WorkerCommand, ask: &Ask) {
             variables.push(EnvVar { name: name.clone(), value, value_from: None });
         }
     }
+    // The template's Secret is often the server's, too. A variable hides that of a Secret.
+    variables.retain(|variable| variable.name != SERVERS_TOKEN);
+    let (name, value) = (SERVERS_TOKEN.to_owned(), Some(String::new()));
+    variables.push(EnvVar { name, value, value_from: None });
     let resources = container.resources.get_or_insert_default();
     let Resources { cpus, gpus, .. } = &ask.resources;
     let megabytes = ask.resources.megabytes();
@@ -187,6 +191,8 @@ spec:
             serde_json::json!({"cpu": "4", "memory": "8000M"})
         );
         assert_eq!(worker["env"][0]["name"], "MIMALLOC_PURGE_DELAY");
+        let no_token = serde_json::json!({"name": "TORQUED_TOKEN", "value": ""});
+        assert_eq!(worker["env"][1], no_token);
         assert_eq!(pod["containers"][1]["args"], serde_json::Value::Null);
     }
 }

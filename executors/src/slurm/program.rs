@@ -8,7 +8,7 @@ use std::time::Duration;
 use tokio::io::AsyncWriteExt;
 use tokio::process::Command;
 
-use crate::EngineError;
+use crate::{EngineError, SERVERS_TOKEN};
 
 /// Time limit of a command. Slurm's own commands give up on an absent controller after about 10 to
 /// 100 s.
@@ -26,8 +26,10 @@ impl Program {
     pub fn new(name: &'static str) -> Self {
         let mut command = Command::new(name);
         command.env("LC_ALL", "C").kill_on_drop(true);
-        // The operator's own settings must not change the output.
-        for variable in ["SQUEUE_FORMAT", "SQUEUE_FORMAT2", "SQUEUE_STATES", "SBATCH_EXPORT"] {
+        // The operator's own settings must not change the output. Slurm could show the token to
+        // everybody who may see a job.
+        let settings = ["SQUEUE_FORMAT", "SQUEUE_FORMAT2", "SQUEUE_STATES", "SBATCH_EXPORT"];
+        for variable in settings.into_iter().chain([SERVERS_TOKEN]) {
             command.env_remove(variable);
         }
         Self { name, command }
