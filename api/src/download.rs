@@ -4,7 +4,7 @@
 use axum::body::Body;
 use axum::http::header::{
     ACCEPT_RANGES, CACHE_CONTROL, CONTENT_DISPOSITION, CONTENT_LENGTH, CONTENT_RANGE, CONTENT_TYPE,
-    ETAG, HeaderName, IF_NONE_MATCH, IF_RANGE, LOCATION, RANGE,
+    ETAG, HeaderName, IF_MATCH, IF_NONE_MATCH, IF_RANGE, LOCATION, RANGE,
 };
 use axum::http::{HeaderMap, HeaderValue, Method, StatusCode};
 use axum::response::Response;
@@ -12,6 +12,7 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD as BASE64;
 use spec::Digest;
 
+use crate::error::ApiError;
 use crate::range::{self, Requested};
 
 /// RFC 9530. It is not among the constants of `http` yet.
@@ -53,9 +54,16 @@ pub struct FileResponse {
 }
 
 impl FileResponse {
-    /// Decides according to RFC 9110, sections 13.2.2 and 14.2.
-    pub fn new(method: &Method, request: &HeaderMap, file: &FileInfo) -> Self {
+    /// Decides according to RFC 9110, sections 13.2.2 and 14.2. Files have no date of modification,
+    /// so conditions on it are ignored, as section 13.1 demands.
+    ///
+    /// # Errors
+    /// [`ApiError::OtherFile`] when `If-Match` names other bytes.
+    pub fn new(method: &Method, request: &HeaderMap, file: &FileInfo) -> Result<Self, ApiError> {
         let tag = file.identity.tag();
+        if request.contains_key(IF_MATCH) && !lists_tag(request, IF_MATCH, Weak::Differs, &tag) {
+            return Err(ApiError::OtherFile { tag });
+        }
         let mut headers = HeaderMap::new();
         headers.insert(ETAG, ascii(&tag));
         headers.insert(ACCEPT_RANGES, HeaderValue::from_static("bytes"));
@@ -66,8 +74,8 @@ impl FileResponse {
         // The bytes behind an id never change, but another data folder may take the place of this
         // one.
         headers.insert(CACHE_CONTROL, HeaderValue::from_static("no-cache"));
-        if text(request, IF_NONE_MATCH).is_some_and(|known| lists_tag(known, &tag)) {
-            return Self { status: StatusCode::NOT_MODIFIED, headers, part: None };
+        if lists_tag(request, IF_NONE_MATCH, Weak::Counts, &tag) {
+            return Ok(Self { status: StatusCode::NOT_MODIFIED, headers, part: None });
         }
         headers.insert(CONTENT_TYPE, ascii(&file.media_type));
         headers.insert(CONTENT_DISPOSITION, disposition(&file.name));
@@ -83,12 +91,12 @@ impl FileResponse {
                 headers.insert(CONTENT_RANGE, ascii(&format!("bytes */{}", file.size)));
                 headers.insert(CONTENT_LENGTH, HeaderValue::from(0));
                 let status = StatusCode::RANGE_NOT_SATISFIABLE;
-                return Self { status, headers, part: None };
+                return Ok(Self { status, headers, part: None });
             }
         };
         headers.insert(CONTENT_LENGTH, HeaderValue::from(part.end - part.start));
         let part = (method != Method::HEAD).then_some(part);
-        Self { status, headers, part }
+        Ok(Self { status, headers, part })
     }
 
     /// Whether the client has the file already.
@@ -131,11 +139,20 @@ fn text(headers: &HeaderMap, name: HeaderName) -> Option<&str> {
     headers.get(name).and_then(|value| value.to_str().ok())
 }
 
-/// Whether `If-None-Match` names `tag`. Weak tags also count there.
-fn lists_tag(list: &str, tag: &str) -> bool {
-    list.split(',')
-        .map(str::trim)
-        .any(|known| known == "*" || known.strip_prefix("W/").unwrap_or(known) == tag)
+/// Whether a weak tag can name a file.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Weak {
+    Counts,
+    Differs,
+}
+
+/// Whether a header, which may have several lines, names `tag`.
+fn lists_tag(request: &HeaderMap, name: HeaderName, weak: Weak, tag: &str) -> bool {
+    let lines = request.get_all(name).into_iter().filter_map(|line| line.to_str().ok());
+    lines.flat_map(|line| line.split(',')).map(str::trim).any(|known| {
+        let strong = known.strip_prefix("W/").filter(|_| weak == Weak::Counts);
+        known == "*" || strong.unwrap_or(known) == tag
+    })
 }
 
 /// Tells the client to save the file as `name`. Characters that a header or a file system could not
@@ -172,7 +189,7 @@ mod tests {
             .iter()
             .map(|(name, value)| (name.clone(), HeaderValue::from_str(value).unwrap()))
             .collect();
-        FileResponse::new(method, &request, &file())
+        FileResponse::new(method, &request, &file()).unwrap()
     }
 
     fn header(answer: &FileResponse, name: HeaderName) -> &str {
@@ -228,6 +245,21 @@ mod tests {
         for other in ["\"other\"", "W/\"weak\"", "Wed, 21 Oct 2015 07:28:00 GMT"] {
             let answer = answer(&Method::GET, &[range.clone(), (IF_RANGE, other)]);
             assert_eq!((answer.status, answer.part), (StatusCode::OK, Some(0..1000)));
+        }
+    }
+
+    #[test]
+    fn a_file_with_another_tag_than_the_demanded_one_is_refused() {
+        let refused = |known: &str| {
+            let range = (RANGE, HeaderValue::from_static("bytes=0-9"));
+            let request = [(IF_MATCH, HeaderValue::from_str(known).unwrap()), range];
+            FileResponse::new(&Method::GET, &request.into_iter().collect(), &file()).is_err()
+        };
+        for other in ["\"other\"", "", &format!("W/{}", tag()), "\"a\", \"b\""] {
+            assert!(refused(other), "{other}");
+        }
+        for same in [tag(), format!("\"a\", {}", tag()), "*".to_owned()] {
+            assert!(!refused(&same), "{same}");
         }
     }
 

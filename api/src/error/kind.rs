@@ -83,6 +83,9 @@ impl ApiError {
             Self::TooFast { .. } => {
                 (S::TOO_MANY_REQUESTS, "too-fast", "Too many requests per second")
             }
+            Self::OtherFile { .. } => {
+                (S::PRECONDITION_FAILED, "other-file", "The file is another one")
+            }
             Self::DownloadsCrowded => {
                 (S::SERVICE_UNAVAILABLE, "crowded", "Too many files are being sent")
             }

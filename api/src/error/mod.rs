@@ -3,7 +3,7 @@
 use std::fmt::Display;
 use std::time::Duration;
 
-use axum::http::header::{CONTENT_TYPE, RETRY_AFTER, UPGRADE, WWW_AUTHENTICATE};
+use axum::http::header::{CONTENT_TYPE, ETAG, RETRY_AFTER, UPGRADE, WWW_AUTHENTICATE};
 use axum::http::{HeaderValue, Method};
 use axum::response::{IntoResponse, Response};
 use jobs::SubmissionError;
@@ -151,6 +151,9 @@ pub enum ApiError {
     #[error("{CONCURRENT_DOWNLOADS} files are being sent, which is the limit; try again later")]
     DownloadsCrowded,
 
+    #[error("the file is not the one in If-Match: its ETag is {tag}")]
+    OtherFile { tag: String },
+
     #[error("this server is about to stop")]
     Ending,
 
@@ -284,6 +287,10 @@ impl ApiError {
                 // Basic after a comma.
                 headers.append(WWW_AUTHENTICATE, HeaderValue::from_static(BEARER));
                 headers.append(WWW_AUTHENTICATE, HeaderValue::from_static(BASIC));
+            }
+            Self::OtherFile { tag } => {
+                // A tag is a digest in quotes.
+                headers.extend(HeaderValue::try_from(tag).ok().map(|tag| (ETAG, tag)));
             }
             Self::TooFast { wait } => {
                 headers.insert(RETRY_AFTER, HeaderValue::from(whole_seconds(*wait)));

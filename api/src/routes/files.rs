@@ -35,7 +35,7 @@ pub async fn send_or_redirect(
     parameters: &FileParameters,
 ) -> Result<Response, ApiError> {
     if parameters.redirect == Some(true) {
-        let answer = FileResponse::new(method, headers, &file.info);
+        let answer = FileResponse::new(method, headers, &file.info)?;
         if !answer.is_known()
             && let Some(address) = app.address(&file, method).await?
         {
@@ -52,7 +52,7 @@ pub async fn send(
     headers: &HeaderMap,
     file: Download,
 ) -> Result<Response, ApiError> {
-    let answer = FileResponse::new(method, headers, &file.info);
+    let answer = FileResponse::new(method, headers, &file.info)?;
     let body = match answer.part.clone() {
         Some(part) => app.read(&file, part).await?,
         None => {
@@ -127,10 +127,16 @@ fn answers(
         })
     };
     let empty = |description: &str| ResponseBuilder::new().description(description);
+    let problem = |description: &str| {
+        let schema = RefOr::Ref(openapi::Ref::from_schema_name("Problem"));
+        let content = ContentBuilder::new().schema(Some(schema)).build();
+        ResponseBuilder::new().description(description).content("application/problem+json", content)
+    };
     let answers = ResponsesBuilder::new()
         .response("200", of("The file"))
         .response("206", of("The requested part"))
         .response("304", empty("The client has the file"))
+        .response("412", problem("`If-Match` names another file"))
         .response("416", empty("The requested part lies beyond the end"));
     let further = further.iter().cloned();
     further

@@ -111,6 +111,26 @@ async fn a_file_that_the_caller_has_is_not_sent_again() {
     assert_eq!(answer.header("etag"), tag);
 }
 
+/// Before, a download went on with the bytes of another file.
+#[tokio::test]
+async fn a_file_or_tar_that_is_not_the_demanded_one_is_not_sent() {
+    let server = Server::with_small_pipeline().await;
+    for path in [FILE, "/v1/datasets/1/tar", "/v1/checkpoints/1/tar"] {
+        let tag = server.get(path).await.header("etag").to_owned();
+        for method in [Method::GET, Method::HEAD] {
+            let other = [("range", "bytes=0-9"), ("if-match", "\"other\"")];
+            let refused = server.request(method.clone(), path, &other).await;
+            assert_eq!((refused.status.as_u16(), refused.header("etag")), (412, tag.as_str()));
+        }
+        let same = [("range", "bytes=0-9"), ("if-match", tag.as_str())];
+        let part = server.request(Method::GET, path, &same).await;
+        assert_eq!((part.status.as_u16(), part.body.len()), (206, 10));
+    }
+    let other = [("if-match", "\"other\"")];
+    let refused = server.request(Method::GET, FILE, &other).await.problem(412);
+    assert!(refused["detail"].as_str().unwrap().contains("its ETag is \""), "{refused}");
+}
+
 #[tokio::test]
 async fn head_tells_what_get_would_send() {
     let server = Server::with_small_pipeline().await;
