@@ -19,6 +19,7 @@ mod pace;
 mod page;
 mod parameters;
 mod range;
+mod relative;
 mod request_id;
 mod routes;
 mod server;

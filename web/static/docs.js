@@ -38,8 +38,13 @@ const withoutNestedButtons = ({ React }) => ({
   },
 });
 
+// A proxy may show the server below a path, which the document does not know.
+const root = new URL(".", location.href);
+const spec = await (await fetch(new URL("v1/openapi.json", root))).json();
+if (root.pathname !== "/") spec.servers = [{ url: root.pathname.replace(/\/$/, "") }];
+
 SwaggerUIBundle({
-  url: "/v1/openapi.json",
+  spec,
   dom_id: "#operations",
   deepLinking: true,
   defaultModelsExpandDepth: 0,

@@ -8,6 +8,7 @@ use axum::response::{IntoResponse, Response};
 use wire::Problem;
 
 use crate::error::ApiError;
+use crate::relative::with_relative_links;
 
 /// An error that is shown as HTML.
 pub struct PageError(pub ApiError);
@@ -56,5 +57,5 @@ impl IntoResponse for PageError {
 /// A page. The browser does not store it, because it shows the present state.
 pub fn html(page: &impl Template) -> Result<Response, ApiError> {
     let headers = [(CONTENT_TYPE, "text/html; charset=utf-8"), (CACHE_CONTROL, "no-store")];
-    Ok((headers, page.render()?).into_response())
+    Ok((headers, with_relative_links(page.render()?)).into_response())
 }

@@ -80,7 +80,9 @@ pub async fn log_out(State(app): State<App>, headers: HeaderMap) -> Result<Respo
 fn cookie(value: &str, seconds: u64, headers: &HeaderMap) -> String {
     let is_https = headers.get("x-forwarded-proto").is_some_and(|scheme| scheme == "https");
     let secure = if is_https { "; Secure" } else { "" };
-    format!("{SESSION_COOKIE}={value}; Path=/; Max-Age={seconds}; HttpOnly; SameSite=Lax{secure}")
+    // Without a path it is valid for the folder of the login, which is the page's root, wherever a
+    // proxy shows it.
+    format!("{SESSION_COOKIE}={value}; Max-Age={seconds}; HttpOnly; SameSite=Lax{secure}")
 }
 
 /// The requested path, if it belongs to this server.

@@ -142,7 +142,11 @@ pub struct Commands {
 
 impl Commands {
     pub fn new(headers: &HeaderMap) -> Self {
-        let host = headers.get(HOST).and_then(|host| host.to_str().ok());
+        let text = |name: &str| headers.get(name).and_then(|value| value.to_str().ok());
+        let host = text(HOST.as_str());
+        // A proxy may say how its clients reach it. A client that says so changes its own page.
+        let scheme = if text("x-forwarded-proto") == Some("https") { "https" } else { "http" };
+        let prefix = text("x-forwarded-prefix").unwrap_or_default().trim_end_matches('/');
         let curl = if access::asked_for_a_token() {
             "curl -H \"Authorization: Bearer $TORQUED_TOKEN\""
         } else {
@@ -150,7 +154,7 @@ impl Commands {
         };
         Self {
             curl: curl.to_owned(),
-            origin: format!("http://{}", host.unwrap_or("127.0.0.1:7070")),
+            origin: format!("{scheme}://{}{prefix}", host.unwrap_or("127.0.0.1:7070")),
         }
     }
 

@@ -45,7 +45,7 @@ use crate::limits::BODY_BYTES;
 use crate::pace::{self, AddressRateLimit};
 use crate::parameters::KnownParameters;
 use crate::routes::openapi::Document;
-use crate::{access, guard, page, parameters, request_id};
+use crate::{access, guard, page, parameters, relative, request_id};
 
 pub fn operations() -> OpenApiRouter<App> {
     OpenApiRouter::with_openapi(Document::openapi())
@@ -130,6 +130,7 @@ pub fn router(app: App) -> Router {
         .layer(TraceLayer::new_for_http())
         .layer(middleware::from_fn_with_state(app.clone(), guard::count))
         .layer(middleware::from_fn(guard::add_browser_headers))
+        .layer(middleware::from_fn(relative::make_links_relative))
         .layer(middleware::from_fn(crate::mlflow::translate))
         .layer(CatchPanicLayer::custom(guard::answer_panic))
         .layer(middleware::from_fn_with_state(

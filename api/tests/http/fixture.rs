@@ -7,7 +7,7 @@ use std::time::Duration;
 use api::{App, Options};
 use axum::Router;
 use axum::body::Body;
-use axum::http::header::{CONTENT_TYPE, HOST};
+use axum::http::header::{CONTENT_TYPE, HOST, LOCATION};
 use axum::http::{HeaderMap, Method, Request, StatusCode};
 use axum::response::Response;
 use bytes::Bytes;
@@ -30,6 +30,20 @@ pub struct Server {
     pub store: Store,
     router: Router,
     dir: TempDir,
+}
+
+/// The address to which a redirect leads from a path.
+pub fn followed(path: &str, location: &str) -> String {
+    if location.contains("://") || location.starts_with('/') {
+        return location.to_owned();
+    }
+    let (mut folder, _) = path.rsplit_once('/').unwrap();
+    let mut rest = location.strip_prefix("./").unwrap_or(location);
+    while let Some(above) = rest.strip_prefix("../") {
+        (folder, _) = folder.rsplit_once('/').expect("a redirect above the root");
+        rest = above;
+    }
+    format!("{folder}/{rest}")
 }
 
 /// A response that was read to its end.
@@ -120,9 +134,15 @@ impl Server {
         } else {
             None
         };
+        let path = parts.uri.path().to_owned();
         let asked = Asked::new(&parts, json.as_deref());
         let response = self.answer(Request::from_parts(parts, body)).await;
-        let (parts, body) = response.into_parts();
+        let (mut parts, body) = response.into_parts();
+        if parts.status.is_redirection()
+            && let Some(location) = parts.headers.get_mut(LOCATION)
+        {
+            *location = followed(&path, location.to_str().unwrap()).parse().unwrap();
+        }
         let body = match parts.headers.get(CONTENT_TYPE) {
             Some(media_type) if media_type == "text/event-stream" => begun(body).await,
             _ => body.collect().await.unwrap().to_bytes(),

@@ -239,6 +239,6 @@ async fn the_page_filters_and_changes_labels_by_plain_forms() {
     assert_eq!(listed("kind=simulate&state=queued").await, 1);
     assert_eq!(listed("tag=absent").await, 0);
     let page = server.get("/?text=named&kind=pipeline").await;
-    let failed = "href=\"/?text=named&#38;kind=pipeline&#38;state=failed\"";
+    let failed = "href=\"./?text=named&#38;kind=pipeline&#38;state=failed\"";
     assert!(page.text().contains(failed), "{page:?}");
 }

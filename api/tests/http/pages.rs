@@ -4,7 +4,7 @@ use axum::http::Method;
 use serde_json::json;
 use store::NewArtifact;
 
-use crate::fixture::{Server, report, small_pipeline, small_simulation};
+use crate::fixture::{Server, followed, report, small_pipeline, small_simulation};
 use crate::uploads;
 
 async fn page(server: &Server, path: &str) -> String {
@@ -12,6 +12,65 @@ async fn page(server: &Server, path: &str) -> String {
     assert_eq!(answer.status, 200, "{path}: {answer:?}");
     assert_eq!(answer.header("content-type"), "text/html; charset=utf-8");
     answer.text().to_owned()
+}
+
+/// The page's links began at the root of the host, so behind a proxy that shows the server below a
+/// path they led to other programs.
+#[tokio::test]
+async fn every_link_of_every_page_leads_on_from_the_page_itself() {
+    let server = Server::with_small_pipeline().await;
+    let mut checked = 0;
+    for path in [
+        "/",
+        "/?kind=train",
+        "/jobs/1",
+        "/jobs/5",
+        "/jobs/1/delete",
+        "/runs",
+        "/runs/1",
+        "/datasets",
+        "/datasets/1",
+        "/checkpoints",
+        "/checkpoints/1",
+        "/evaluations",
+        "/evaluations/4",
+        "/workers",
+        "/trash",
+        "/docs",
+    ] {
+        let page = page(&server, path).await;
+        let (path, _) = path.split_once('?').unwrap_or((path, ""));
+        for attribute in ["href", "src", "action", "data-events"] {
+            for rest in page.split(&format!("{attribute}=\"")).skip(1) {
+                let link = rest.split('"').next().unwrap().replace("&#38;", "&");
+                assert!(!link.starts_with('/'), "{path}: {attribute} {link}");
+                if link.starts_with(['?', '#']) || attribute != "href" {
+                    continue;
+                }
+                let to = followed(path, link.split('#').next().unwrap());
+                let status = server.get(&to).await.status;
+                assert!(
+                    status.is_success() || status.is_redirection(),
+                    "{path}: {link} is {status}"
+                );
+                checked += 1;
+            }
+        }
+    }
+    assert!(checked > 200, "{checked}");
+}
+
+/// A path that a proxy adds is not known here, but it may tell.
+#[tokio::test]
+async fn commands_on_a_page_have_the_address_that_a_proxy_tells() {
+    let server = Server::with_small_pipeline().await;
+    let headers = [
+        ("host", "127.0.0.1"),
+        ("x-forwarded-proto", "https"),
+        ("x-forwarded-prefix", "/torqued/"),
+    ];
+    let page = server.request(Method::GET, "/checkpoints/1", &headers).await;
+    assert!(page.text().contains("https://127.0.0.1/torqued/v1/checkpoints/1/"), "{page:?}");
 }
 
 #[tokio::test]
@@ -46,7 +105,7 @@ async fn experiments_are_listed_page_by_page_and_by_state() {
     }
     let first = page(&server, "/").await;
     assert_eq!(first.matches("<article").count(), 20);
-    let (_, older) = first.split_once("href=\"/?cursor=").expect("a link to older experiments");
+    let (_, older) = first.split_once("href=\"./?cursor=").expect("a link to older experiments");
     let older = format!("/?cursor={}", older.split('"').next().unwrap());
     let second = page(&server, &older).await;
     assert_eq!(second.matches("<article").count(), 3);
@@ -334,9 +393,9 @@ async fn an_evaluation_and_its_checkpoint_show_the_predictions_that_were_drawn()
     server.finish(&report).await;
     let evaluation = page(&server, &path).await;
     for text in [
-        "src=\"/v1/runs/2/artifacts/prediction-worst.svg\"",
+        "src=\"../v1/runs/2/artifacts/prediction-worst.svg\"",
         "Worst scenario: multisine 0.3 Hz, trajectory 17, joint 4. RMSE of robomorph over all joints: 2.50°",
-        "href=\"/v1/runs/2/artifacts/prediction-median.csv\"",
+        "href=\"../v1/runs/2/artifacts/prediction-median.csv\"",
     ] {
         assert!(evaluation.contains(text), "{text} is not in {evaluation}");
     }
@@ -422,7 +481,7 @@ async fn the_api_is_shown_by_files_of_this_server_alone() {
     assert!(policy.contains("img-src 'self' data:;") && !policy.contains("unsafe"), "{policy}");
     let first = server.get("/").await;
     assert!(!first.header("content-security-policy").contains("data:"));
-    assert!(first.text().contains("href=\"/docs\""));
+    assert!(first.text().contains("href=\"./docs\""));
 
     let page = page(&server, "/docs").await;
     assert!(!page.contains("http://") && !page.contains("https://"), "{page}");

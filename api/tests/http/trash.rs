@@ -171,14 +171,14 @@ async fn the_page_asks_shows_what_depends_and_brings_back() {
     for path in ["/datasets/1", "/checkpoints/1", "/runs/1", "/jobs/3", "/evaluations/4"] {
         let path = path.replace("evaluations", "jobs");
         let page = text(&format!("{path}/delete")).await;
-        assert!(page.contains("Keep it") && page.contains(&format!("action=\"{path}/delete")));
+        assert!(page.contains("Keep it") && page.contains(&format!("action=\"../..{path}/delete")));
     }
-    assert!(text("/datasets/1").await.contains("href=\"/datasets/1/delete\""));
+    assert!(text("/datasets/1").await.contains("href=\"../datasets/1/delete\""));
     let question = text("/datasets/1/delete").await;
     assert!(question.contains("reads it") && question.contains("?force=true"), "{question}");
     let form = server.post("/datasets/1/delete?force=true").await;
     assert_eq!((form.status.as_u16(), form.header("location")), (303, "/trash"));
-    assert!(text("/trash").await.contains("action=\"/datasets/1/restore\""));
+    assert!(text("/trash").await.contains("action=\"./datasets/1/restore\""));
     let gone = server.get("/datasets/1").await;
     assert_eq!(gone.status, 410);
     assert!(gone.text().contains("torqued undelete dataset 1"));
@@ -194,6 +194,6 @@ async fn the_page_asks_shows_what_depends_and_brings_back() {
     let question = text("/datasets/1/delete").await;
     assert!(
         question.contains("has not ended")
-            && !question.contains("<form method=\"post\" action=\"/datasets")
+            && !question.contains("<form method=\"post\" action=\"../../datasets")
     );
 }

@@ -141,7 +141,7 @@ async fn a_worker_is_drained_and_undrained_by_its_name() {
     server.post("/v1/workers/w1/drain").await.problem(404);
     server.store.register_worker(&worker()).await.unwrap();
     server.submitted(&small_simulation(1)).await;
-    assert!(server.get("/workers").await.text().contains(r#"action="/workers/w1/drain""#));
+    assert!(server.get("/workers").await.text().contains(r#"action="./workers/w1/drain""#));
     for _ in 0..2 {
         let answer = server.post("/v1/workers/w1/drain").await;
         assert_eq!(answer.status, 200, "{answer:?}");
@@ -152,7 +152,7 @@ async fn a_worker_is_drained_and_undrained_by_its_name() {
     assert!(health["reasons"][0].as_str().unwrap().contains("every worker is drained"), "{health}");
     let page = server.get("/workers").await.text().to_owned();
     assert!(page.contains("drained: it claims no task"), "{page}");
-    assert!(page.contains(r#"action="/workers/w1/undrain""#), "{page}");
+    assert!(page.contains(r#"action="./workers/w1/undrain""#), "{page}");
 
     let answer = server.post("/workers/w1/undrain").await;
     assert_eq!((answer.status, answer.header("location")), (StatusCode::SEE_OTHER, "/workers"));
