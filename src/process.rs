@@ -3,6 +3,7 @@
 use std::io;
 use std::path::PathBuf;
 
+use anyhow::ensure;
 use nix::sys::resource::{Resource, getrlimit, setrlimit};
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
@@ -28,18 +29,48 @@ pub fn open_many_files() {
     }
 }
 
-/// The number of connections that leaves three of four files for everything else; at most
-/// `connections`.
-pub fn files_allow(connections: usize) -> usize {
+/// Files that a server opens beside its connections and workers: the database, sent files and those
+/// that are read for figures, models, streams of predictions, a bucket. A server without any of
+/// these has about 40 open.
+const RESERVED_FILES: u64 = 128;
+
+/// Files of a worker that the server started.
+const FILES_OF_A_WORKER: u64 = 4;
+
+/// Files of a connection: its socket, and a file that is sent.
+const FILES_OF_A_CONNECTION: u64 = 2;
+
+/// The smallest number of connections with which a server starts.
+const FEWEST_CONNECTIONS: u64 = 16;
+
+/// The number of connections for which this process may open files, at most `connections`.
+///
+/// # Errors
+/// When that number is so small that the server would refuse nearly everything.
+pub fn files_allow(connections: usize, workers: u16) -> anyhow::Result<usize> {
     let files = getrlimit(Resource::RLIMIT_NOFILE).map_or(u64::MAX, |(now, _)| now);
-    let allowed = usize::try_from(files / 4).unwrap_or(usize::MAX).max(1);
+    let allowed = connections_for(files, workers)?;
     if allowed < connections {
         tracing::warn!(
             files,
             "this process may open few files: {allowed} connections at once, not {connections}; raise ulimit -n"
         );
     }
-    allowed.min(connections)
+    Ok(allowed.min(connections))
+}
+
+fn connections_for(files: u64, workers: u16) -> anyhow::Result<usize> {
+    let beside = RESERVED_FILES + FILES_OF_A_WORKER * u64::from(workers);
+    let needed = beside + FILES_OF_A_CONNECTION * FEWEST_CONNECTIONS;
+    ensure!(
+        files >= needed,
+        "this process may open {files} files at once, allowed: at least {needed} ({RESERVED_FILES} for \
+         the database and stored files, {FILES_OF_A_WORKER} for each of {workers} workers, \
+         {FILES_OF_A_CONNECTION} for each of {FEWEST_CONNECTIONS} connections); raise the limit with \
+         `ulimit -n 4096`, LimitNOFILE= of systemd or --ulimit nofile= of a container"
+    );
+    let connections = (files - beside) / FILES_OF_A_CONNECTION;
+    Ok(usize::try_from(connections).unwrap_or(usize::MAX))
 }
 
 /// Makes the system kill this process before others when memory runs out, where that is possible. A
@@ -143,6 +174,16 @@ mod tests {
         while !has_ended() {
             std::thread::sleep(std::time::Duration::from_millis(10));
         }
+    }
+
+    #[test]
+    fn connections_get_the_files_that_the_rest_leaves() {
+        assert_eq!(connections_for(256, 0).unwrap(), 64);
+        assert_eq!(connections_for(1024, 1).unwrap(), 446);
+        assert_eq!(connections_for(160, 0).unwrap(), 16);
+        let error = connections_for(24, 1).unwrap_err().to_string();
+        assert!(error.starts_with("this process may open 24 files at once, allowed: at least 164"));
+        assert!(error.contains("ulimit -n 4096"), "{error}");
     }
 
     #[test]

@@ -82,6 +82,11 @@ const PASSED_ON: [&str; 3] = ["AWS_", "TORQUED_S3_", "PG"];
 const PASSED_ON_BY_NAME: [&str; 2] = ["TORQUED_CACHE_BYTES", "TORQUED_INSTRUCTIONS"];
 
 impl ExecutorArguments {
+    /// Whether this server runs its workers.
+    pub fn is_local(&self) -> bool {
+        self.executor == Executor::Local
+    }
+
     /// The engine to request workers from, with its options. `None` if this server runs them
     /// itself.
     ///

@@ -84,7 +84,7 @@ pub struct Options {
     token: Option<String>,
 
     /// Largest number of open connections, 16 to 100000; it is lower if the system allows this
-    /// process fewer than four files per connection
+    /// process fewer than two files per connection
     #[arg(long, env = "TORQUED_MAX_CONNECTIONS", value_name = "N", default_value_t = api::limits::CONNECTIONS, value_parser = connections)]
     pub max_connections: usize,
 
@@ -150,6 +150,8 @@ impl Server {
     pub async fn start(options: &Options, log: &Logging) -> anyhow::Result<Self> {
         allocator::keep_freed_memory();
         process::open_many_files();
+        let own_workers = if options.executor.is_local() { options.workers } else { 0 };
+        let connections = process::files_allow(options.max_connections, own_workers)?;
         device::require(options.device.device).await?;
         let location = Location { claimed: options.claim_place, ..options.store.location() };
         let store = Store::open_at(&location, Access::Server).await?;
@@ -167,7 +169,7 @@ impl Server {
             &api::Options {
                 token: options.token().map(str::to_owned),
                 own_token: Some(own_token.clone()),
-                connections: process::files_allow(options.max_connections),
+                connections,
                 requests_per_second: options.max_requests_per_second,
                 max_trajectories: options.max_trajectories,
                 time_limits_s: options.time_limits.iter().copied().collect(),
