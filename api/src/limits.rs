@@ -205,6 +205,9 @@ pub const HEAD_FIELDS: usize = 100;
 /// How long a client may accept no byte of an answer. Exceeding it closes the connection.
 pub const WRITE_STALL: Duration = Duration::from_secs(60);
 
+/// Characters of a token that the server is started with. A shorter one can be guessed.
+pub const TOKEN_CHARACTERS: usize = 16;
+
 /// Default limit of requests per second from one address. Exceeding it for long gives a 429.
 pub const REQUESTS_PER_SECOND: u32 = 300;
 

@@ -12,7 +12,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
-use anyhow::Context;
+use anyhow::{Context, ensure};
 use api::App;
 use clap::Args;
 use executors::{Control, WorkerProcesses};
@@ -78,8 +78,8 @@ pub struct Options {
     #[arg(long, env = "TORQUED_LEASE_SECONDS", value_name = "SECONDS", default_value_t = 15, value_parser = clap::value_parser!(u64).range(1..=3600))]
     pub lease_seconds: u64,
 
-    /// A token of scope admin, in addition to those from `torqued token create`; a token is
-    /// required if other machines can connect
+    /// A token of scope admin with at least 16 characters, in addition to those from `torqued token
+    /// create`; a token is required if other machines can connect
     #[arg(long, env = "TORQUED_TOKEN", value_name = "TOKEN", hide_env_values = true)]
     token: Option<String>,
 
@@ -122,6 +122,21 @@ impl Options {
     pub fn token(&self) -> Option<&str> {
         self.token.as_deref().filter(|token| !token.is_empty())
     }
+
+    /// Refuses a token that can be guessed, or that no header can carry. This is also needed on
+    /// loopback, because a proxy may listen for the network there.
+    fn check_token(&self) -> anyhow::Result<()> {
+        let Some(token) = self.token() else { return Ok(()) };
+        ensure!(
+            api::is_hard_to_guess(token),
+            "the server's token has {} characters, allowed: at least {}, all of them printable ASCII, \
+             no space at the ends; make one with `openssl rand -base64 24`, or leave --token and \
+             TORQUED_TOKEN out and use `torqued token create NAME --scope admin --directly`",
+            token.chars().count(),
+            api::limits::TOKEN_CHARACTERS
+        );
+        Ok(())
+    }
 }
 
 /// How long open requests may take when the server stops.
@@ -149,6 +164,7 @@ impl Server {
     /// When the device or the folder cannot be used, or listening on the address fails.
     pub async fn start(options: &Options, log: &Logging) -> anyhow::Result<Self> {
         allocator::keep_freed_memory();
+        options.check_token()?;
         process::open_many_files();
         let own_workers = if options.executor.is_local() { options.workers } else { 0 };
         let connections = process::files_allow(options.max_connections, own_workers)?;
