@@ -2,7 +2,7 @@
 
 use std::convert::Infallible;
 
-use axum::body::Bytes;
+use axum::body::{Body, Bytes};
 use axum::extract::rejection::{BytesRejection, PathRejection, QueryRejection};
 use axum::extract::{DefaultBodyLimit, FromRef, FromRequest, FromRequestParts, Request};
 use axum::http::header::{CONTENT_LENGTH, CONTENT_TYPE};
@@ -13,7 +13,7 @@ use serde::de::DeserializeOwned;
 
 use crate::checks::{Checks, QuestionMemory};
 use crate::error::ApiError;
-use crate::limits::{BODY_BYTES, BODY_WITHIN, IDEMPOTENCY_KEY_BYTES, QUESTION_BYTES};
+use crate::limits::{BODY_BYTES, BODY_WITHIN, FORM_BYTES, IDEMPOTENCY_KEY_BYTES, QUESTION_BYTES};
 
 /// The variables of a path.
 pub struct Path<T>(pub T);
@@ -132,6 +132,32 @@ impl<S: Send + Sync> FromRequest<S> for PatchBytes {
         require_json(request.headers(), &[JSON, "application/merge-patch+json"])?;
         read(request, state, BODY_BYTES).await.map(Self)
     }
+}
+
+/// The fields of a form of the page.
+pub struct Form<T>(pub T);
+
+impl<T: DeserializeOwned + Send, S: Send + Sync> FromRequest<S> for Form<T> {
+    type Rejection = ApiError;
+
+    async fn from_request(request: Request, state: &S) -> Result<Self, ApiError> {
+        let request = received(request, FORM_BYTES).await?;
+        let form = axum::extract::Form::from_request(request, state).await;
+        match form {
+            Ok(axum::extract::Form(fields)) => Ok(Self(fields)),
+            Err(rejection) => Err(ApiError::Form { reason: rejection.body_text() }),
+        }
+    }
+}
+
+/// The same request, once its body of at most `limit` bytes has arrived.
+///
+/// # Errors
+/// When the body is larger, or does not arrive in time.
+pub async fn received(request: Request, limit: usize) -> Result<Request, ApiError> {
+    let (parts, body) = request.into_parts();
+    let bytes = read(Request::new(body), &(), limit).await?;
+    Ok(Request::from_parts(parts, Body::from(bytes)))
 }
 
 const JSON: &str = "application/json";

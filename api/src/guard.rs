@@ -1,55 +1,24 @@
-//! Guards for every request: a limit of concurrent requests, a deadline, and headers that protect
-//! browsers.
+//! Guards for every request: a count, headers that protect browsers, and headers that may come only
+//! once.
 
 use std::any::Any;
-use std::sync::{Arc, LazyLock};
+use std::sync::LazyLock;
 use std::time::Instant;
 
 use axum::extract::{MatchedPath, Request, State};
 use axum::http::header::{
-    CONTENT_SECURITY_POLICY, HeaderName, REFERRER_POLICY, X_CONTENT_TYPE_OPTIONS,
+    AUTHORIZATION, CONTENT_SECURITY_POLICY, CONTENT_TYPE, HOST, HeaderName, REFERRER_POLICY,
+    X_CONTENT_TYPE_OPTIONS,
 };
-use axum::http::{HeaderValue, Method};
+use axum::http::HeaderValue;
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Response};
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
 use spec::Digest;
-use tokio::sync::Semaphore;
 
 use crate::app::App;
 use crate::error::ApiError;
-use crate::limits::{CONCURRENT_REQUESTS, REQUEST_TIMEOUT};
-
-/// Paths of uploads, for datasets and for artifacts of MLflow's runs.
-const UPLOADS: &str = "/v1/datasets";
-const ARTIFACTS: &str = "/api/2.0/mlflow-artifacts/artifacts/";
-
-/// Permits for concurrent requests.
-#[derive(Clone)]
-pub struct RequestLimit(Arc<Semaphore>);
-
-impl RequestLimit {
-    pub fn new() -> Self {
-        Self(Arc::new(Semaphore::new(CONCURRENT_REQUESTS)))
-    }
-}
-
-/// Answers within [`REQUEST_TIMEOUT`], or says that it could not. An upload takes as long as its
-/// sender needs, and checks the time itself.
-pub async fn admit(
-    State(limit): State<RequestLimit>,
-    request: Request,
-    next: Next,
-) -> Result<Response, ApiError> {
-    let _place = limit.0.try_acquire().map_err(|_| ApiError::Crowded)?;
-    let path = request.uri().path();
-    let is_artifact = request.method() == Method::PUT && path.starts_with(ARTIFACTS);
-    if is_artifact || (request.method() == Method::POST && path == UPLOADS) {
-        return Ok(next.run(request).await);
-    }
-    tokio::time::timeout(REQUEST_TIMEOUT, next.run(request)).await.map_err(|_| ApiError::Timeout)
-}
 
 /// Counts requests by route, for monitoring.
 pub async fn count(State(app): State<App>, request: Request, next: Next) -> Response {
@@ -60,6 +29,18 @@ pub async fn count(State(app): State<App>, request: Request, next: Next) -> Resp
     let route = route.as_ref().map(MatchedPath::as_str);
     app.count_request(&method, route, response.status(), began.elapsed());
     response
+}
+
+/// Headers of which a proxy may believe another line than this server.
+const ONCE: [HeaderName; 3] = [HOST, AUTHORIZATION, CONTENT_TYPE];
+
+/// Refuses a request that says twice where it goes, who sends it, or what it holds.
+pub async fn refuse_repeated(request: Request, next: Next) -> Result<Response, ApiError> {
+    let is_repeated = |name: &&HeaderName| request.headers().get_all(*name).iter().count() > 1;
+    if let Some(name) = ONCE.iter().find(is_repeated) {
+        return Err(ApiError::RepeatedHeader { name: name.clone() });
+    }
+    Ok(next.run(request).await)
 }
 
 /// Everything the page needs comes from this server, and nothing may frame it. The one style within a page is that of figures,

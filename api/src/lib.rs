@@ -4,6 +4,7 @@
 //! and other resources with the store. Nothing here runs a job, writes SQL or touches a file path.
 
 mod access;
+mod admission;
 mod app;
 mod charts;
 mod checks;
@@ -20,6 +21,7 @@ mod page;
 mod parameters;
 mod range;
 mod relative;
+mod remote;
 mod request_id;
 mod routes;
 mod server;
@@ -32,5 +34,6 @@ pub use app::tokens::{TOKEN_NAMES, is_token_name};
 pub use app::{App, Options};
 pub use connections::Listener;
 pub use page::paths as page_paths;
+pub use remote::TrustedProxy;
 pub use routes::{openapi, router};
 pub use server::{ServeError, serve};

@@ -153,7 +153,8 @@ pub const STREAM_PING: Duration = Duration::from_secs(15);
 /// How long a client may answer nothing. Exceeding it closes the stream.
 pub const STREAM_SILENCE: Duration = Duration::from_secs(45);
 
-/// Streams of events that are open at once. Further ones are refused with 503.
+/// Streams of events that are open at once, and at most a quarter of the connections. Further ones
+/// are refused with 503.
 pub const EVENT_STREAMS: usize = 256;
 
 /// How often a silent stream of events sends a sign of life.
@@ -205,8 +206,23 @@ pub const HEAD_FIELDS: usize = 100;
 /// How long a client may accept no byte of an answer. Exceeding it closes the connection.
 pub const WRITE_STALL: Duration = Duration::from_secs(60);
 
+/// Bytes of a form of the page, with its characters encoded. Exceeding it gives a 413.
+pub const FORM_BYTES: usize = 64 << 10;
+
+/// Bytes of the login's form. Anybody may send it. Exceeding it gives a 413.
+pub const LOGIN_BYTES: usize = 16 << 10;
+
 /// Characters of a token that the server is started with. A shorter one can be guessed.
 pub const TOKEN_CHARACTERS: usize = 16;
+
+/// Default limit of failed logins and wrong tokens from one address, per minute and at once.
+/// Exceeding it gives a 429.
+pub const FAILED_LOGINS_PER_MINUTE: u32 = 10;
+
+/// Largest number of connections of one address: a quarter of all.
+pub fn share_of_connections(connections: usize) -> usize {
+    (connections / 4).max(1)
+}
 
 /// Default limit of requests per second from one address. Exceeding it for long gives a 429.
 pub const REQUESTS_PER_SECOND: u32 = 300;
@@ -214,11 +230,24 @@ pub const REQUESTS_PER_SECOND: u32 = 300;
 /// Number of seconds whose requests an address may send at once.
 pub const BURST_SECONDS: u32 = 10;
 
-/// Files that are sent at once. Further ones are refused with 503.
+/// Files that are sent at once, and at most an eighth of the connections. Further ones are refused
+/// with 503.
 pub const CONCURRENT_DOWNLOADS: usize = 128;
 
-/// Requests that are answered at once. Further ones are refused with 503 instead of piling up.
+/// Requests that are answered at once, and at most half of the connections. Half of them are for
+/// one address. Further ones are refused with 503 instead of piling up.
 pub const CONCURRENT_REQUESTS: usize = 512;
+
+/// Logins that are answered at once, and at most a sixteenth of the connections.
+pub const CONCURRENT_LOGINS: usize = 64;
+
+/// Requests for health, readiness and metrics that are answered at once, and at most a thirty-second
+/// of the connections. No other request takes their places.
+pub const CONCURRENT_CHECKS: usize = 16;
+
+/// Places for administrators, and at most a thirty-second of the connections, when
+/// [`CONCURRENT_REQUESTS`] are answered.
+pub const ADMIN_REQUESTS: usize = 32;
 
 /// How long open connections may continue after a shutdown was requested.
 pub const SHUTDOWN_GRACE: Duration = Duration::from_secs(3);

@@ -1,6 +1,6 @@
 //! Limits the rate of requests from one address.
 
-use std::net::{IpAddr, Ipv6Addr};
+use std::net::IpAddr;
 use std::num::NonZero;
 use std::sync::Arc;
 use std::time::Duration;
@@ -11,9 +11,9 @@ use axum::response::Response;
 use governor::clock::{Clock as _, DefaultClock};
 use governor::{DefaultKeyedRateLimiter, Quota, RateLimiter};
 
-use crate::connections::Peer;
 use crate::error::ApiError;
 use crate::limits::BURST_SECONDS;
+use crate::remote::{Remote, network};
 
 /// Number of remembered addresses. Above it, addresses without recent requests are forgotten.
 const REMEMBERED: usize = 10_000;
@@ -41,26 +41,13 @@ impl AddressRateLimit {
     }
 }
 
-/// The address itself for version 4. For version 6 its network, because one machine has all
-/// addresses of a network.
-fn network(address: IpAddr) -> IpAddr {
-    match address {
-        IpAddr::V4(_) => address,
-        IpAddr::V6(address) => {
-            let [a, b, c, d, ..] = address.segments();
-            Ipv6Addr::new(a, b, c, d, 0, 0, 0, 0).into()
-        }
-    }
-}
-
 /// Refuses an address that sends too many requests.
 pub async fn keep(
     State(limit): State<AddressRateLimit>,
     request: Request,
     next: Next,
 ) -> Result<Response, ApiError> {
-    let peer = request.extensions().get::<Peer>().copied();
-    match peer.and_then(|Peer(address)| limit.wait(address)) {
+    match Remote::of(&request).address.and_then(|address| limit.wait(address)) {
         Some(wait) => Err(ApiError::TooFast { wait }),
         None => Ok(next.run(request).await),
     }
@@ -80,13 +67,5 @@ mod tests {
         let wait = limit.wait(one).unwrap();
         assert!(wait > Duration::ZERO && wait <= Duration::from_secs(1), "{wait:?}");
         assert_eq!(limit.wait(other), None);
-    }
-
-    #[test]
-    fn a_network_of_version_6_is_one_machine() {
-        let of = |text: &str| network(text.parse().unwrap());
-        assert_eq!(of("2001:db8:1:2:3:4:5:6"), of("2001:db8:1:2::9"));
-        assert_ne!(of("2001:db8:1:2::9"), of("2001:db8:1:3::9"));
-        assert_ne!(of("10.0.0.1"), of("10.0.0.2"));
     }
 }

@@ -51,7 +51,8 @@ pub async fn serve(
     // WebSocket streams no longer count as connections of the server.
     let served = async {
         let router = routes::router(app.clone());
-        connections::serve(listener, router, app.connections(), stop.clone()).await;
+        let proxies = app.trusted_proxies();
+        connections::serve(listener, router, app.connections(), proxies, stop.clone()).await;
         app.streams_closed().await;
     };
     let deadline = async {

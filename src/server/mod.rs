@@ -92,6 +92,20 @@ pub struct Options {
     #[arg(long, env = "TORQUED_MAX_REQUESTS_PER_SECOND", value_name = "N", default_value_t = api::Options::default().requests_per_second)]
     pub max_requests_per_second: NonZero<u32>,
 
+    /// Failed logins and wrong tokens per minute from one address, and at once
+    #[arg(long, env = "TORQUED_MAX_FAILED_LOGINS_PER_MINUTE", value_name = "N", default_value_t = api::Options::default().failed_logins_per_minute)]
+    pub max_failed_logins_per_minute: NonZero<u32>,
+
+    /// A proxy that names its clients in X-Forwarded-For: an address, a network such as
+    /// 10.0.0.0/24, or `unix` for the clients of the server's socket; may be given several times
+    #[arg(
+        long = "trusted-proxy",
+        env = "TORQUED_TRUSTED_PROXIES",
+        value_name = "ADDRESS",
+        value_delimiter = ','
+    )]
+    pub trusted_proxies: Vec<api::TrustedProxy>,
+
     /// Largest simulation that can be submitted, in trajectories
     #[arg(long, env = "TORQUED_MAX_TRAJECTORIES", value_name = "N", default_value_t = api::limits::MAX_TRAJECTORIES, value_parser = clap::value_parser!(u64).range(1..=spec::MAX_TRAJECTORIES))]
     pub max_trajectories: u64,
@@ -187,6 +201,8 @@ impl Server {
                 own_token: Some(own_token.clone()),
                 connections,
                 requests_per_second: options.max_requests_per_second,
+                failed_logins_per_minute: options.max_failed_logins_per_minute,
+                trusted_proxies: options.trusted_proxies.clone(),
                 max_trajectories: options.max_trajectories,
                 time_limits_s: options.time_limits.iter().copied().collect(),
                 max_upload_bytes: options.max_upload_bytes,

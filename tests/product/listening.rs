@@ -17,6 +17,9 @@ use crate::s3_server;
 const AUTHORITY: &str =
     concat!(env!("CARGO_MANIFEST_DIR"), "/testbed/tests/s3_server/authority.pem");
 
+/// A token that is long enough.
+const TOKEN: &str = "a-token-for-this-test";
+
 /// A server that listens at `address`, and its message about the address.
 fn listening(data: &std::path::Path, address: &str) -> (Child, String) {
     let mut command = torqued(&["serve", "--workers", "0", "--listen", address, "--data"]);
@@ -58,10 +61,60 @@ fn an_empty_token_is_no_token() {
     assert!(errors.contains("needs a token"), "{errors}");
 }
 
+#[test]
+fn a_token_that_can_be_guessed_is_refused_wherever_the_server_listens() {
+    let folder = tempfile::tempdir().unwrap();
+    for (address, token) in
+        [("0.0.0.0:0", "x"), ("127.0.0.1:0", "fifteen-letters"), ("127.0.0.1:0", "é€")]
+    {
+        let mut command = torqued(&["serve", "--listen", address, "--data"]);
+        let (code, _, errors) =
+            run_to_end(command.arg(folder.path().join("data")).env("TORQUED_TOKEN", token));
+        assert_eq!(code, Some(1), "{errors}");
+        assert!(errors.contains("allowed: at least 16") && !errors.contains(token), "{errors}");
+    }
+}
+
+#[test]
+fn a_server_that_may_open_too_few_files_says_how_many_it_needs() {
+    let folder = tempfile::tempdir().unwrap();
+    let script = "ulimit -n 24; exec \"$0\" serve --workers 2 --listen 127.0.0.1:0 --data \"$1\"";
+    let mut command = std::process::Command::new("sh");
+    command.args(["-c", script, env!("CARGO_BIN_EXE_torqued")]).arg(folder.path().join("data"));
+    let (code, output, errors) = run_to_end(&mut command);
+    assert_eq!((code, output.as_str()), (Some(1), ""), "{errors}");
+    assert!(errors.contains("may open 24 files at once, allowed: at least 168"), "{errors}");
+    assert!(errors.contains("ulimit -n 4096"), "{errors}");
+    assert!(!folder.path().join("data").exists(), "nothing was made");
+}
+
+/// Workers speak to the database alone, and run what users submit.
+#[tokio::test]
+async fn a_worker_does_not_know_the_servers_token() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut command = torqued(&["serve", "--listen", "127.0.0.1:0", "--data"]);
+    let product = Product::spawn(command.arg(folder.path()).env("TORQUED_TOKEN", TOKEN));
+    let environment = |pid: u32| std::fs::read(format!("/proc/{pid}/environ")).unwrap_or_default();
+    let has_token =
+        |bytes: Vec<u8>| bytes.windows(TOKEN.len()).any(|part| part == TOKEN.as_bytes());
+    assert!(has_token(environment(product.pid())));
+    let started = Instant::now();
+    // A child has its parent's environment until it has become the worker.
+    let worker = loop {
+        let known = product.workers().first().map(|pid| environment(*pid)).unwrap_or_default();
+        if !known.is_empty() && !has_token(known.clone()) {
+            break known;
+        }
+        assert!(started.elapsed() < Duration::from_secs(20), "the worker has the token");
+        tokio::time::sleep(Duration::from_millis(20)).await;
+    };
+    assert!(String::from_utf8_lossy(&worker).contains("MIMALLOC_PURGE_DELAY"));
+}
+
 #[tokio::test]
 async fn the_command_line_speaks_tls_to_a_proxy() {
     let folder = tempfile::tempdir().unwrap();
-    let product = Product::start_with(folder.path(), &["--workers", "0", "--token", "secret"]);
+    let product = Product::start_with(folder.path(), &["--workers", "0", "--token", TOKEN]);
     let to = product.url.trim_start_matches("http://").to_owned();
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let proxy = format!("https://{}", listener.local_addr().unwrap());
@@ -78,7 +131,7 @@ async fn the_command_line_speaks_tls_to_a_proxy() {
         }
     });
     let asked = move |authority: bool| {
-        let mut command = torqued(&["jobs", "--json", "--token", "secret", "--server", &proxy]);
+        let mut command = torqued(&["jobs", "--json", "--token", TOKEN, "--server", &proxy]);
         if authority {
             command.env("SSL_CERT_FILE", AUTHORITY);
         }
@@ -113,6 +166,44 @@ async fn a_server_that_may_open_few_files_answers_beside_four_hundred_half_reque
     let mut answer = String::new();
     last.read_to_string(&mut answer).unwrap();
     assert!(answer.starts_with("HTTP/1.1 200"), "{answer}");
+}
+
+/// The attack on a server with its usual limits: 600 half-sent logins, from one machine and without a
+/// token, took all places for requests.
+#[tokio::test]
+async fn six_hundred_half_sent_logins_keep_neither_checks_nor_administrators_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let program = env!("CARGO_BIN_EXE_torqued");
+    for files in [256, 4096] {
+        let script =
+            "ulimit -n \"$2\"; exec \"$0\" serve --workers 0 --listen 127.0.0.1:0 --data \"$1\"";
+        let mut command = std::process::Command::new("sh");
+        command.args(["-c", script, program]).arg(folder.path()).arg(files.to_string());
+        let product = Product::spawn(command.env("TORQUED_TOKEN", TOKEN));
+        let address = product.url.trim_start_matches("http://");
+        let half: Vec<TcpStream> = (0..600)
+            .map(|_| {
+                let mut connection = TcpStream::connect(address).unwrap();
+                let form = b"POST /login HTTP/1.1\r\nHost: localhost\r\nContent-Length: 30\r\n\
+                             Content-Type: application/x-www-form-urlencoded\r\n\r\ntoken=";
+                // It may have lost its place to a later one.
+                let _ = connection.write_all(form);
+                connection
+            })
+            .collect();
+        let asked = Instant::now();
+        let health = product.get("/healthz").await;
+        assert!(health["status"].is_string(), "{health}");
+        for arguments in [&["jobs"][..], &["pause"], &["resume"]] {
+            let mut command = torqued(arguments);
+            command.args(["--server", &product.url]).env("TORQUED_TOKEN", TOKEN);
+            let (code, _, errors) =
+                tokio::task::spawn_blocking(move || run_to_end(&mut command)).await.unwrap();
+            assert_eq!(code, Some(0), "{files} files: {errors}");
+        }
+        assert!(asked.elapsed() < Duration::from_secs(15), "{files} files: {:?}", asked.elapsed());
+        drop(half);
+    }
 }
 
 /// Runs a command for tokens directly on the data folder.

@@ -18,6 +18,9 @@ pub const ANYONE: &str = "anyone";
 /// The name of the token that the server was started with.
 pub const SERVERS_TOKEN: &str = "TORQUED_TOKEN";
 
+/// The name of callers whose token is not valid, in the audit log.
+pub const NOBODY: &str = "nobody";
+
 /// The name of the process that the server runs in.
 pub const OWN_PROCESS: &str = "this server";
 

@@ -9,6 +9,7 @@
 
 mod caller;
 pub mod credentials;
+mod failures;
 mod scopes;
 pub mod secret;
 mod tokens;
@@ -18,7 +19,7 @@ use std::net::IpAddr;
 use axum::extract::{MatchedPath, Request, State};
 use axum::http::header::{ACCEPT, HOST, LOCATION};
 use axum::http::uri::Authority;
-use axum::http::{HeaderMap, HeaderValue, Method};
+use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, Uri};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Redirect, Response};
 use spec::Digest;
@@ -27,12 +28,14 @@ use subtle::ConstantTimeEq;
 use wire::Scope;
 
 use crate::app::App;
-use crate::connections::Peer;
 use crate::error::ApiError;
+use crate::limits::REQUEST_TIMEOUT;
+use crate::remote::Remote;
 
-pub(crate) use caller::{ANYONE, OWN_PROCESS, SERVERS_TOKEN};
+pub(crate) use caller::{ANYONE, NOBODY, OWN_PROCESS, SERVERS_TOKEN};
 pub use caller::{Caller, asked_for_a_token, logged_in_as};
 pub use credentials::Credentials;
+pub(crate) use failures::FailedLogins;
 pub use scopes::Scopes;
 pub(crate) use tokens::{KnownTokens, TokenLookup};
 
@@ -61,28 +64,84 @@ impl Token {
     }
 }
 
+/// The sender of a request, before anything is decided about it.
+#[derive(Clone)]
+pub struct Identity {
+    offered: Credentials,
+    /// `None` if the credentials are not valid.
+    pub caller: Option<Caller>,
+}
+
+/// Finds out who sends a request. Nobody looks at the token of a client that failed too often, unless
+/// the token was right before.
+pub async fn identify(
+    State(app): State<App>,
+    mut request: Request,
+    next: Next,
+) -> Result<Response, ApiError> {
+    if is_open_route(&request) {
+        return Ok(next.run(request).await);
+    }
+    let offered = Credentials::of(request.headers());
+    let network = Remote::of(&request).network();
+    if let Credentials::Token(token) = offered
+        && let Some(wait) = app.failures().wait(network)
+        && !app.failures().is_proven(network, token)
+    {
+        return Err(ApiError::TooManyFailures { wait });
+    }
+    let caller = tokio::time::timeout(REQUEST_TIMEOUT, app.caller(offered)).await;
+    let caller = caller.map_err(|_| ApiError::Timeout)??;
+    if let (Credentials::Token(token), Some(caller)) = (offered, &caller)
+        && caller.name != ANYONE
+    {
+        app.failures().prove(network, token);
+    }
+    request.extensions_mut().insert(Identity { offered, caller });
+    Ok(next.run(request).await)
+}
+
+fn is_open_route(request: &Request) -> bool {
+    let route = request.extensions().get::<MatchedPath>().map(MatchedPath::as_str);
+    route.is_some_and(|route| OPEN_ROUTES.contains(&route))
+}
+
+/// Counts a token that is not valid, and records it in the audit log unless too many were recorded.
+pub async fn record_failure(app: &App, remote: Remote, method: &Method, target: &Uri) {
+    let Some(unrecorded) = app.failures().count(remote.network()) else { return };
+    let entry = entry(NOBODY, remote, method, target);
+    tracing::warn!(address = entry.address, unrecorded, "a token is not valid");
+    app.record_refused(&AuditEntry { status: StatusCode::UNAUTHORIZED.as_u16(), ..entry }).await;
+}
+
 /// Accepts a request if its caller may send it, and records changes in the audit log.
 pub async fn require_scope(
     State((app, scopes)): State<(App, Scopes)>,
     request: Request,
     next: Next,
 ) -> Result<Response, ApiError> {
-    let route = request.extensions().get::<MatchedPath>().map(MatchedPath::as_str);
-    if route.is_some_and(|route| OPEN_ROUTES.contains(&route)) {
+    if is_open_route(&request) {
         return Ok(next.run(request).await);
     }
+    let Some(Identity { offered, caller }) = request.extensions().get::<Identity>().cloned() else {
+        return Err(ApiError::Internal);
+    };
+    let route = request.extensions().get::<MatchedPath>().map(MatchedPath::as_str);
     let needed = scopes.needed(route, request.method());
-    let offered = Credentials::of(request.headers());
-    let Some(caller) = app.caller(offered).await? else {
+    let Some(caller) = caller else {
         if is_for_a_page(&request, offered) {
             return Ok(to_login(&request));
+        }
+        if matches!(offered, Credentials::Token(_)) {
+            let remote = Remote::of(&request);
+            record_failure(&app, remote, request.method(), request.uri()).await;
         }
         return Err(ApiError::Unauthorized { offered: offered != Credentials::None });
     };
     if needed == Scope::Read || (caller.scope >= needed && !scopes::is_recorded(route)) {
         return Ok(caller::CALLER.scope(caller, next.run(request)).await);
     }
-    let mut entry = entry(&caller, &request);
+    let mut entry = entry(&caller.name, Remote::of(&request), request.method(), request.uri());
     let response = if caller.scope < needed {
         ApiError::Scope { token: caller.name, scope: caller.scope, needed }.into_response()
     } else {
@@ -96,24 +155,17 @@ pub async fn require_scope(
 }
 
 /// An entry of the audit log for a request without an answer yet.
-fn entry(caller: &Caller, request: &Request) -> AuditEntry {
-    let path =
-        request.uri().path_and_query().map_or("", |path| path.as_str()).trim_end_matches('?');
+fn entry(actor: &str, remote: Remote, method: &Method, target: &Uri) -> AuditEntry {
+    let path = target.path_and_query().map_or("", |path| path.as_str()).trim_end_matches('?');
     let end = path.floor_char_boundary(LOGGED_PATH_BYTES);
     AuditEntry {
-        actor: caller.name.clone(),
-        address: address(request),
-        method: request.method().to_string(),
+        actor: actor.to_owned(),
+        address: remote.name(),
+        method: method.to_string(),
         path: path[..end].to_owned(),
         status: 0,
         made: None,
     }
-}
-
-/// The address that a request comes from.
-fn address(request: &Request) -> String {
-    let peer = request.extensions().get::<Peer>();
-    peer.map_or("socket".to_owned(), |Peer(address)| address.to_string())
 }
 
 /// Prefixes of paths that are not pages.

@@ -12,6 +12,12 @@ impl App {
     pub async fn record(&self, entry: &store::AuditEntry) {
         let store::AuditEntry { actor, address, method, path, status, made } = entry;
         tracing::info!(actor, address, method, path, status, made, "a request changed something");
+        self.record_refused(entry).await;
+    }
+
+    /// Adds a request to the audit log that changed nothing.
+    pub async fn record_refused(&self, entry: &store::AuditEntry) {
+        let store::AuditEntry { actor, method, path, .. } = entry;
         if let Err(error) = self.store.record_audit(entry).await {
             let error = faults::causes(&error);
             tracing::error!(error, actor, method, path, "the audit log cannot be written");

@@ -53,7 +53,7 @@ use spec::JobKind;
 use store::Store;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, watch};
 
-use crate::access::{KnownTokens, Token};
+use crate::access::{FailedLogins, KnownTokens, Token};
 use crate::app::events::Feed;
 use crate::app::monitoring::Monitor;
 use crate::app::shards::OpenShards;
@@ -61,10 +61,11 @@ use crate::checks::Checks;
 use crate::error::ApiError;
 use crate::limits::{
     CONCURRENT_DOWNLOADS, CONCURRENT_UPLOADS, CONNECTIONS, EVENT_HEARTBEAT, EVENT_STREAMS,
-    LOG_READERS, MAX_TRAJECTORIES, MAX_UPLOAD_BYTES, REQUESTS_PER_SECOND, STREAMS, TRASH_DAYS,
-    UPLOAD_STALL,
+    FAILED_LOGINS_PER_MINUTE, LOG_READERS, MAX_TRAJECTORIES, MAX_UPLOAD_BYTES, REQUESTS_PER_SECOND,
+    STREAMS, TRASH_DAYS, UPLOAD_STALL,
 };
 use crate::live::LiveModels;
+use crate::remote::{TrustedProxies, TrustedProxy};
 
 pub use paging::Paging;
 pub use trash::dependent;
@@ -96,6 +97,10 @@ pub struct Options {
     pub connections: usize,
     /// Requests per second from one address.
     pub requests_per_second: NonZero<u32>,
+    /// Failed logins and wrong tokens per minute from one address.
+    pub failed_logins_per_minute: NonZero<u32>,
+    /// Proxies that name their clients.
+    pub trusted_proxies: Vec<TrustedProxy>,
     /// How often a silent stream of events sends a sign of life.
     pub event_heartbeat: Duration,
 }
@@ -113,6 +118,8 @@ impl Default for Options {
             keep_deleted: Duration::from_secs(u64::from(TRASH_DAYS) * 24 * 60 * 60),
             connections: CONNECTIONS,
             requests_per_second: const { NonZero::new(REQUESTS_PER_SECOND).unwrap() },
+            failed_logins_per_minute: const { NonZero::new(FAILED_LOGINS_PER_MINUTE).unwrap() },
+            trusted_proxies: Vec::new(),
             event_heartbeat: EVENT_HEARTBEAT,
         }
     }
@@ -140,6 +147,8 @@ pub struct App {
     download_places: Arc<Semaphore>,
     connections: usize,
     requests_per_second: NonZero<u32>,
+    failures: FailedLogins,
+    trusted_proxies: TrustedProxies,
     events: Feed,
     /// Permits for open streams of events.
     event_places: Arc<Semaphore>,
@@ -162,6 +171,8 @@ impl FromRef<App> for Checks {
 
 impl App {
     pub fn new(store: Store, options: &Options) -> Self {
+        // What may take long has a part of the connections, so that some are left for the rest.
+        let part = |limit: usize, of: usize| limit.min(options.connections / of).max(1);
         Self {
             store,
             open_shards: OpenShards::new(),
@@ -179,11 +190,13 @@ impl App {
             memory_doubts: None,
             upload_places: Arc::new(Semaphore::new(CONCURRENT_UPLOADS)),
             log_places: Arc::new(Semaphore::new(LOG_READERS)),
-            download_places: Arc::new(Semaphore::new(CONCURRENT_DOWNLOADS)),
+            download_places: Arc::new(Semaphore::new(part(CONCURRENT_DOWNLOADS, 8))),
             connections: options.connections,
             requests_per_second: options.requests_per_second,
+            failures: FailedLogins::new(options.failed_logins_per_minute),
+            trusted_proxies: TrustedProxies::new(&options.trusted_proxies),
             events: Feed::new(),
-            event_places: Arc::new(Semaphore::new(EVENT_STREAMS)),
+            event_places: Arc::new(Semaphore::new(part(EVENT_STREAMS, 4))),
             event_heartbeat: options.event_heartbeat,
             checks: Checks::new(),
             models: None,
@@ -255,6 +268,14 @@ impl App {
 
     pub(crate) fn requests_per_second(&self) -> NonZero<u32> {
         self.requests_per_second
+    }
+
+    pub(crate) fn failures(&self) -> &FailedLogins {
+        &self.failures
+    }
+
+    pub(crate) fn trusted_proxies(&self) -> TrustedProxies {
+        self.trusted_proxies.clone()
     }
 
     pub(crate) fn stream_place(&self) -> Result<OwnedSemaphorePermit, ApiError> {

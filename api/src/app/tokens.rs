@@ -6,7 +6,8 @@ use store::{Timestamp, TokenId};
 use wire::{CreatedToken, NewToken, Token, Tokens};
 
 use crate::access::{
-    ANYONE, Caller, Credentials, OWN_PROCESS, SERVERS_TOKEN, TokenLookup, credentials, secret,
+    ANYONE, Caller, Credentials, NOBODY, OWN_PROCESS, SERVERS_TOKEN, TokenLookup, credentials,
+    secret,
 };
 use crate::app::App;
 use crate::app::questions::RequestViolations;
@@ -97,7 +98,7 @@ fn check(asked: &NewToken) -> Result<(), ApiError> {
     if !is_token_name(name) {
         violations.add("name", name, TOKEN_NAMES);
     }
-    if [ANYONE, SERVERS_TOKEN].contains(&name.as_str()) {
+    if [ANYONE, NOBODY, SERVERS_TOKEN].contains(&name.as_str()) {
         violations.add("name", name, "a name without another meaning in the audit log");
     }
     let (shortest, longest) = TOKEN_LIFETIME_S;

@@ -1,6 +1,7 @@
 //! Connections: where they come from, how many there are, and how long each may be silent.
 
-mod idle;
+mod places;
+mod request_body;
 
 use std::convert::Infallible;
 use std::io;
@@ -13,12 +14,13 @@ use axum::Router;
 use axum::body::Body;
 use axum::http::Request;
 use http_body_util::BodyExt as _;
-use hyper::body::Incoming;
+use hyper::body::{Body as _, Incoming};
 use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
-use idle::{ClientConnection, IdleConnections};
-use tokio::io::{AsyncRead, AsyncWrite};
+use places::{ClientConnection, Places};
+use request_body::RequestBody;
+use tokio::io::{AsyncRead, AsyncWrite, AsyncWriteExt as _};
 use tokio::net::{TcpListener, TcpStream, UnixListener, UnixStream};
 use tokio::sync::Semaphore;
 use tokio::time::Instant;
@@ -27,7 +29,9 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use tower::ServiceExt as _;
 
-use crate::limits::{HEAD_BYTES, HEAD_FIELDS, HEAD_WITHIN, WRITE_STALL};
+use crate::error::ApiError;
+use crate::limits::{HEAD_BYTES, HEAD_FIELDS, HEAD_WITHIN, WRITE_STALL, share_of_connections};
+use crate::remote::TrustedProxies;
 
 /// Pause before the next try if a connection could not be accepted, e.g. because no descriptors are
 /// left.
@@ -63,9 +67,53 @@ impl From<UnixListener> for Listener {
 #[derive(Clone, Copy, Debug)]
 pub struct Peer(pub IpAddr);
 
+/// The connection of a request.
+#[derive(Clone)]
+pub struct Connection(Arc<ClientConnection>);
+
+impl Connection {
+    /// Lets the present request keep its place while its body arrives, however long that takes.
+    pub fn keep(&self) {
+        self.0.keep();
+    }
+}
+
 enum Stream {
     Tcp(TcpStream, Peer),
     Unix(UnixStream),
+}
+
+impl Stream {
+    fn address(&self) -> Option<IpAddr> {
+        match self {
+            Self::Tcp(_, Peer(address)) => Some(*address),
+            Self::Unix(_) => None,
+        }
+    }
+
+    /// Tells the client that it has as many connections as it may have, if it reads that.
+    async fn refuse(self) {
+        let answer = refusal();
+        let written = async {
+            match self {
+                Self::Tcp(mut stream, _) => stream.write_all(answer.as_bytes()).await,
+                Self::Unix(mut stream) => stream.write_all(answer.as_bytes()).await,
+            }
+        };
+        // A new connection has room for it.
+        let _ = tokio::time::timeout(LAST_BYTES, written).await;
+    }
+}
+
+/// The answer to an address with too many connections. No request was read.
+fn refusal() -> String {
+    let problem = ApiError::AddressCrowded.to_problem();
+    let body = serde_json::to_string(&problem).unwrap_or_default();
+    format!(
+        "HTTP/1.1 503 Service Unavailable\r\nContent-Type: application/problem+json\r\n\
+         Retry-After: 1\r\nConnection: close\r\nContent-Length: {}\r\n\r\n{body}",
+        body.len()
+    )
 }
 
 impl Listener {
@@ -93,16 +141,18 @@ impl Listener {
     }
 }
 
-/// Answers requests on at most `connections` connections until `stop`. After that, running requests
+/// Answers requests on at most `connections` connections until `stop`. An address has a share of
+/// them, unless it is a proxy or this machine. After that, running requests
 /// are answered and idle connections are closed. Returns when the last connection has ended.
 pub async fn serve(
     listener: Listener,
     router: Router,
     connections: usize,
+    proxies: TrustedProxies,
     stop: CancellationToken,
 ) {
-    let places = Arc::new(Semaphore::new(connections));
-    let (open, idle) = (TaskTracker::new(), IdleConnections::default());
+    let free = Arc::new(Semaphore::new(connections));
+    let (open, places) = (TaskTracker::new(), Places::new(share_of_connections(connections)));
     let accept = async {
         loop {
             let stream = match listener.accept().await {
@@ -114,13 +164,18 @@ pub async fn serve(
                     continue;
                 }
             };
-            if places.available_permits() == 0 {
-                idle.close_one();
+            let network = proxies.network(stream.address());
+            if network.is_some_and(|network| !places.admit(network)) {
+                stream.refuse().await;
+                continue;
+            }
+            if free.available_permits() == 0 {
+                places.close_one();
             }
             // The semaphore is never closed.
-            let Ok(place) = Arc::clone(&places).acquire_owned().await else { return };
+            let Ok(place) = Arc::clone(&free).acquire_owned().await else { return };
             // Registered before the next connection comes, which may need this one's place.
-            let client = idle.register();
+            let client = places.register(network);
             let (router, stop) = (router.clone(), stop.clone());
             open.spawn(async move {
                 match stream {
@@ -159,12 +214,16 @@ async fn answer<S>(
     stream.set_write_timeout(Some(WRITE_STALL));
     let request_client = Arc::clone(&client);
     let service = tower::service_fn(move |mut request: Request<Incoming>| {
-        let (router, request_guard) = (router.clone(), request_client.begin_request());
+        let has_body = !request.body().is_end_stream();
+        let (router, request_guard) = (router.clone(), request_client.begin_request(has_body));
         if let Some(peer) = peer {
             request.extensions_mut().insert(peer);
         }
+        let connection = Connection(Arc::clone(&request_client));
+        request.extensions_mut().insert(connection.clone());
+        let request = request.map(|body| Body::new(RequestBody::new(body, connection)));
         async move {
-            let answer = router.oneshot(request.map(Body::new)).await?;
+            let answer = router.oneshot(request).await?;
             // The request is running until its answer is sent.
             Ok::<_, Infallible>(answer.map(|body| {
                 body.map_frame(move |frame| {
@@ -190,6 +249,7 @@ async fn answer<S>(
                 connection.as_mut().graceful_shutdown();
                 connection.as_mut().await
             }
+            Err(_) if client.is_receiving() => Ok(()),
             Err(_) if client.has_had_request() => {
                 connection.as_mut().graceful_shutdown();
                 tokio::time::timeout(LAST_BYTES, connection.as_mut()).await.unwrap_or(Ok(()))

@@ -83,6 +83,15 @@ impl ApiError {
             Self::TooFast { .. } => {
                 (S::TOO_MANY_REQUESTS, "too-fast", "Too many requests per second")
             }
+            Self::TooManyFailures { .. } => {
+                (S::TOO_MANY_REQUESTS, "too-many-failures", "Too many logins failed")
+            }
+            Self::AddressCrowded => {
+                (S::SERVICE_UNAVAILABLE, "crowded", "Too many connections from one address")
+            }
+            Self::RepeatedHeader { .. } => {
+                (S::BAD_REQUEST, "repeated-header", "A header comes more than once")
+            }
             Self::OtherFile { .. } => {
                 (S::PRECONDITION_FAILED, "other-file", "The file is another one")
             }

@@ -4,7 +4,7 @@ use std::fmt::Display;
 use std::time::Duration;
 
 use axum::http::header::{CONTENT_TYPE, ETAG, RETRY_AFTER, UPGRADE, WWW_AUTHENTICATE};
-use axum::http::{HeaderValue, Method};
+use axum::http::{HeaderName, HeaderValue, Method};
 use axum::response::{IntoResponse, Response};
 use jobs::SubmissionError;
 use spec::{JsonFault, SpecError, VALUE_BYTES, cut};
@@ -13,10 +13,7 @@ use thiserror::Error;
 use wire::{JobState, Problem};
 
 use crate::app::dependent;
-use crate::limits::{
-    BODY_WITHIN, CONCURRENT_DOWNLOADS, CONCURRENT_UPLOADS, EVENT_STREAMS, REQUEST_TIMEOUT, STREAMS,
-    UPLOAD_TIMEOUT,
-};
+use crate::limits::{BODY_WITHIN, CONCURRENT_UPLOADS, REQUEST_TIMEOUT, STREAMS, UPLOAD_TIMEOUT};
 use crate::live::LiveError;
 
 mod kind;
@@ -104,7 +101,7 @@ pub enum ApiError {
     #[error("{STREAMS} streams are open, which is the limit; try again later")]
     StreamsCrowded,
 
-    #[error("{EVENT_STREAMS} streams of events are open, which is the limit; try again later")]
+    #[error("as many streams of events are open as this server allows; try again later")]
     EventsCrowded,
 
     #[error("job {id} is {state}, which is final, so it cannot be cancelled")]
@@ -148,8 +145,23 @@ pub enum ApiError {
     )]
     TooFast { wait: Duration },
 
-    #[error("{CONCURRENT_DOWNLOADS} files are being sent, which is the limit; try again later")]
+    #[error("as many files are being sent as this server allows; try again later")]
     DownloadsCrowded,
+
+    #[error(
+        "this address has as many connections as one address may have; close some, or let the \
+         server trust its proxy with `serve --trusted-proxy`"
+    )]
+    AddressCrowded,
+
+    #[error(
+        "too many logins with a wrong token from this address; try again in {} s",
+        whole_seconds(*wait)
+    )]
+    TooManyFailures { wait: Duration },
+
+    #[error("the header {name} comes more than once; send it once")]
+    RepeatedHeader { name: HeaderName },
 
     #[error("the file is not the one in If-Match: its ETag is {tag}")]
     OtherFile { tag: String },
@@ -292,12 +304,13 @@ impl ApiError {
                 // A tag is a digest in quotes.
                 headers.extend(HeaderValue::try_from(tag).ok().map(|tag| (ETAG, tag)));
             }
-            Self::TooFast { wait } => {
+            Self::TooFast { wait } | Self::TooManyFailures { wait } => {
                 headers.insert(RETRY_AFTER, HeaderValue::from(whole_seconds(*wait)));
             }
             Self::Crowded
             | Self::UploadsCrowded
             | Self::DownloadsCrowded
+            | Self::AddressCrowded
             | Self::StreamsCrowded
             | Self::EventsCrowded
             | Self::Live(

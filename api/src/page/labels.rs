@@ -1,8 +1,6 @@
 //! Name, note and tags of a thing: shows them, and changes them by a form.
 
-use axum::Form;
 use axum::extract::State;
-use axum::extract::rejection::FormRejection;
 use axum::response::{IntoResponse, Redirect, Response};
 use serde::Deserialize;
 use store::Thing;
@@ -10,7 +8,7 @@ use wire::{Job, LabelChange, TextChange};
 
 use crate::app::App;
 use crate::error::ApiError;
-use crate::extract::Path;
+use crate::extract::{Form, Path};
 use crate::page::answer::{InPage, PageError};
 
 /// The labels of a thing in the form of a page.
@@ -97,7 +95,7 @@ impl Fields {
 }
 
 type FormResult = Result<Response, PageError>;
-type LabelForm = Result<Form<Fields>, FormRejection>;
+type LabelForm = Result<Form<Fields>, ApiError>;
 
 pub async fn job(
     State(app): State<App>,
@@ -133,8 +131,7 @@ pub async fn checkpoint(
 
 /// Changes the labels, and shows the thing.
 async fn change(app: &App, thing: Thing, id: i64, form: LabelForm) -> FormResult {
-    let unreadable = |rejection: FormRejection| ApiError::Form { reason: rejection.body_text() };
-    let Form(fields) = form.map_err(unreadable)?;
+    let Form(fields) = form?;
     app.label(thing, id, &fields.change()).await?;
     Ok(Redirect::to(&format!("/{}s/{id}", thing.as_str())).into_response())
 }

@@ -1,19 +1,20 @@
 //! Login with a token, and logout.
 
 use askama::Template;
-use axum::extract::rejection::FormRejection;
-use axum::extract::{Form, State};
+use axum::extract::{FromRequest as _, Request, State};
 use axum::http::header::SET_COOKIE;
 use axum::http::{HeaderMap, StatusCode};
 use axum::response::{IntoResponse, Redirect, Response};
 use serde::Deserialize;
 
 use crate::access::credentials::{SESSION_COOKIE, session};
+use crate::access::record_failure;
 use crate::app::App;
 use crate::error::ApiError;
-use crate::extract::Query;
+use crate::extract::{Form, Query};
 use crate::limits::SESSION_LASTS;
 use crate::page::answer::{InPage, PageError, html};
+use crate::remote::Remote;
 
 #[derive(Template)]
 #[template(path = "login.html")]
@@ -49,16 +50,20 @@ pub async fn show(
 
 /// Opens a session and redirects to the requested page. Shows the form again if the token is not
 /// valid.
-pub async fn log_in(
-    State(app): State<App>,
-    headers: HeaderMap,
-    form: Result<Form<Login>, FormRejection>,
-) -> Result<Response, PageError> {
-    let unreadable = |rejection: FormRejection| ApiError::Form { reason: rejection.body_text() };
-    let Form(Login { token, back }) = form.map_err(unreadable)?;
+///
+/// # Errors
+/// [`ApiError::TooManyFailures`] when the client failed too often, whatever its token is.
+pub async fn log_in(State(app): State<App>, request: Request) -> Result<Response, PageError> {
+    let remote = Remote::of(&request);
+    if let Some(wait) = app.failures().wait(remote.network()) {
+        return Err(ApiError::TooManyFailures { wait }.into());
+    }
+    let (headers, method, target) =
+        (request.headers().clone(), request.method().clone(), request.uri().clone());
+    let Form(Login { token, back }) = Form::from_request(request, &app).await?;
     let back = own_page(back);
     let Some((caller, session)) = app.log_in(token.trim()).await? else {
-        tracing::warn!("somebody tried to log in with a token that is not valid");
+        record_failure(&app, remote, &method, &target).await;
         let page = html(&LoginPage { back, was_refused: true })?;
         return Ok((StatusCode::UNAUTHORIZED, page).into_response());
     };
@@ -88,9 +93,10 @@ fn cookie(value: &str, seconds: u64, headers: &HeaderMap) -> String {
 /// The requested path, if it belongs to this server.
 fn own_page(back: String) -> String {
     // A browser takes `//host` and `/\host` as another server.
-    let leads_away = back[1.min(back.len())..].starts_with(['/', '\\']);
+    let leads_away = |rest: &str| rest.starts_with(['/', '\\']);
+    let is_path = back.strip_prefix('/').is_some_and(|rest| !leads_away(rest));
     let is_plain = back.bytes().all(|byte| byte.is_ascii_graphic());
-    if back.starts_with('/') && !leads_away && is_plain { back } else { "/".to_owned() }
+    if is_path && is_plain { back } else { "/".to_owned() }
 }
 
 #[cfg(test)]
@@ -102,9 +108,17 @@ mod tests {
         for page in ["/", "/jobs/1", "/?job=3&x=//y"] {
             assert_eq!(own_page(page.to_owned()), page);
         }
-        for elsewhere in
-            ["", "//evil.example", "/\\evil.example", "https://evil.example", "jobs/1", "/\r\nx: y"]
-        {
+        for elsewhere in [
+            "",
+            "//evil.example",
+            "/\\evil.example",
+            "https://evil.example",
+            "jobs/1",
+            "/\r\nx: y",
+            "é",
+            "/é",
+            "€/",
+        ] {
             assert_eq!(own_page(elsewhere.to_owned()), "/", "{elsewhere}");
         }
     }

@@ -38,14 +38,14 @@ use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
 use crate::access::Scopes;
+use crate::admission::{self, RequestPlaces};
 use crate::app::App;
 use crate::error::ApiError;
-use crate::guard::RequestLimit;
 use crate::limits::BODY_BYTES;
 use crate::pace::{self, AddressRateLimit};
 use crate::parameters::KnownParameters;
 use crate::routes::openapi::Document;
-use crate::{access, guard, page, parameters, relative, request_id};
+use crate::{access, guard, page, parameters, relative, remote, request_id};
 
 pub fn operations() -> OpenApiRouter<App> {
     OpenApiRouter::with_openapi(Document::openapi())
@@ -133,11 +133,17 @@ pub fn router(app: App) -> Router {
         .layer(middleware::from_fn(relative::make_links_relative))
         .layer(middleware::from_fn(crate::mlflow::translate))
         .layer(CatchPanicLayer::custom(guard::answer_panic))
+        .layer(middleware::from_fn_with_state(app.trusted_proxies(), remote::identify))
         .layer(middleware::from_fn_with_state(
             AddressRateLimit::new(app.requests_per_second()),
             pace::keep,
         ))
-        .layer(middleware::from_fn_with_state(RequestLimit::new(), guard::admit))
+        .layer(middleware::from_fn(guard::refuse_repeated))
+        .layer(middleware::from_fn_with_state(app.clone(), access::identify))
+        .layer(middleware::from_fn_with_state(
+            RequestPlaces::new(app.connections()),
+            admission::admit,
+        ))
         .layer(middleware::from_fn_with_state(app.clone(), access::require_loopback_name))
         .layer(middleware::from_fn_with_state((app.clone(), scopes), access::require_scope))
         .layer(CsrfLayer::new().with_rejection_response(refuse_cross_site))

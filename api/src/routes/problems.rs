@@ -95,7 +95,9 @@ fn meaning(status: u16) -> &'static str {
         421 => "The server does not have this name",
         422 => "The spec or prediction request is not allowed; `violations` names every field",
         426 => "The path needs a WebSocket",
-        429 => "Too many requests per second; `Retry-After` says when to try again",
+        429 => {
+            "Too many requests per second, or too many wrong tokens; `Retry-After` says when to try again"
+        }
         501 => "The server has no models for predictions",
         503 => "Too many requests at once, or the database cannot be written",
         507 => "There is no room for it",

@@ -79,6 +79,20 @@ async fn a_name_that_is_not_loopback_is_refused_without_a_token() {
 }
 
 #[tokio::test]
+async fn a_request_that_says_twice_where_it_goes_or_who_sends_it_is_refused() {
+    let server = with_token().await;
+    let right = ("authorization", "Bearer secret");
+    for headers in [
+        [("host", "torqued.lab"), ("host", "evil.example"), right],
+        [("host", "torqued.lab"), ("host", "torqued.lab"), right],
+        [("host", "torqued.lab"), ("authorization", "Bearer other"), right],
+    ] {
+        let problem = server.request(Method::GET, "/v1/jobs", &headers).await.problem(400);
+        assert_eq!(problem["type"], "tag:torqued,2026:repeated-header");
+    }
+}
+
+#[tokio::test]
 async fn every_answer_keeps_a_browser_from_loading_anything_else() {
     let server = Server::start().await;
     for path in ["/", "/v1/jobs", "/nothing"] {

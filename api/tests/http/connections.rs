@@ -112,9 +112,10 @@ async fn many_half_requests_keep_nobody_out() {
 
 #[tokio::test]
 async fn a_connection_that_is_answered_makes_room_for_one_that_waits() {
-    let server = Listening::with(&Options { connections: 1, ..Options::default() }).await;
+    let options = Options { connections: 1, ..with_token() };
+    let server = Listening::with(&options).await;
     let begun = b"POST /v1/jobs HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n\
-                  Content-Length: 20\r\n\r\n";
+                  Authorization: Bearer secret\r\nContent-Length: 20\r\n\r\n";
     let mut first = server.having_said(begun).await;
     // The request is running when the others come.
     tokio::time::sleep(Duration::from_millis(200)).await;
@@ -128,14 +129,134 @@ async fn a_connection_that_is_answered_makes_room_for_one_that_waits() {
     assert!(began.elapsed() < HEAD_WITHIN);
 }
 
+/// Half of a request with a body.
+fn half(path: &str, media_type: &str, more: &str) -> String {
+    format!(
+        "POST {path} HTTP/1.1\r\nHost: localhost\r\nContent-Type: {media_type}\r\n{more}\
+         Content-Length: 20\r\n\r\nx"
+    )
+}
+
+const FORM: &str = "application/x-www-form-urlencoded";
+const JSON: &str = "application/json";
+const ADMIN: &str = "Authorization: Bearer secret\r\n";
+
+fn with_token() -> Options {
+    Options { token: Some("secret".to_owned()), ..Options::default() }
+}
+
+/// Waits for the head of an answer, as long as a body may take.
+async fn late_head(half: String, server: &Listening) -> String {
+    let mut slow = server.having_said(half.as_bytes()).await;
+    tokio::time::timeout(BODY_WITHIN + LATE, head(&mut slow)).await.unwrap()
+}
+
+/// Forms and the bodies of MLflow's clients had no time of their own: a form was waited for until
+/// the whole request timed out after 30 s, with 503.
 #[tokio::test]
-async fn a_body_that_does_not_come_is_a_timeout() {
-    let server = Listening::with(&Options::default()).await;
-    let half = b"POST /v1/jobs HTTP/1.1\r\nHost: localhost\r\nContent-Type: application/json\r\n\
-                 Content-Length: 20\r\n\r\n{";
-    let mut slow = server.having_said(half).await;
-    let head = tokio::time::timeout(BODY_WITHIN + LATE, head(&mut slow)).await.unwrap();
-    assert!(head.starts_with("HTTP/1.1 408"), "{head}");
+async fn a_body_that_does_not_come_is_a_timeout_whatever_it_is() {
+    let server = Listening::with(&with_token()).await;
+    let began = Instant::now();
+    let halves = [
+        half("/v1/jobs", JSON, ADMIN),
+        half("/v1/jobs/1", JSON, ADMIN).replace("POST", "PATCH"),
+        half("/v1/checkpoints/1/predict", JSON, ADMIN),
+        half("/api/2.0/mlflow/runs/create", JSON, ADMIN),
+        half("/jobs/1", FORM, ADMIN),
+        half("/login", FORM, ""),
+    ];
+    for head in futures::future::join_all(halves.map(|half| late_head(half, &server))).await {
+        assert!(head.starts_with("HTTP/1.1 408"), "{head}");
+    }
+    assert!(began.elapsed() >= BODY_WITHIN);
+}
+
+/// The attack: half-sent logins held every connection, and `/healthz` timed out.
+#[tokio::test]
+async fn half_sent_forms_of_strangers_give_their_places_to_others() {
+    let options = Options { connections: 16, ..with_token() };
+    let server = Listening::with(&options).await;
+    let begun = half("/v1/jobs", JSON, ADMIN);
+    let mut admins = server.having_said(begun.as_bytes()).await;
+    // The request is running when the others come.
+    tokio::time::sleep(Duration::from_millis(200)).await;
+    let mut strangers = Vec::new();
+    for _ in 0..100 {
+        strangers.push(server.having_said(half("/login", FORM, "").as_bytes()).await);
+    }
+    let began = Instant::now();
+    let mut watching = server.having_said(REQUEST).await;
+    assert!(head(&mut watching).await.starts_with("HTTP/1.1 200"));
+    let ask = format!("GET /v1/jobs HTTP/1.1\r\nHost: localhost\r\n{ADMIN}\r\n");
+    let mut asking = server.having_said(ask.as_bytes()).await;
+    assert!(head(&mut asking).await.starts_with("HTTP/1.1 200"));
+    let login = format!(
+        "POST /login HTTP/1.1\r\nHost: localhost\r\nContent-Type: {FORM}\r\n\
+         Content-Length: 12\r\n\r\ntoken=secret"
+    );
+    let mut logging_in = server.having_said(login.as_bytes()).await;
+    assert!(head(&mut logging_in).await.starts_with("HTTP/1.1 303"));
+    assert!(began.elapsed() < Duration::from_secs(5), "{:?}", began.elapsed());
+    assert!(is_closed(&mut strangers[0]).await, "the oldest is not closed");
+    // An administrator's body may take its time.
+    admins.write_all(b"{\"kind\": \"nothing\"}").await.unwrap();
+    let head = head(&mut admins).await;
+    assert!(head.starts_with("HTTP/1.1 400"), "{head}");
+}
+
+/// Without tokens everybody is an administrator, and half bodies still keep nobody out.
+#[tokio::test]
+async fn half_bodies_on_a_server_without_tokens_keep_nobody_out() {
+    let server = Listening::with(&Options { connections: 16, ..Options::default() }).await;
+    let mut halves = Vec::new();
+    for _ in 0..100 {
+        halves.push(server.having_said(half("/v1/jobs", JSON, "").as_bytes()).await);
+    }
+    let mut watching = server.having_said(REQUEST).await;
+    let answer = tokio::time::timeout(LATE, head(&mut watching)).await.unwrap();
+    assert!(answer.starts_with("HTTP/1.1 200"), "{answer}");
+}
+
+/// A login from an address, as a proxy on this machine forwards it.
+async fn login(server: &Listening, address: &str, token: &str) -> String {
+    let body = format!("token={token}");
+    let login = format!(
+        "POST /login HTTP/1.1\r\nHost: localhost\r\nContent-Type: {FORM}\r\n\
+         X-Forwarded-For: {address}\r\nContent-Length: {}\r\n\r\n{body}",
+        body.len()
+    );
+    head(&mut server.having_said(login.as_bytes()).await).await
+}
+
+#[tokio::test]
+async fn an_address_that_guesses_tokens_has_to_wait_and_its_right_tokens_go_on() {
+    let options = Options { trusted_proxies: vec!["127.0.0.1".parse().unwrap()], ..with_token() };
+    let server = Listening::with(&options).await;
+    let (guesser, other) = ("203.0.113.7", "203.0.113.8");
+    let bearer = async |address: &str, token: &str| {
+        let ask = format!(
+            "GET /v1/jobs HTTP/1.1\r\nHost: localhost\r\nX-Forwarded-For: {address}\r\n\
+             Authorization: Bearer {token}\r\n\r\n"
+        );
+        head(&mut server.having_said(ask.as_bytes()).await).await
+    };
+    assert!(bearer(guesser, "secret").await.starts_with("HTTP/1.1 200"));
+    for guess in 0..10 {
+        let head = match guess % 2 {
+            0 => login(&server, guesser, "guess").await,
+            _ => bearer(guesser, "guess").await,
+        };
+        assert!(head.starts_with("HTTP/1.1 401"), "{guess}: {head}");
+    }
+    // A form is refused whatever it holds, so that a guess finds nothing out.
+    for token in ["guess", "secret"] {
+        let head = login(&server, guesser, token).await.to_lowercase();
+        assert!(head.starts_with("http/1.1 429") && head.contains("retry-after: "), "{head}");
+    }
+    assert!(bearer(guesser, "guess").await.starts_with("HTTP/1.1 429"));
+    assert!(bearer(guesser, "secret").await.starts_with("HTTP/1.1 200"), "it was right before");
+    assert!(login(&server, other, "secret").await.starts_with("HTTP/1.1 303"));
+    assert!(bearer(other, "guess").await.starts_with("HTTP/1.1 401"));
 }
 
 #[tokio::test]

@@ -309,6 +309,45 @@ async fn a_browser_logs_in_goes_on_to_the_page_it_wanted_and_logs_out() {
     assert_eq!(browse(&server, Method::GET, "/workers", &cookie, "").await.status, 303);
 }
 
+/// A failed login left no trace in the audit log.
+#[tokio::test]
+async fn failed_logins_and_wrong_tokens_are_in_the_audit_log_without_the_token() {
+    let Guarded { server, credentials } = Guarded::start().await;
+    browse(&server, Method::POST, "/login", "", "token=guess-one&back=%2F").await;
+    let wrong = [("authorization", "Bearer guess-two")];
+    server.request(Method::POST, "/v1/queue/pause", &wrong).await.problem(401);
+    server.get("/v1/jobs").await.problem(401);
+    let headers = [("authorization", credentials["admin"].as_str())];
+    let log = server.request(Method::GET, "/v1/audit?actor=nobody", &headers).await;
+    assert!(!log.text().contains("guess"), "{log:?}");
+    let log = log.json();
+    let entries = log["entries"].as_array().unwrap().iter();
+    let entries: Vec<_> =
+        entries.map(|entry| (&entry["method"], &entry["path"], &entry["status"])).collect();
+    let (post, refused) = (json!("POST"), json!(401));
+    let paths = [json!("/v1/queue/pause"), json!("/login")];
+    assert_eq!(entries, [(&post, &paths[0], &refused), (&post, &paths[1], &refused)]);
+    let asked = json!({"name": "nobody", "scope": "read"});
+    create(&server, &asked, Some(&credentials["admin"])).await.problem(422);
+}
+
+/// `back` was cut inside its first character, which ended the handler.
+#[tokio::test]
+async fn a_login_leads_back_to_nothing_but_a_path() {
+    let server = Guarded::start().await.server;
+    for back in ["%C3%A9", "%E2%82%AC/jobs", "%FF", "", "%2F%2Fevil.example"] {
+        let form = browse(&server, Method::GET, &format!("/login?back={back}"), "", "").await;
+        if form.status == 400 {
+            // It is no text.
+            continue;
+        }
+        assert_eq!(form.status, 200, "{back}: {form:?}");
+        assert!(form.text().contains("name=\"back\" value=\"/\""), "{back}: {}", form.text());
+        let body = format!("token=wrong&back={back}");
+        assert_eq!(browse(&server, Method::POST, "/login", "", &body).await.status, 401);
+    }
+}
+
 #[tokio::test]
 async fn a_login_ends_with_its_token() {
     let Guarded { server, credentials } = Guarded::start().await;
