@@ -9,7 +9,8 @@ use thiserror::Error;
 use tokio_util::sync::CancellationToken;
 
 use crate::app::App;
-use crate::connections::{self, Listener};
+use crate::connections::{self, ConnectionLimits, Listener};
+use crate::error::ApiError;
 use crate::limits::SHUTDOWN_GRACE;
 use crate::routes;
 
@@ -51,8 +52,12 @@ pub async fn serve(
     // WebSocket streams no longer count as connections of the server.
     let served = async {
         let router = routes::router(app.clone());
-        let proxies = app.trusted_proxies();
-        connections::serve(listener, router, app.connections(), proxies, stop.clone()).await;
+        let limits = ConnectionLimits {
+            connections: app.connections(),
+            proxies: app.trusted_proxies(),
+            refusal: refusal(),
+        };
+        connections::serve(listener, router, limits, stop.clone()).await;
         app.streams_closed().await;
     };
     let deadline = async {
@@ -66,4 +71,15 @@ pub async fn serve(
         () = deadline => {}
     }
     Ok(())
+}
+
+/// The answer to an address with too many connections. No request was read.
+fn refusal() -> String {
+    let problem = ApiError::AddressCrowded.to_problem();
+    let body = serde_json::to_string(&problem).unwrap_or_default();
+    format!(
+        "HTTP/1.1 503 Service Unavailable\r\nContent-Type: application/problem+json\r\n\
+         Retry-After: 1\r\nConnection: close\r\nContent-Length: {}\r\n\r\n{body}",
+        body.len()
+    )
 }

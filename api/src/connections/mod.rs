@@ -29,7 +29,6 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 use tower::ServiceExt as _;
 
-use crate::error::ApiError;
 use crate::limits::{HEAD_BYTES, HEAD_FIELDS, HEAD_WITHIN, WRITE_STALL, share_of_connections};
 use crate::remote::TrustedProxies;
 
@@ -92,8 +91,7 @@ impl Stream {
     }
 
     /// Tells the client that it has as many connections as it may have, if it reads that.
-    async fn refuse(self) {
-        let answer = refusal();
+    async fn refuse(self, answer: &str) {
         let written = async {
             match self {
                 Self::Tcp(mut stream, _) => stream.write_all(answer.as_bytes()).await,
@@ -105,15 +103,13 @@ impl Stream {
     }
 }
 
-/// The answer to an address with too many connections. No request was read.
-fn refusal() -> String {
-    let problem = ApiError::AddressCrowded.to_problem();
-    let body = serde_json::to_string(&problem).unwrap_or_default();
-    format!(
-        "HTTP/1.1 503 Service Unavailable\r\nContent-Type: application/problem+json\r\n\
-         Retry-After: 1\r\nConnection: close\r\nContent-Length: {}\r\n\r\n{body}",
-        body.len()
-    )
+/// How many connections there may be.
+pub struct ConnectionLimits {
+    pub connections: usize,
+    /// Proxies, which have no share because they have many clients.
+    pub proxies: TrustedProxies,
+    /// The answer to an address with too many connections.
+    pub refusal: String,
 }
 
 impl Listener {
@@ -141,16 +137,16 @@ impl Listener {
     }
 }
 
-/// Answers requests on at most `connections` connections until `stop`. An address has a share of
+/// Answers requests on a limited number of connections until `stop`. An address has a share of
 /// them, unless it is a proxy or this machine. After that, running requests
 /// are answered and idle connections are closed. Returns when the last connection has ended.
 pub async fn serve(
     listener: Listener,
     router: Router,
-    connections: usize,
-    proxies: TrustedProxies,
+    limits: ConnectionLimits,
     stop: CancellationToken,
 ) {
+    let ConnectionLimits { connections, proxies, refusal } = limits;
     let free = Arc::new(Semaphore::new(connections));
     let (open, places) = (TaskTracker::new(), Places::new(share_of_connections(connections)));
     let accept = async {
@@ -166,7 +162,7 @@ pub async fn serve(
             };
             let network = proxies.network(stream.address());
             if network.is_some_and(|network| !places.admit(network)) {
-                stream.refuse().await;
+                stream.refuse(&refusal).await;
                 continue;
             }
             if free.available_permits() == 0 {

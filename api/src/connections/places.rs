@@ -137,11 +137,15 @@ impl ClientConnection {
     /// Marks the connection as having a request, until the returned value is dropped.
     pub fn begin_request(self: &Arc<Self>, has_body: bool) -> RunningRequest {
         self.has_had_request.store(true, Ordering::Relaxed);
-        if has_body && !self.close.is_cancelled() {
+        if has_body {
             let mut line = self.all.line();
             let number = line.number();
-            let (close, network) = (self.close.clone(), self.network);
-            line.receiving.insert(number, Closable { close, network });
+            // If the place is promised to another connection already, it gets this one's place
+            // unless the body comes first.
+            if !self.close.is_cancelled() {
+                let (close, network) = (self.close.clone(), self.network);
+                line.receiving.insert(number, Closable { close, network });
+            }
             drop(line);
             self.change(ConnectionState::Receiving(number));
         } else {
@@ -284,8 +288,19 @@ mod tests {
         let (first, second) = (all.register(None), all.register(None));
         all.close_one();
         assert!(first.close.is_cancelled() && !second.close.is_cancelled());
-        let _request = first.begin_request(true);
+        let _request = first.begin_request(false);
         assert!(second.close.is_cancelled() && first.has_running_request());
+    }
+
+    #[test]
+    fn half_a_request_that_comes_as_it_is_closed_does_not_save_its_connection() {
+        let all = places();
+        let (first, second) = (all.register(None), all.register(None));
+        all.close_one();
+        let _request = first.begin_request(true);
+        assert!(first.is_receiving() && !second.close.is_cancelled());
+        first.keep();
+        assert!(second.close.is_cancelled(), "its body came");
     }
 
     #[test]
