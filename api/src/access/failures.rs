@@ -11,7 +11,8 @@ use spec::Digest;
 /// Number of remembered addresses, and of remembered tokens. Above it, all of them are forgotten.
 const REMEMBERED: usize = 10_000;
 
-/// How many times as many failures all addresses together may have as one address.
+/// How many times as many failures as one address may have: all addresses together, and all clients
+/// without an address of their own.
 const ALL: f64 = 10.0;
 
 /// Number of failures that are recorded at once. After that one a minute is recorded, so that nobody
@@ -29,7 +30,7 @@ pub struct FailedLogins {
 struct Recent {
     all: Bucket,
     recorded: Bucket,
-    by_network: HashMap<IpAddr, Bucket>,
+    by_network: HashMap<Option<IpAddr>, Bucket>,
     /// Tokens that were right, with where they came from.
     proven: HashSet<(Option<IpAddr>, Digest)>,
     /// Failures since the last one that was recorded.
@@ -80,19 +81,20 @@ impl FailedLogins {
     }
 
     /// How long a client has to wait before it may try to log in; `None` if it may now. While all
-    /// clients together fail too often, those wait that have failed themselves. Clients without an
-    /// address of their own count together.
+    /// addresses together fail too often, those wait that have failed themselves. Clients without an
+    /// address of their own count as one, and do not wait for others.
     pub fn wait(&self, network: Option<IpAddr>) -> Option<Duration> {
         self.wait_at(network, Instant::now())
     }
 
     fn wait_at(&self, network: Option<IpAddr>, now: Instant) -> Option<Duration> {
-        let (recent, size) = (self.recent(), self.per_minute);
-        let of_all = recent.all.wait(now, self.rate() * ALL, size * ALL);
-        let Some(network) = network else { return of_all };
+        let (recent, rate, size) = (self.recent(), self.rate(), self.per_minute);
         let own = recent.by_network.get(&network)?;
-        own.wait(now, self.rate(), size)
-            .or_else(|| of_all.filter(|_| own.level(now, self.rate()) > 0.0))
+        if network.is_none() {
+            return own.wait(now, rate * ALL, size * ALL);
+        }
+        let of_all = recent.all.wait(now, rate * ALL, size * ALL);
+        own.wait(now, rate, size).or_else(|| of_all.filter(|_| own.level(now, rate) > 0.0))
     }
 
     /// Counts a failure. Returns whether it should be recorded, with the number of failures that
@@ -105,15 +107,14 @@ impl FailedLogins {
         let rate = self.rate();
         let mut recent = self.recent();
         recent.all.add(now, rate * ALL);
-        if let Some(network) = network {
-            if recent.by_network.len() >= REMEMBERED {
-                recent.by_network.retain(|_, bucket| bucket.level(now, rate) > 0.0);
-            }
-            if recent.by_network.len() >= REMEMBERED {
-                recent.by_network.clear();
-            }
-            recent.by_network.entry(network).or_insert_with(|| Bucket::new(now)).add(now, rate);
+        if recent.by_network.len() >= REMEMBERED {
+            recent.by_network.retain(|_, bucket| bucket.level(now, rate) > 0.0);
         }
+        if recent.by_network.len() >= REMEMBERED {
+            recent.by_network.clear();
+        }
+        let own = recent.by_network.entry(network).or_insert_with(|| Bucket::new(now));
+        own.add(now, if network.is_none() { rate * ALL } else { rate });
         if recent.recorded.wait(now, RECORDED_PER_SECOND, RECORDED_AT_ONCE).is_some() {
             recent.unrecorded += 1;
             return None;
@@ -179,9 +180,20 @@ mod tests {
             failures.count_at(address(last), now);
         }
         assert!(failures.wait_at(address(1), now).is_some(), "a second failure of one of them");
-        assert!(failures.wait_at(None, now).is_some());
+        assert_eq!(failures.wait_at(None, now), None);
         assert_eq!(failures.wait_at(address(200), now), None);
         assert_eq!(failures.wait_at(address(1), now + Duration::from_secs(2)), None);
+    }
+
+    #[test]
+    fn clients_without_an_address_of_their_own_count_together() {
+        let (failures, now) = ten_a_minute();
+        for _ in 0..100 {
+            assert_eq!(failures.wait_at(None, now), None);
+            failures.count_at(None, now);
+        }
+        assert!(failures.wait_at(None, now).is_some());
+        assert_eq!(failures.wait_at(address(1), now), None);
     }
 
     #[test]
