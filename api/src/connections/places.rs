@@ -1,13 +1,17 @@
 //! The places of connections. If there is no room for a new connection, one gives up its place: the
 //! one that has been idle for longest, or else the one whose request has been without its body for
-//! longest.
+//! longest. A connection that has just come is idle until its request is read, so it is the last one
+//! to be asked.
 
 use std::collections::{BTreeMap, HashMap};
 use std::net::IpAddr;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
 
 use tokio_util::sync::CancellationToken;
+
+use super::ARRIVAL;
 
 /// The open connections.
 #[derive(Clone)]
@@ -34,6 +38,13 @@ struct Line {
 struct Closable {
     close: CancellationToken,
     network: Option<IpAddr>,
+    since: Instant,
+}
+
+impl Closable {
+    fn new(close: &CancellationToken, network: Option<IpAddr>) -> Self {
+        Self { close: close.clone(), network, since: Instant::now() }
+    }
 }
 
 /// A connection of a client. It is idle until a request comes.
@@ -66,7 +77,7 @@ impl Places {
     pub fn admit(&self, network: IpAddr) -> bool {
         let mut line = self.line();
         let count = line.networks.get(&network).copied().unwrap_or_default();
-        count < self.share || line.close_first(|of| of.network == Some(network))
+        count < self.share || line.close_first(Instant::now(), |of| of.network == Some(network))
     }
 
     /// Registers a connection that has got a place.
@@ -86,8 +97,12 @@ impl Places {
     /// Closes a connection that waits for its client. If none does, closes the next one that
     /// becomes idle, unless a place becomes free before.
     pub fn close_one(&self) {
+        self.close_one_at(Instant::now());
+    }
+
+    fn close_one_at(&self, now: Instant) {
         let mut line = self.line();
-        if !line.close_first(|_| true) {
+        if !line.close_first(now, |_| true) {
             line.next_is_closed = true;
         }
     }
@@ -108,23 +123,27 @@ impl Line {
         if std::mem::take(&mut self.next_is_closed) {
             close.cancel();
         } else {
-            self.idle.insert(number, Closable { close: close.clone(), network });
+            self.idle.insert(number, Closable::new(close, network));
         }
         number
     }
 
     /// Closes the first connection that may be closed, and says whether there was one.
-    fn close_first(&mut self, may_be: impl Fn(&Closable) -> bool) -> bool {
-        for waiting in [&mut self.idle, &mut self.receiving] {
-            let first = waiting.iter().find(|(_, closable)| may_be(closable));
-            if let Some(number) = first.map(|(number, _)| *number)
-                && let Some(closable) = waiting.remove(&number)
-            {
-                closable.close.cancel();
-                return true;
+    fn close_first(&mut self, now: Instant, may_be: impl Fn(&Closable) -> bool) -> bool {
+        let first = |waiting: &BTreeMap<u64, Closable>| {
+            let mut waiting = waiting.iter().filter(|(_, closable)| may_be(closable));
+            waiting.next().map(|(number, closable)| (*number, closable.since))
+        };
+        let (idle, receiving) = (first(&self.idle), first(&self.receiving));
+        let settled = idle.filter(|(_, since)| now.saturating_duration_since(*since) >= ARRIVAL);
+        let closed = match (settled, receiving, idle) {
+            (Some((number, _)), _, _) | (None, None, Some((number, _))) => {
+                self.idle.remove(&number)
             }
-        }
-        false
+            (None, Some((number, _)), _) => self.receiving.remove(&number),
+            (None, None, None) => None,
+        };
+        closed.inspect(|closable| closable.close.cancel()).is_some()
     }
 }
 
@@ -143,8 +162,7 @@ impl ClientConnection {
             // If the place is promised to another connection already, it gets this one's place
             // unless the body comes first.
             if !self.close.is_cancelled() {
-                let (close, network) = (self.close.clone(), self.network);
-                line.receiving.insert(number, Closable { close, network });
+                line.receiving.insert(number, Closable::new(&self.close, self.network));
             }
             drop(line);
             self.change(ConnectionState::Receiving(number));
@@ -262,13 +280,26 @@ mod tests {
         let all = places();
         let (older, newer, idle) = (all.register(None), all.register(None), all.register(None));
         let _receiving = [older.begin_request(true), newer.begin_request(true)];
-        all.close_one();
+        all.close_one_at(Instant::now() + ARRIVAL);
         assert!(idle.close.is_cancelled() && !older.close.is_cancelled());
         all.close_one();
         assert!(older.close.is_cancelled() && older.is_receiving());
         newer.keep();
         all.close_one();
         assert!(!newer.close.is_cancelled(), "its place is kept");
+    }
+
+    /// Otherwise each connection of a flood would be closed for the next one after its whole time of
+    /// arrival, and the requests of others would wait behind all of them.
+    #[test]
+    fn a_connection_that_has_just_come_is_the_last_to_be_closed() {
+        let all = places();
+        let (older, new) = (all.register(None), all.register(None));
+        let _receiving = older.begin_request(true);
+        all.close_one();
+        assert!(older.close.is_cancelled() && !new.close.is_cancelled());
+        all.close_one();
+        assert!(new.close.is_cancelled());
     }
 
     #[test]
