@@ -91,8 +91,9 @@ async fn a_connection_is_closed_on_which_no_request_comes_in_time() {
 #[tokio::test]
 async fn many_half_requests_keep_nobody_out() {
     let connections = 8;
-    let server = Listening::with(&Options { connections, ..Options::default() }).await;
-    let mut asking = server.having_said(b"POST /v1/jobs HTTP/1.1\r\nHost: localhost\r\n").await;
+    let server = Listening::with(&Options { connections, ..with_token() }).await;
+    let begun = format!("POST /v1/jobs HTTP/1.1\r\nHost: localhost\r\n{ADMIN}");
+    let mut asking = server.having_said(begun.as_bytes()).await;
     asking
         .write_all(b"Content-Type: application/json\r\nContent-Length: 20\r\n\r\n")
         .await
@@ -104,7 +105,7 @@ async fn many_half_requests_keep_nobody_out() {
     let mut late = server.having_said(REQUEST).await;
     assert!(head(&mut late).await.starts_with("HTTP/1.1 200"));
     assert!(is_closed(&mut half[0]).await, "the oldest is not closed");
-    // A running request is not closed.
+    // An administrator's running request is not closed.
     asking.write_all(b"{\"kind\": \"nothing\"}\n").await.unwrap();
     let head = head(&mut asking).await;
     assert!(head.starts_with("HTTP/1.1 422"), "{head}");
