@@ -17,7 +17,7 @@ use crate::connections::Connection;
 use crate::error::ApiError;
 use crate::extract;
 use crate::limits::{
-    ADMIN_REQUESTS, CONCURRENT_CHECKS, CONCURRENT_LOGINS, CONCURRENT_REQUESTS, LOGIN_BYTES,
+    ADMIN_REQUESTS, CONCURRENT_PROBES, CONCURRENT_LOGINS, CONCURRENT_REQUESTS, LOGIN_BYTES,
     REQUEST_TIMEOUT,
 };
 use crate::remote::Remote;
@@ -78,7 +78,7 @@ impl RequestPlaces {
         let places = |count: usize| Arc::new(Semaphore::new(count));
         let others = part(CONCURRENT_REQUESTS, 2);
         Self {
-            checks: places(part(CONCURRENT_CHECKS, 32)),
+            checks: places(part(CONCURRENT_PROBES, 32)),
             logins: places(part(CONCURRENT_LOGINS, 16)),
             others: Shared {
                 places: places(others),

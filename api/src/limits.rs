@@ -243,7 +243,7 @@ pub const CONCURRENT_LOGINS: usize = 64;
 
 /// Requests for health, readiness and metrics that are answered at once, and at most a thirty-second
 /// of the connections. No other request takes their places.
-pub const CONCURRENT_CHECKS: usize = 16;
+pub const CONCURRENT_PROBES: usize = 16;
 
 /// Places for administrators, and at most a thirty-second of the connections, when
 /// [`CONCURRENT_REQUESTS`] are answered.
