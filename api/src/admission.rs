@@ -17,7 +17,7 @@ use crate::connections::Connection;
 use crate::error::ApiError;
 use crate::extract;
 use crate::limits::{
-    ADMIN_REQUESTS, CONCURRENT_PROBES, CONCURRENT_LOGINS, CONCURRENT_REQUESTS, LOGIN_BYTES,
+    ADMIN_REQUESTS, CONCURRENT_LOGINS, CONCURRENT_PROBES, CONCURRENT_REQUESTS, LOGIN_BYTES,
     REQUEST_TIMEOUT,
 };
 use crate::remote::Remote;
