@@ -5,7 +5,9 @@ Reads a question from standard input, `{"config": .., "what": "training" | "infe
 same times. All in single precision, or with `torch.autocast` to bf16. A training step is noise, forward pass, loss, backward pass and Adam. Its
 multiply-adds are those of PyTorch's matrix products and convolutions. A prediction is that of
 `torqued.checkpoint.TrainedModel`, but a pass is that of the network alone. PYTHONPATH must contain the repository's
-`python`. The question may have a `"device"`, such as "cuda", for steps and passes on it.
+`python`. The question may have a `"device"`, such as "cuda", for steps and passes on it. There, `"tf32": true` lets
+matrix products round their factors to TF32, and a training's times have the card's peak memory as
+`peak_device_memory_mib`.
 """
 
 import json
@@ -71,6 +73,8 @@ def training(network: torch.nn.Module, question: dict) -> dict:
     times = milliseconds(steps, step)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     result = {"step_ms": float(np.median(times)), "peak_memory_mib": peak}
+    if torch.get_default_device().type == "cuda":
+        result["peak_device_memory_mib"] = torch.cuda.max_memory_allocated() / 2**20
     if not question["compiled"]:
         with FlopCounterMode(display=False) as counter:
             step()
@@ -106,6 +110,7 @@ def main() -> None:
     question = json.load(sys.stdin)
     torch.set_num_threads(question["threads"])
     torch.set_default_device(question.get("device", "cpu"))
+    torch.backends.cuda.matmul.allow_tf32 = question.get("tf32", False)
     measure = {"training": training, "inference": inference}[question["what"]]
     times = measure(network_of(question["config"]), question)
     print(json.dumps({"version": torch.__version__, "times": times}))
