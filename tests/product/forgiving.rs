@@ -271,7 +271,7 @@ async fn a_dataset_of_more_shards_than_a_process_may_have_files_is_read() {
     let data = tempfile::tempdir().unwrap();
     let inner = torqued(&["serve", "--listen", "127.0.0.1:0", "--worker-threads", "1", "--data"]);
     let mut serve = std::process::Command::new("bash");
-    serve.args(["-c", "ulimit -n 160; exec \"$@\"", "bash"]);
+    serve.args(["-c", "ulimit -n 192; exec \"$@\"", "bash"]);
     serve.arg(inner.get_program()).args(inner.get_args()).arg(data.path());
     let product = Product::spawn(&mut serve);
     let mut spec = small_pipeline();

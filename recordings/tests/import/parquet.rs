@@ -128,7 +128,9 @@ fn times_of_every_type_have_the_unit_of_their_type() {
         Arc::new(DurationMillisecondArray::from_iter_values(of(1000))),
         Arc::new(DurationMicrosecondArray::from_iter_values(of(1_000_000))),
         Arc::new(DurationNanosecondArray::from_iter_values(of(1_000_000_000))),
-        Arc::new(Time32MillisecondArray::from_iter_values(of(1000).map(|time| time as i32))),
+        Arc::new(Time32MillisecondArray::from_iter_values(
+            of(1000).map(|time| i32::try_from(time).unwrap()),
+        )),
         Arc::new(Time64MicrosecondArray::from_iter_values(of(1_000_000))),
         Arc::new(Time64NanosecondArray::from_iter_values(of(1_000_000_000))),
         Arc::new(Float32Array::from_iter_values((0..80_u8).map(|k| f32::from(k % 40) / 60.0))),

@@ -225,7 +225,7 @@ pub async fn only_what_torqued_makes_is_swept_and_only_after_it_was_named(f: Fix
     let mut sweeper = Sweeper::new(f.store.clone());
     let first = sweeper.sweep(Duration::ZERO).await.unwrap();
     assert_eq!((first.deleted, first.bytes), (0, 8));
-    assert_eq!(first.announced, [orphan.clone()]);
+    assert_eq!(first.announced, std::slice::from_ref(&orphan));
     assert!(f.objects.head(&orphan.as_str().into()).await.is_ok());
     let late = object_path::shard(JobId(7), 1, Epoch(1), FileContent::Robots);
     f.store.put_object(&late, "late".into()).await.unwrap();
