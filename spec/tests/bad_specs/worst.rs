@@ -36,7 +36,7 @@ fn with(mut base: Value, field: &str, value: Value) -> Value {
     base
 }
 
-fn pipeline(jobs: Map<String, Value>) -> Value {
+fn pipeline(jobs: &Map<String, Value>) -> Value {
     json!({"kind": "pipeline", "name": "worst", "jobs": jobs})
 }
 
@@ -82,9 +82,9 @@ fn a_megabyte_as_a_name_is_cut_and_compared_with_no_other() {
         with(train(), "execution", json!({"not_before": long})),
         with(train(), "execution", json!({"resources": {"tags": [long]}})),
         json!(long),
-        pipeline(Map::from_iter([(long.clone(), json!({}))])),
-        pipeline(Map::from_iter([(long.clone(), with(train(), "step", json!(1)))])),
-        pipeline(Map::from_iter([("train".to_owned(), with(train(), "needs", json!([long])))])),
+        pipeline(&Map::from_iter([(long.clone(), json!({}))])),
+        pipeline(&Map::from_iter([(long.clone(), with(train(), "step", json!(1)))])),
+        pipeline(&Map::from_iter([("train".to_owned(), with(train(), "needs", json!([long])))])),
     ];
     for (i, spec) in places.iter().enumerate() {
         let error = refused(&format!("place {i}"), spec);
@@ -152,14 +152,14 @@ fn the_jobs_of_a_pipeline_are_counted_before_they_are_read() {
     let jobs = |number: usize, job: &Value| -> Map<String, Value> {
         (0..number).map(|i| (format!("job-{i}"), job.clone())).collect()
     };
-    let error = refused("88 000 jobs", &pipeline(jobs(60_000, &json!({}))));
+    let error = refused("88 000 jobs", &pipeline(&jobs(60_000, &json!({}))));
     assert_eq!(error.to_string(), "jobs is 60000 jobs, allowed: 1 to 200 jobs");
-    let error = refused("200 jobs without a kind", &pipeline(jobs(200, &json!({}))));
+    let error = refused("200 jobs without a kind", &pipeline(&jobs(200, &json!({}))));
     assert_eq!((error.violations.len(), error.more), (100, 100));
     let unknown = repeated(&json!("nobody"), 500);
-    refused("needs", &pipeline(jobs(200, &with(train(), "needs", unknown))));
+    refused("needs", &pipeline(&jobs(200, &with(train(), "needs", unknown))));
     let one = with(train(), "needs", repeated(&json!("nobody"), 100_000));
-    let error = refused("needs of one job", &pipeline(jobs(1, &one)));
+    let error = refused("needs of one job", &pipeline(&jobs(1, &one)));
     assert_eq!(error.count(), 100_000);
 }
 
