@@ -143,7 +143,7 @@ impl Options {
         let Some(token) = self.token() else { return Ok(()) };
         ensure!(
             api::is_hard_to_guess(token),
-            "the server's token has {} characters, allowed: at least {}, all of them printable ASCII, \
+            "the server's token has a length of {}, allowed: at least {} characters of printable ASCII, \
              no space at the ends; make one with `openssl rand -base64 24`, or leave --token and \
              TORQUED_TOKEN out and use `torqued token create NAME --scope admin --directly`",
             token.chars().count(),

@@ -28,12 +28,14 @@ pub const SOFTWARE_VULKAN: Installation =
     Installation { name: "install a Vulkan driver", run: software_vulkan };
 
 /// The program that shows that a package is installed, and the package's name in Debian.
-const SYSTEM: [(&str, &str); 6] = [
+const SYSTEM: [(&str, &str); 7] = [
     ("chromium", "chromium"),
     ("curl", "curl"),
     ("node", "nodejs"),
     ("npm", "npm"),
     ("python3", "python3"),
+    // A pooler of connections to PostgreSQL. It is in /usr/sbin.
+    ("pgbouncer", "pgbouncer"),
     // It emulates a processor with only the baseline of x86-64.
     ("qemu-x86_64", "qemu-user"),
 ];
