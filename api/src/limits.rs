@@ -8,9 +8,8 @@ pub const BODY_BYTES: usize = 1 << 20;
 /// Bytes of a body that is checked at once, on a thread of the runtime. It takes a few milliseconds.
 pub const BRIEF_BODY_BYTES: usize = 16 << 10;
 
-/// Larger bodies that are checked at the same time. Further ones wait for their turn. A check takes
-/// some 100 MiB for the worst body of [`BODY_BYTES`], and some 300 MiB for that of
-/// [`QUESTION_BYTES`].
+/// Larger bodies that are checked at the same time. Further ones wait for their turn. By the sizes of
+/// types a check takes at most 200 MiB for [`BODY_BYTES`], and 500 MiB for [`QUESTION_BYTES`].
 pub const CONCURRENT_CHECKS: usize = 4;
 
 /// Default number of items on a page of a list.

@@ -22,7 +22,7 @@ pub fn read(text: &[u8]) -> Result<JobSpec, SubmissionError> {
     Ok(spec::parse(text)?)
 }
 
-/// What makes two requests with the spec in `text` and this key the same.
+/// The key with a digest of the request. A repeated request has the same digest.
 pub fn idempotency(text: &[u8], reuse: Reuse, key: String) -> Idempotency {
     let request = Digest::of_json(&json!([Digest::of(text), reuse == Reuse::Never]));
     Idempotency { key, request }

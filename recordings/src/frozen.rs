@@ -27,7 +27,7 @@ const FEWEST_ROWS: u64 = 20;
 /// weight of a standing arm change it less.
 const CHANGING_TORQUE: f64 = 0.1;
 
-/// The joints of a recording, and what looked wrong in all of them.
+/// Finds positions that stay the same although other columns say that the joint moves.
 pub(crate) struct Frozen {
     joints: Vec<Joint>,
     shortest_refused_s: f64,

@@ -232,7 +232,7 @@ impl Jumps {
         RowError::value(row.place, column, found, allowed)
     }
 
-    /// What a step looks like, and what to do.
+    /// Names the likely cause of a step, and a remedy if there is one.
     fn explanation(&self, at: usize, joint: usize, possible: f64) -> String {
         let (before, row) = (&self.rows[at - 1], &self.rows[at]);
         if (self.step(at, joint).abs() - TAU).abs() <= possible {

@@ -65,7 +65,7 @@ pub struct Sweeper {
     announced: HashSet<String>,
 }
 
-/// What a sweep did.
+/// The outcome of a sweep.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Swept {
     /// Number of deleted files, which an earlier sweep had announced.

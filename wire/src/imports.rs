@@ -14,7 +14,7 @@ pub struct ImportCounts {
     pub trajectories: u64,
     /// Samples at the dataset's rate that are not part of any trajectory.
     pub dropped_samples: u64,
-    /// What looks wrong, but can be: at most one sentence for each joint.
+    /// Suspicious positions that may be right: at most one sentence for each joint.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<String>,
 }

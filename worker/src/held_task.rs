@@ -22,7 +22,7 @@ pub(crate) struct HeldTask<'a> {
 /// another process takes the task back.
 const END_WITHIN: Duration = Duration::from_secs(5);
 
-/// What becomes of a task that found no room for its results.
+/// The end of the message of a task that found no room for its results.
 const WAITS: &str = "it waits for room and is tried again; this attempt is not counted";
 
 impl HeldTask<'_> {

@@ -171,7 +171,7 @@ impl FromRef<App> for Checks {
 
 impl App {
     pub fn new(store: Store, options: &Options) -> Self {
-        // What may take long has a part of the connections, so that some are left for the rest.
+        // Long answers get a part of the connections, so that some are left for short ones.
         let part = |limit: usize, of: usize| limit.min(options.connections / of).max(1);
         Self {
             store,

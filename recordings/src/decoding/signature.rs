@@ -23,7 +23,7 @@ const SIGNATURES: [(&[u8], &str, &str); 16] = [
     (b"\xfe\xff", "text in UTF-16", "save it as UTF-8"),
 ];
 
-/// What the file is, and what to do, if it begins like a file of another format.
+/// Names the format of a file that begins like one of another format, and says how to convert it.
 pub(super) fn describe(first: &[u8]) -> Option<String> {
     let (_, what, remedy) = SIGNATURES.iter().find(|(bytes, ..)| first.starts_with(bytes))?;
     Some(format!("it is {what}; {remedy}"))

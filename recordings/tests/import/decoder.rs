@@ -112,7 +112,8 @@ fn a_refusal_arrives_as_the_child_words_it() {
     assert!(error.to_string().contains("footer claims"), "{error}");
 }
 
-/// What the child tells of its attempts to get out, for a file, a server and a socket that exist.
+/// Has the child try to reach a file, a server and a socket that exist. Returns its report of each
+/// attempt.
 #[cfg(target_os = "linux")]
 fn attacks(how: &str) -> Vec<String> {
     let folder = tempfile::tempdir().unwrap();

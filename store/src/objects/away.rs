@@ -124,7 +124,7 @@ impl RemoteStore {
         })
     }
 
-    /// What was wrong with the place at the last look. If that look is old, the next one begins.
+    /// The fault that the last look found at the place. If that look is old, this begins another one.
     pub fn displaced(&self) -> Option<Displaced> {
         if self.mark.is_stale() && !self.looks.swap(true, Ordering::Relaxed) {
             let (remote, mark) = (Arc::clone(&self.remote), Arc::clone(&self.mark));

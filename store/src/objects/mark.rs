@@ -36,7 +36,7 @@ impl Marker {
 /// Number of hexadecimal digits of a store's identity.
 const IDENTITY_LENGTH: usize = 32;
 
-/// What is wrong with the place of a store's objects.
+/// A fault of the place of a store's objects.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Displaced {
     /// There is no mark: the disk is not mounted, the bucket was emptied, or it is another prefix.

@@ -175,7 +175,7 @@ impl Objects {
         }
     }
 
-    /// What is wrong with the place, as far as it is known without waiting.
+    /// The fault of the place that is known without waiting.
     pub fn displaced(&self) -> Option<Displaced> {
         match &self.place {
             Backend::Folder(folder) => folder.mark.look_in_folder(&folder.path),

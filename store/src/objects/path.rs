@@ -68,7 +68,7 @@ pub fn table(run: RunId, epoch: Epoch, name: &str) -> String {
     format!("runs/{run}/table-e{epoch}-{name}")
 }
 
-/// What an object is, as its path says. A store deletes nothing else from its place: a file with
+/// The kind of an object, read from its path. A store deletes nothing else from its place: a file with
 /// another name was made by somebody else.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum MadeObject {
