@@ -50,7 +50,7 @@ impl Checks {
             result
         });
         checked.await.map_err(|error| {
-            tracing::error!(error = faults::causes(&error), "a check failed");
+            tracing::error!(error = spec::causes(&error), "a check failed");
             ApiError::Internal
         })?
     }

@@ -75,7 +75,7 @@ pub async fn add_browser_headers(request: Request, next: Next) -> Response {
 /// has the details.
 #[expect(clippy::needless_pass_by_value, reason = "the layer hands it over")]
 pub fn answer_panic(panic: Box<dyn Any + Send + 'static>) -> Response {
-    let message = faults::panic_message(panic.as_ref());
+    let message = spec::panic_message(panic.as_ref());
     tracing::error!(message, "a request handler panicked");
     ApiError::Internal.into_response()
 }

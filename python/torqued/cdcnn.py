@@ -1,4 +1,4 @@
-"""The PyTorch twin of `models/src/cdcnn.rs`."""
+"""The PyTorch twin of `crates/models/src/cdcnn.rs`."""
 
 import torch
 from torch import Tensor, nn

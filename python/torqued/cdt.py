@@ -1,4 +1,4 @@
-"""The PyTorch twin of `models/src/cdt`."""
+"""The PyTorch twin of `crates/models/src/cdt`."""
 
 import torch
 import torch.nn.functional as F

@@ -17,7 +17,7 @@ from .frame import frames, series_told, told
 
 FORMAT_VERSION = 2
 SMALLEST_STANDARD_DEVIATION = 1e-3
-"""The smallest standard deviation, as in `models/src/normalization.rs`; N·m and rad."""
+"""The smallest standard deviation, as in `crates/models/src/normalization.rs`; N·m and rad."""
 
 
 def twins() -> dict[str, type[torch.nn.Module]]:

@@ -1,4 +1,4 @@
-"""The PyTorch twin of `models/src/diffuser.rs`."""
+"""The PyTorch twin of `crates/models/src/diffuser.rs`."""
 
 import torch
 from torch import Tensor, nn

@@ -1,4 +1,4 @@
-"""The PyTorch twin of `models/src/diffusion/`: noise schedules and samplers.
+"""The PyTorch twin of `crates/models/src/diffusion/`: noise schedules and samplers.
 
 A sampler is a table: at each of its levels the series becomes
 `noisy * x + clean * x0 + previous_clean * x0 of the step before + noise * epsilon`.

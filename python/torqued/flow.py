@@ -1,4 +1,4 @@
-"""The PyTorch twin of `models/src/diffusion/flow.rs`, and the network of a flow."""
+"""The PyTorch twin of `crates/models/src/diffusion/flow.rs`, and the network of a flow."""
 
 import math
 

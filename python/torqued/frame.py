@@ -1,4 +1,4 @@
-"""The PyTorch twin of `models/src/frame.rs`: y = center + scale · the network's value."""
+"""The PyTorch twin of `crates/models/src/frame.rs`: y = center + scale · the network's value."""
 
 import torch
 from torch import Tensor
@@ -37,7 +37,7 @@ def frames(config: dict, u: Tensor, y_context: Tensor, y_mean: Tensor, y_std: Te
 
 
 def series_told(config: dict) -> int:
-    """The number of known series per joint, the twin of `models/src/told.rs`."""
+    """The number of known series per joint, the twin of `crates/models/src/told.rs`."""
     return 1 if config["model"].get("residual", "none") == "none" else 3
 
 
@@ -52,7 +52,7 @@ def lagged_path(driven: Tensor, y: Tensor, horizon: int) -> tuple[Tensor, Tensor
     after k samples in the context.
 
     `driven` [batch, samples, joint] is the displacement per sample without a lag, and `y` is that of the context,
-    both in rad. It is the twin of `models/src/lag.rs`.
+    both in rad. It is the twin of `crates/models/src/lag.rs`.
     """
     known = y.shape[1]
     last = known - 1

@@ -1,4 +1,4 @@
-"""The PyTorch twin of `models/src/lagrangian`: same names, same numbers, in N·m, rad and s."""
+"""The PyTorch twin of `crates/models/src/lagrangian`: same names, same numbers, in N·m, rad and s."""
 
 import math
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ INITIAL_JACOBIAN, INITIAL_HEAD, INITIAL_ARMATURE, INITIAL_NOISE = 0.9, 0.35, 0.1
 INITIAL_SLOPE = 4.0
 INITIAL_SHARED_SPREAD, INITIAL_DAMPING_SPREAD, INITIAL_FRICTION_SPREAD = 0.1, 1.0, 0.1
 INITIAL_TAIL = 0.3
-"""As in `models/src/lagrangian/mod.rs`."""
+"""As in `crates/models/src/lagrangian/mod.rs`."""
 NOISE_ROUNDS = 3
 """Rounds in which the noise of a context is estimated again from the residuals of the last fit."""
 EVERY = 8

@@ -1,4 +1,4 @@
-"""The PyTorch twin of `models/src/loss.rs`."""
+"""The PyTorch twin of `crates/models/src/loss.rs`."""
 
 from torch import Tensor
 

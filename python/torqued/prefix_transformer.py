@@ -1,4 +1,4 @@
-"""The PyTorch twin of `models/src/prefix_transformer`: same names, same numbers, in N·m, rad and s."""
+"""The PyTorch twin of `crates/models/src/prefix_transformer`: same names, same numbers, in N·m, rad and s."""
 
 import math
 
@@ -12,7 +12,7 @@ RISE_S = 0.1
 LEAST_ERROR_DEG = 0.01
 LEAST_SPEED = 1e-3
 DISTANCE_S = 0.5
-"""As in `models/src/prefix_transformer`."""
+"""As in `crates/models/src/prefix_transformer`."""
 
 
 class PrefixTransformer(nn.Module):

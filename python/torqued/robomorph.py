@@ -1,4 +1,4 @@
-"""The PyTorch twin of `models/src/robomorph`: same names, same layouts, same numbers."""
+"""The PyTorch twin of `crates/models/src/robomorph`: same names, same layouts, same numbers."""
 
 import torch
 import torch.nn.functional as F

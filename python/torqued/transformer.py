@@ -1,4 +1,4 @@
-"""The PyTorch twin of `models/src/transformer.rs`: the blocks of RoboMorph and CDT.
+"""The PyTorch twin of `crates/models/src/transformer.rs`: the blocks of RoboMorph and CDT.
 
 Dropout has the same places and the same rate as in torqued, but drops other values.
 """

@@ -1,4 +1,4 @@
-"""The PyTorch twin of `models/src/unet/`: the parts that Diffuser and CDCNN share."""
+"""The PyTorch twin of `crates/models/src/unet/`: the parts that Diffuser and CDCNN share."""
 
 import math
 

@@ -14,8 +14,7 @@ use crate::product::{PATIENCE, Product, run_to_end, signal, torqued};
 use crate::s3_server;
 
 /// The authority that signed the proxy's certificate.
-const AUTHORITY: &str =
-    concat!(env!("CARGO_MANIFEST_DIR"), "/testbed/tests/s3_server/authority.pem");
+const AUTHORITY: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/store/tests/s3_server/authority.pem");
 
 /// A token that is long enough.
 const TOKEN: &str = "a-token-for-this-test";

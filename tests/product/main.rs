@@ -34,8 +34,8 @@ mod product;
 mod quickstart;
 mod redirects;
 mod reindex;
-#[expect(dead_code, reason = "testbed has it fail")]
-#[path = "../../testbed/tests/s3_server/mod.rs"]
+#[expect(dead_code, reason = "the tests of the store have it fail")]
+#[path = "../../store/tests/s3_server/mod.rs"]
 mod s3_server;
 mod shards;
 mod slurm;

@@ -96,7 +96,7 @@ impl Attempt {
     ) -> Result<(), TaskError> {
         tracing::info!(seconds = self.progress.seconds(), "done");
         if let Err(error) = self.wait(self.log.send(&self.store, self.fence())) {
-            tracing::warn!(error = faults::causes(&error), "cannot write the end of the log");
+            tracing::warn!(error = spec::causes(&error), "cannot write the end of the log");
         }
         self.wait(commit)?;
         Ok(())

@@ -131,7 +131,7 @@ async fn work_on(
             }
             Ok(SearchResult::Obstacle(_)) => RETRY,
             Err(error) => {
-                tracing::error!(error = faults::causes(&error), "cannot look for a task");
+                tracing::error!(error = spec::causes(&error), "cannot look for a task");
                 RETRY
             }
         };
@@ -157,7 +157,7 @@ async fn wait_for_a_task(store: &Store, bell: &mut Option<Bell>) {
         Some(hung) => hung.wait(hung.patience()).await,
     };
     if let Err(error) = rung {
-        tracing::warn!(error = faults::causes(&error), "cannot listen for tasks");
+        tracing::warn!(error = spec::causes(&error), "cannot listen for tasks");
         *bell = None;
         tokio::time::sleep(RETRY).await;
     }
@@ -321,7 +321,7 @@ fn panicked(
     device: DeviceKind,
     panic: Option<&(dyn Any + Send)>,
 ) -> TaskError {
-    let message = panic.map_or("a panic without a message", faults::panic_message).to_owned();
+    let message = panic.map_or("a panic without a message", spec::panic_message).to_owned();
     if module.is_some_and(|module| module.computes_models) && device.is_apart() {
         return TaskError::Device { device, message };
     }

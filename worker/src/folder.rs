@@ -280,7 +280,7 @@ fn object(file: &FileDescription) -> StoredObject {
 fn of_shard(shard: u32) -> impl FnOnce(TaskError) -> FolderError {
     move |error| match error {
         TaskError::Stopped => FolderError::Stopped,
-        other => FolderError::Shard { shard, reason: faults::causes(&other) },
+        other => FolderError::Shard { shard, reason: spec::causes(&other) },
     }
 }
 

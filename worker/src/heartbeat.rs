@@ -120,7 +120,7 @@ pub async fn keep_alive(
                     // The next renewal detects a lost lease.
                     Ok(()) | Err(StoreError::LeaseLost { .. }) => {}
                     Err(error) => {
-                        tracing::warn!(error = faults::causes(&error), "cannot write the log");
+                        tracing::warn!(error = spec::causes(&error), "cannot write the log");
                     }
                 }
             }
@@ -129,7 +129,7 @@ pub async fn keep_alive(
                 return;
             }
             Ok(Err(error)) => {
-                tracing::warn!(task = %fence.task, error = faults::causes(&error), "cannot renew the lease");
+                tracing::warn!(task = %fence.task, error = spec::causes(&error), "cannot renew the lease");
             }
             Err(_) => tracing::warn!(task = %fence.task, "the database does not answer"),
         }

@@ -39,7 +39,7 @@ impl HeldTask<'_> {
             tracing::warn!(%job, task, "lost its lease; what it did does not count");
             return;
         }
-        tracing::warn!(%job, task, error = faults::causes(error), "not done");
+        tracing::warn!(%job, task, error = spec::causes(error), "not done");
         self.send_log().await;
         let ended = match error {
             TaskError::Stopped => self.end_stopped(told.unwrap_or(StopReason::Shutdown), "").await,
@@ -48,10 +48,10 @@ impl HeldTask<'_> {
                 self.store.release(self.fence).await
             }
             error if error.is_without_room() => {
-                let reason = format!("{}; {WAITS}", faults::causes(error));
+                let reason = format!("{}; {WAITS}", spec::causes(error));
                 self.store.defer(self.fence, &reason).await
             }
-            error => self.store.fail(self.fence, &faults::causes(error), error.retry()).await,
+            error => self.store.fail(self.fence, &spec::causes(error), error.retry()).await,
         };
         self.report(ended);
     }
@@ -92,13 +92,13 @@ impl HeldTask<'_> {
 
     async fn send_log(&self) {
         if let Err(error) = self.log.send(self.store, self.fence).await {
-            tracing::warn!(error = faults::causes(&error), "cannot write the end of the log");
+            tracing::warn!(error = spec::causes(&error), "cannot write the end of the log");
         }
     }
 
     fn report(&self, ended: Result<(), StoreError>) {
         if let Err(error) = ended {
-            let (job, error) = (self.job, faults::causes(&error));
+            let (job, error) = (self.job, spec::causes(&error));
             tracing::error!(%job, task = self.label, error, "cannot end the task");
         }
     }

@@ -75,7 +75,7 @@ pub fn python() -> anyhow::Result<PathBuf> {
 
 /// A Python with PyTorch. Our networks are imported from the repository.
 pub fn pytorch() -> anyhow::Result<PathBuf> {
-    environment("pytorch", "models/tests/peers/requirements.txt")
+    environment("pytorch", "crates/models/tests/peers/requirements.txt")
 }
 
 /// A Python with frax, and the JAX version with which it is fastest.

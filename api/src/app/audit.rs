@@ -19,7 +19,7 @@ impl App {
     pub async fn record_refused(&self, entry: &store::AuditEntry) {
         let store::AuditEntry { actor, method, path, .. } = entry;
         if let Err(error) = self.store.record_audit(entry).await {
-            let error = faults::causes(&error);
+            let error = spec::causes(&error);
             tracing::error!(error, actor, method, path, "the audit log cannot be written");
         }
     }

@@ -4,8 +4,8 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use axum::body::Bytes;
+use series::interpolated_quantile;
 use spec::SpecError;
-use statistics::interpolated_quantile;
 use store::{Checkpoint, CheckpointFile, CheckpointId};
 use wire::{
     PredictedQuantile, PredictedScenario, PredictingModel, Prediction, PredictionLatency,

@@ -65,7 +65,7 @@ impl OpenShards {
         });
         // The decoder may panic on an invalid page.
         let read = reading.await.map_err(|panic| unreadable(panic.to_string()))?;
-        read.map_err(|error| unreadable(faults::causes(&error)))
+        read.map_err(|error| unreadable(spec::causes(&error)))
     }
 
     /// The slot of a shard, which is then the last to be closed.

@@ -286,7 +286,7 @@ impl ApiError {
         if let Self::ShardUnreadable { reason, .. } = self {
             tracing::error!(error = %self, reason, "a request failed");
         } else if self.status().is_server_error() {
-            tracing::error!(error = faults::causes(self), "a request failed");
+            tracing::error!(error = spec::causes(self), "a request failed");
         }
     }
 

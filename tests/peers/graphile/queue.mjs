@@ -1,4 +1,4 @@
-// Graphile Worker with the roles of testbed/examples/queue_rates: `node queue.mjs ROLE FOLDER
+// Graphile Worker with the roles of store/examples/queue_rates: `node queue.mjs ROLE FOLDER
 // DATABASE ...`. Batches are those of https://worker.graphile.org/docs/performance: each process
 // fetches tasks ahead of their execution.
 

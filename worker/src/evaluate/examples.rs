@@ -137,7 +137,7 @@ fn ask(
     match attempt.interruptible(|| predictor.predict(&observed))? {
         Ok(positions) => Ok(Some(positions)),
         Err(error) => {
-            tracing::warn!(predictor = predictor.name(), error = %faults::causes(&error), "no answer");
+            tracing::warn!(predictor = predictor.name(), error = %spec::causes(&error), "no answer");
             Ok(None)
         }
     }

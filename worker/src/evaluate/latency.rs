@@ -6,8 +6,8 @@ use std::time::Instant;
 use models::{Sampling, WarmStart};
 use serde::{Deserialize, Serialize};
 use series::Observed;
+use series::measured_quantile;
 use spec::{EvaluateSpec, Start};
-use statistics::measured_quantile;
 use wire::Latency;
 
 use super::cell::{asked_about, scenarios};

@@ -26,7 +26,7 @@ pub(super) fn take_over(attempt: &Attempt) -> Result<ControlFlow<()>, TaskError>
             Ok(ControlFlow::Break(()))
         }
         Err(error) if error.is_unusable_object() => {
-            let error = faults::causes(&error);
+            let error = spec::causes(&error);
             tracing::warn!(task = %task.label, error, "makes the shard anew");
             Ok(ControlFlow::Continue(()))
         }

@@ -89,7 +89,7 @@ fn trainer(
         match resume(attempt, spec, course, &checkpoint) {
             Ok(trainer) => return Ok((trainer, Some(checkpoint))),
             Err(TaskError::Store(error)) if error.is_unusable_object() => {
-                let error = faults::causes(&error);
+                let error = spec::causes(&error);
                 tracing::warn!(step = checkpoint.step, error, "discards a checkpoint");
                 attempt.wait(store.discard_checkpoint(attempt.fence(), checkpoint.id))?;
             }

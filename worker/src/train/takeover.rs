@@ -51,7 +51,7 @@ pub(super) fn take_over(
 
 fn pass_over(checkpoint: &Checkpoint, reason: &dyn std::error::Error) {
     let Checkpoint { job, step, .. } = checkpoint;
-    tracing::warn!(%job, step, reason = faults::causes(reason), "passes over a checkpoint");
+    tracing::warn!(%job, step, reason = spec::causes(reason), "passes over a checkpoint");
 }
 
 /// Copies metrics first: a checkpoint never stands for steps whose metrics are lost.

@@ -215,7 +215,7 @@ impl File<'_> {
         match catch_unwind(AssertUnwindSafe(read)) {
             Ok(Ok(read)) => Ok(read),
             Ok(Err(TaskError::Differs(what))) => Err(what),
-            Ok(Err(error)) => Err(format!("it cannot be read: {}", faults::causes(&error))),
+            Ok(Err(error)) => Err(format!("it cannot be read: {}", spec::causes(&error))),
             Err(_) => Err("it cannot be read: a page is damaged".to_owned()),
         }
     }

@@ -8,7 +8,7 @@ use std::time::Instant;
 use anyhow::{Context, ensure};
 use serde::Deserialize;
 use serde_json::{Value, json};
-use statistics::measured_quantile;
+use series::measured_quantile;
 use tungstenite::{Message, WebSocket, client};
 
 use super::isa;

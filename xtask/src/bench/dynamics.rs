@@ -13,7 +13,7 @@ use anyhow::{Context, ensure};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
-use statistics::median;
+use series::median;
 use tempfile::TempDir;
 
 use super::measurement::{Goal, Measurement, Peer};
@@ -74,7 +74,7 @@ pub(super) fn run(wanted: Wanted) -> anyhow::Result<BenchmarkResults> {
     Ok(BenchmarkResults { notes: notes(&rounds, accuracy), measurements })
 }
 
-/// Rates that `dynamics/examples/rates.rs` prints.
+/// Rates that `crates/dynamics/examples/rates.rs` prints.
 #[derive(Clone, Debug, Deserialize)]
 struct Ours {
     instructions: String,

@@ -9,7 +9,7 @@ use anyhow::{Context, ensure};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
-use statistics::median;
+use series::median;
 
 use super::measurement::Peer;
 use super::peak;
@@ -79,7 +79,7 @@ struct Round {
     autocast: Option<Theirs>,
 }
 
-/// The output of `models/examples/model_rates.rs`.
+/// The output of `crates/models/examples/model_rates.rs`.
 #[derive(Clone, Debug, Deserialize)]
 struct Ours {
     threads: usize,
@@ -87,7 +87,7 @@ struct Ours {
     config: Value,
 }
 
-/// The output of `models/tests/peers/pytorch_rates.py`.
+/// The output of `crates/models/tests/peers/pytorch_rates.py`.
 #[derive(Clone, Debug, Deserialize)]
 struct Theirs {
     version: String,
@@ -266,7 +266,7 @@ impl Bench<'_> {
     fn ask(&self, python: &Path, ours: &Ours, twin: Twin, steps: usize) -> anyhow::Result<Theirs> {
         let mut command = Command::new(python);
         command
-            .arg("models/tests/peers/pytorch_rates.py")
+            .arg("crates/models/tests/peers/pytorch_rates.py")
             .env("PYTHONPATH", repository().join("python"))
             .current_dir(repository());
         let question = json!({

@@ -8,7 +8,7 @@ use std::process::Command;
 
 use serde::Deserialize;
 use serde_json::json;
-use statistics::median;
+use series::median;
 
 use super::dynamics::answer;
 use super::measurement::{Measurement, Peer};

@@ -3,8 +3,8 @@
 use std::thread;
 use std::time::{Duration, Instant};
 
+use series::median;
 use simd::{InstructionSet, multiply_adds};
-use statistics::median;
 
 const MEASURED: Duration = Duration::from_millis(50);
 /// Steps of [`multiply_adds`] between two readings of the clock.

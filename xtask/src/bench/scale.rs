@@ -8,7 +8,7 @@ use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use anyhow::ensure;
-use statistics::measured_quantile;
+use series::measured_quantile;
 
 use super::measurement::Measurement;
 use super::queue::cluster::Cluster;

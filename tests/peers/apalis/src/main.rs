@@ -1,4 +1,4 @@
-//! apalis with the roles of `testbed/examples/queue_rates`: `apalis_queue BATCH ROLE FOLDER
+//! apalis with the roles of `store/examples/queue_rates`: `apalis_queue BATCH ROLE FOLDER
 //! DATABASE ...`. BATCH is the number of tasks that a worker fetches at once.
 
 use std::sync::{Arc, Mutex, PoisonError};

@@ -11,7 +11,7 @@ use std::time::Instant;
 
 use anyhow::{Context, ensure};
 use serde_json::{Value, json};
-use statistics::{measured_quantile, median};
+use series::{measured_quantile, median};
 
 use self::client::Client;
 use self::logging::{BATCH, CLIENTS, Logged};

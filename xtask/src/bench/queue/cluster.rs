@@ -1,4 +1,4 @@
-//! The PostgreSQL of a benchmark. A program of `testbed` starts and ends it.
+//! The PostgreSQL of a benchmark. A program of `store` starts and ends it.
 
 use std::io::{BufRead, BufReader, Write};
 use std::process::{Child, ChildStdin, ChildStdout, Stdio};

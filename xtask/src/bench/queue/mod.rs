@@ -15,7 +15,7 @@ use std::path::Path;
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
-use statistics::measured_quantile;
+use series::measured_quantile;
 
 use super::measurement::{Goal, Measurement, Peer};
 use super::wanted::{BenchmarkResults, Peers, Wanted};

@@ -1,4 +1,4 @@
-//! Programs with the arguments of `testbed/examples/queue_rates`.
+//! Programs with the arguments of `store/examples/queue_rates`.
 
 use std::path::PathBuf;
 use std::process::{Command, Stdio};

@@ -1,0 +1,349 @@
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use series::{Observed, SeriesView};
+use spec::{Family, Range};
+use wire::Warning;
+
+use crate::metrics::{JitterMeter, beyond_limits_deg, has_diverged, squares_deg2};
+use crate::predictor::Answer;
+use crate::scores::{ScenarioErrors, ScoredAs, degrees};
+use crate::{EvaluationError, Predictor};
+
+/// The errors of every predictor on the same scenarios of one cell.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct CellResult {
+    pub cell: usize,
+    /// The excitation family. It is `None`, like the frequency, for data without a frequency grid.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub family: Option<Family>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub frequency_hz: Option<f64>,
+    /// Standard deviation of the noise that was added to the positions of contexts, rad.
+    #[serde(default)]
+    pub position_noise_rad: f64,
+    /// Index of the first scenario in the dataset; the others follow.
+    pub first: u64,
+    /// Joints of every robot.
+    pub joints: usize,
+    pub predictors: Vec<PredictorErrors>,
+    /// The jitter of the measured motions, see [`measured_jitter_deg`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub measured_jitter_deg: Option<f64>,
+    /// Share of the scenarios in which the measured motion leaves the joints' limits.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub measured_left_limits: Option<f64>,
+    /// Whether the torques of each scenario, context and horizon, stay within the rated torques of
+    /// every joint. Empty where these are not known.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub within_torque_limits: Vec<bool>,
+    /// Warnings about data unlike that of the checkpoints' trainings, and about contexts that
+    /// identify nothing.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<Warning>,
+}
+
+/// One predictor's errors on the scenarios of a cell, in order.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct PredictorErrors {
+    pub predictor: String,
+    /// Mean over joints. `None` without an answer.
+    pub rmse_deg: Vec<Option<f64>>,
+    /// `None` without an answer. The table of [`Row`]s stores these errors, the JSON of a result
+    /// does not.
+    #[serde(skip)]
+    pub scenarios: Vec<Option<ScenarioErrors>>,
+    /// Squared error of each step of the horizon and each joint, summed over the scenarios with an
+    /// answer.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub step_squares_deg2: Vec<Vec<f64>>,
+    /// Mean of [`crate::SampleErrors::calibration`] over the scenarios with an answer.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub calibration: Vec<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub failure: Option<Failure>,
+    /// `None` where the predictor failed on the cell as a whole.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rollouts: Option<Rollouts>,
+    /// The scenarios that diverged by [`has_diverged`], counted from 0 in the cell.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub diverged: Vec<usize>,
+}
+
+impl CellResult {
+    /// The share of scenarios within the torque limits. `None` where the limits are not known.
+    pub fn share_within_torque_limits(&self) -> Option<f64> {
+        let within = self.within_torque_limits.iter().filter(|within| **within).count();
+        let all = self.within_torque_limits.len();
+        (all > 0).then(|| within as f64 / all as f64)
+    }
+}
+
+/// Where the predictions of a cell lead. Predictions that are not finite count, too.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Rollouts {
+    /// Number of scenarios in which some joint leaves its limits. `None` where limits are not
+    /// known.
+    pub left_limits: Option<usize>,
+    /// Number of scenarios that diverged by [`has_diverged`].
+    pub diverged: usize,
+}
+
+/// Scenarios of a cell without an answer of a predictor.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Failure {
+    /// Number of such scenarios.
+    pub scenarios: usize,
+    /// The first of them, counted from 0 in the cell.
+    pub first: usize,
+    pub reason: String,
+}
+
+/// The settings of questions and scores.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Scoring {
+    /// Samples of the recording before the window. Only predictors that continue their own earlier
+    /// predictions use them.
+    pub pre_roll: usize,
+    pub context: usize,
+    /// Samples that are drawn from every generative predictor. Below 2 none are drawn.
+    pub samples: usize,
+    /// The frequency above which a prediction's power is jitter, see
+    /// [`crate::metrics::band_edge_hz`]. With `None` jitter is not measured.
+    pub band_edge_hz: Option<f64>,
+    /// Limits of each joint's position; empty where they are not known.
+    pub limits_rad: Vec<Range>,
+}
+
+/// Asks each predictor the same question and scores the answers.
+///
+/// If a predictor fails, or has no finite answer to some scenarios, its
+/// [`PredictorErrors::failure`] says so. The other predictors are scored all the same.
+///
+/// # Panics
+/// Like [`SeriesView::observed`].
+pub fn evaluate_cell(
+    scenarios: &SeriesView<'_>,
+    scoring: &Scoring,
+    predictors: &[Box<dyn Predictor + '_>],
+) -> Vec<PredictorErrors> {
+    let observed = scenarios.observed(scoring.pre_roll, scoring.context);
+    let scorer = Scorer {
+        truth: &scoring.truth(scenarios),
+        row: observed.horizon() * observed.joints(),
+        joints: observed.joints(),
+        limits_rad: &scoring.limits_rad,
+        meter: meter(&observed, scoring),
+    };
+    predictors.iter().map(|predictor| scorer.errors(&**predictor, &observed, scoring)).collect()
+}
+
+/// Root mean square above the band's edge in the measured horizon, as a mean over joints and
+/// scenarios. The jitter of a predictor below this value has its origin in the measurement.
+///
+/// # Panics
+/// Like [`SeriesView::observed`].
+pub fn measured_jitter_deg(scenarios: &SeriesView<'_>, scoring: &Scoring) -> Option<f64> {
+    let observed = scenarios.observed(scoring.pre_roll, scoring.context);
+    let meter = meter(&observed, scoring)?;
+    let truth = scoring.truth(scenarios);
+    let joints = observed.joints();
+    let rows = truth.chunks_exact(observed.horizon() * joints);
+    let total: f64 = rows
+        .flat_map(|row| (0..joints).map(move |joint| degrees(row, joint, joints)))
+        .map(|series| meter.jitter(&series))
+        .sum();
+    (scenarios.robots() > 0).then(|| total / (scenarios.robots() * joints) as f64)
+}
+
+/// The share of scenarios whose measured horizon leaves the joints' limits, whatever a predictor
+/// answers.
+///
+/// # Panics
+/// Like [`SeriesView::observed`].
+pub fn measured_left_limits(scenarios: &SeriesView<'_>, scoring: &Scoring) -> Option<f64> {
+    if scoring.limits_rad.is_empty() || scenarios.robots() == 0 {
+        return None;
+    }
+    let truth = scoring.truth(scenarios);
+    let rows = truth.chunks_exact(truth.len() / scenarios.robots());
+    let left = rows.filter(|row| has_left(row, &scoring.limits_rad)).count();
+    Some(left as f64 / scenarios.robots() as f64)
+}
+
+/// Whether the torques of each scenario stay within `limits_nm`, one per joint. Empty without
+/// limits.
+pub fn within_torque_limits(scenarios: &SeriesView<'_>, limits_nm: &[f64]) -> Vec<bool> {
+    if limits_nm.is_empty() {
+        return Vec::new();
+    }
+    let is_within = |robot: usize| {
+        limits_nm.iter().enumerate().all(|(joint, limit)| {
+            scenarios.u(robot).joint(joint).all(|torque| f64::from(torque).abs() <= *limit)
+        })
+    };
+    (0..scenarios.robots()).map(is_within).collect()
+}
+
+fn has_left(positions: &[f32], limits_rad: &[Range]) -> bool {
+    beyond_limits_deg(positions, limits_rad).iter().any(|&beyond| beyond > 0.0)
+}
+
+fn meter(observed: &Observed<'_>, scoring: &Scoring) -> Option<JitterMeter> {
+    JitterMeter::new(observed.horizon(), scoring.band_edge_hz?, observed.rate_hz())
+}
+
+impl Scoring {
+    /// True positions of the horizon, `[robot, horizon, joint]`, rad.
+    fn truth(&self, scenarios: &SeriesView<'_>) -> Vec<f32> {
+        scenarios.window(self.pre_roll + self.context..scenarios.samples()).copy_true_y()
+    }
+}
+
+struct Scorer<'a> {
+    /// `[robot, horizon, joint]`.
+    truth: &'a [f32],
+    /// Values per scenario.
+    row: usize,
+    joints: usize,
+    limits_rad: &'a [Range],
+    meter: Option<JitterMeter>,
+}
+
+impl Scorer<'_> {
+    fn errors(
+        &self,
+        predictor: &dyn Predictor,
+        observed: &Observed<'_>,
+        scoring: &Scoring,
+    ) -> PredictorErrors {
+        let size = observed.robots();
+        let answer = match self.ask(predictor, observed, scoring) {
+            Ok(answer) => answer,
+            Err(error) => {
+                let reason = spec::causes(&error);
+                return PredictorErrors {
+                    predictor: predictor.name().to_owned(),
+                    rmse_deg: vec![None; size],
+                    scenarios: vec![None; size],
+                    failure: Some(Failure { scenarios: size, first: 0, reason }),
+                    ..PredictorErrors::default()
+                };
+            }
+        };
+        let patch = predictor.patch();
+        let scenarios: Vec<Option<ScenarioErrors>> =
+            (0..size).into_par_iter().map(|k| self.score(&answer, patch, k)).collect();
+        let mut squares = vec![0.0; self.row];
+        for scenario in (0..size).filter(|&scenario| scenarios[scenario].is_some()) {
+            let of_scenario = scenario * self.row..(scenario + 1) * self.row;
+            let (truth, predicted) =
+                (&self.truth[of_scenario.clone()], &answer.positions[of_scenario]);
+            for (sum, square) in squares.iter_mut().zip(squares_deg2(truth, predicted)) {
+                *sum += square;
+            }
+        }
+        let failed = scenarios.iter().filter(|errors| errors.is_none()).count();
+        let first = scenarios.iter().position(Option::is_none);
+        PredictorErrors {
+            predictor: predictor.name().to_owned(),
+            rmse_deg: scenarios.iter().map(|errors| errors.as_ref().map(mean_rmse_deg)).collect(),
+            failure: first.map(|first| Failure {
+                scenarios: failed,
+                first,
+                reason: "a value that is not finite".to_owned(),
+            }),
+            calibration: calibration(&scenarios),
+            scenarios,
+            rollouts: Some(self.rollouts(&answer)),
+            diverged: self.diverged(&answer).collect(),
+            step_squares_deg2: squares.chunks(self.joints).map(<[f64]>::to_vec).collect(),
+        }
+    }
+
+    fn ask(
+        &self,
+        predictor: &dyn Predictor,
+        observed: &Observed<'_>,
+        scoring: &Scoring,
+    ) -> Result<Answer, EvaluationError> {
+        let check = |got: usize, expected: usize| {
+            let predictor = predictor.name().to_owned();
+            if got == expected {
+                return Ok(());
+            }
+            Err(EvaluationError::WrongLength { predictor, got, expected })
+        };
+        let answer = predictor.answer(observed, scoring.samples)?;
+        check(answer.positions.len(), self.truth.len())?;
+        if let Some(samples) = &answer.samples {
+            check(samples.positions.len(), samples.count * self.truth.len())?;
+        }
+        Ok(answer)
+    }
+
+    fn rollouts(&self, answer: &Answer) -> Rollouts {
+        let each = || self.truth.chunks(self.row).zip(answer.positions.chunks(self.row));
+        let left = || each().filter(|(_, predicted)| has_left(predicted, self.limits_rad)).count();
+        Rollouts {
+            left_limits: (!self.limits_rad.is_empty()).then(left),
+            diverged: self.diverged(answer).count(),
+        }
+    }
+
+    fn diverged<'b>(&'b self, answer: &'b Answer) -> impl Iterator<Item = usize> + 'b {
+        let each = self.truth.chunks(self.row).zip(answer.positions.chunks(self.row));
+        let diverged =
+            each.enumerate().filter(|(_, (truth, predicted))| has_diverged(truth, predicted));
+        diverged.map(|(scenario, _)| scenario)
+    }
+
+    /// The errors of each scenario. `None` if a value of the answer is not finite.
+    fn score(
+        &self,
+        answer: &Answer,
+        patch: Option<usize>,
+        scenario: usize,
+    ) -> Option<ScenarioErrors> {
+        let of_scenario = scenario * self.row..(scenario + 1) * self.row;
+        let truth = &self.truth[of_scenario.clone()];
+        let predicted = &answer.positions[of_scenario.clone()];
+        let samples: Vec<&[f32]> = match &answer.samples {
+            Some(samples) => samples
+                .positions
+                .chunks_exact(self.truth.len())
+                .map(|sample| &sample[of_scenario.clone()])
+                .collect(),
+            None => Vec::new(),
+        };
+        let mut answered = samples.iter().copied().chain([predicted]).flatten();
+        answered.all(|value| value.is_finite()).then(|| {
+            let scored_as = ScoredAs {
+                joints: self.joints,
+                patch,
+                limits_rad: self.limits_rad,
+                meter: self.meter.as_ref(),
+            };
+            ScenarioErrors::new(truth, predicted, &samples, scored_as)
+        })
+    }
+}
+
+/// Mean over the scenarios with an answer. Empty without samples.
+fn calibration(scenarios: &[Option<ScenarioErrors>]) -> Vec<f64> {
+    let of_each: Vec<&[f32]> = scenarios
+        .iter()
+        .filter_map(|errors| Some(errors.as_ref()?.samples.as_ref()?.calibration.as_slice()))
+        .collect();
+    let levels = of_each.first().map_or(0, |levels| levels.len());
+    let mean = |level: usize| {
+        of_each.iter().map(|levels| f64::from(levels[level])).sum::<f64>() / of_each.len() as f64
+    };
+    (0..levels).map(mean).collect()
+}
+
+fn mean_rmse_deg(errors: &ScenarioErrors) -> f64 {
+    errors.rmse_deg.iter().map(|rmse| f64::from(*rmse)).sum::<f64>() / errors.rmse_deg.len() as f64
+}
+
+#[cfg(test)]
+mod tests;

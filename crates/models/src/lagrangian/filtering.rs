@@ -1,0 +1,272 @@
+//! Predictions from noisy positions: a Kalman filter with the learned law as its motion.
+//!
+//! First, positions are smoothed joint by joint and without the law ([`Smoother`]), and the
+//! robot's numbers are fitted to the result. Only the dampings change after that. Around this
+//! motion the law is linear. Forward differences, which are lanes of one call, give the change of
+//! the next state with angles, velocities, dampings and torques. A Kalman filter over the context
+//! then estimates angles, velocities and dampings together from the measured positions. The
+//! prediction begins at its last state.
+//!
+//! The filter treats the law's errors as white noise of torques, a multiple of the noise that
+//! training found. It chooses, for each robot, the multiple under which the context is most likely.
+//! Errors of a law are not white, and they are larger on data unlike its training's.
+
+use series::MeasurementNoise;
+use series::Smoother;
+use simd::InstructionSet;
+
+use super::belief::{Belief, Step};
+use super::known::{Known, State, root_of_block};
+use super::law::{Law, Start, narrow};
+use super::motion::Recorded;
+use super::numbers::Bounds;
+
+/// Smaller noise counts as this, rad, because positions are computed in f32.
+const LEAST_NOISE: f64 = 1e-6;
+/// A shorter context, in samples, is not filtered.
+const LEAST_SAMPLES: usize = 8;
+
+/// Perturbations of the forward differences: rad, rad/s, share of the mean damping, N·m. They are
+/// far above rounding, which is 1e-5 rad/s.
+const ANGLE: f32 = 0.01;
+const VELOCITY: f32 = 0.05;
+const DAMPING: f32 = 0.05;
+const TORQUE: f32 = 0.1;
+
+/// Standard deviation of the velocity at the first sample around that of the smoothed positions,
+/// rad/s.
+const INITIAL_VELOCITY: f64 = 1.0;
+/// Standard deviation of the angle at the first sample, in standard deviations of the measurement.
+const INITIAL_ANGLE: f64 = 10.0;
+
+/// The ratio of two neighbouring noise multiples that the filter tries, and their number on either
+/// side of training's noise.
+const RATIO: f64 = 3.0;
+const STEPS: i32 = 6;
+
+/// Whether a context is long enough, and noisy enough, to be filtered.
+pub(super) fn is_filtered(robot: &Recorded<'_>, noise: MeasurementNoise) -> bool {
+    noise.position_rad > 0.0 && robot.samples() >= LEAST_SAMPLES
+}
+
+impl Law {
+    /// Identifies the robot of a context of noisy positions.
+    pub fn filtered(
+        &self,
+        instructions: InstructionSet,
+        robot: &Recorded<'_>,
+        smoother: &Smoother,
+        noise: MeasurementNoise,
+        bounds: Bounds,
+    ) -> Known {
+        let smoothed = smoother.smooth_robot(robot.y, robot.joints);
+        let path = Recorded { y: &smoothed, ..*robot };
+        let posterior = self.fit(instructions, &path, bounds);
+        let numbers = narrow(&posterior.mean);
+        let steps = self.linearized(instructions, &path, &numbers);
+        let filter =
+            Filter { law: self, measured: robot, path: &path, numbers, steps: &steps, noise };
+        let belief = filter.most_likely();
+        let width = belief.mean.len();
+        let motion = Some(root_of_block(&belief.covariance, width, 2 * robot.joints));
+        let state = filter.state(&belief);
+        Known { state, posterior, smoothed: Some(smoothed), motion }
+    }
+
+    /// The steps from sample 1 to the last, each linearized around the path.
+    fn linearized(
+        &self,
+        instructions: InstructionSet,
+        path: &Recorded<'_>,
+        numbers: &[f32],
+    ) -> Vec<Step> {
+        let joints = path.joints;
+        let variants = 1 + 4 * joints;
+        let steps = 1..path.samples() - 1;
+        let mut u = Vec::with_capacity(steps.len() * variants * 3 * joints);
+        let mut y = Vec::with_capacity(steps.len() * variants * 2 * joints);
+        // The robot itself, and the same robot with more damping at each joint.
+        let damped = |joint: usize| {
+            let mut numbers = numbers.to_vec();
+            numbers[self.numbers.dampings()][joint] += DAMPING * self.mean_damping(joint);
+            numbers
+        };
+        let robots: Vec<Vec<f32>> =
+            std::iter::once(numbers.to_vec()).chain((0..joints).map(damped)).collect();
+        let mut of_variants = Vec::with_capacity(steps.len() * variants);
+        for sample in steps {
+            let before = (sample - 1) * joints;
+            let torques = &path.u[before..before + 2 * joints];
+            let positions = &path.y[before..before + 2 * joints];
+            for variant in 0..variants {
+                let (u_at, y_at) = (u.len(), y.len());
+                u.extend_from_slice(torques);
+                u.extend_from_slice(&torques[joints..]);
+                y.extend_from_slice(positions);
+                let mut robot = 0;
+                if let Some(change) = variant.checked_sub(1) {
+                    let joint = change % joints;
+                    match change / joints {
+                        // The same velocity at another angle.
+                        0 => {
+                            y[y_at + joint] += ANGLE;
+                            y[y_at + joints + joint] += ANGLE;
+                        }
+                        1 => y[y_at + joint] -= VELOCITY / path.rate_hz,
+                        2 => robot = 1 + joint,
+                        _ => {
+                            u[u_at + joint] += TORQUE;
+                            u[u_at + joints + joint] += TORQUE;
+                        }
+                    }
+                }
+                of_variants.push(robot);
+            }
+        }
+        let starts = u.chunks_exact(3 * joints).zip(y.chunks_exact(2 * joints));
+        let starts: Vec<Start<'_>> = starts
+            .zip(of_variants)
+            .map(|((u, y), robot)| Start {
+                recorded: Recorded { u, y, ..*path },
+                numbers: &robots[robot],
+            })
+            .collect();
+        let next = self.roll_out(instructions, &starts).positions;
+        let each = y.chunks_exact(variants * 2 * joints).zip(next.chunks_exact(variants * joints));
+        let changes = |variant: usize| match variant / joints {
+            0 => f64::from(ANGLE),
+            1 => f64::from(VELOCITY),
+            2 => f64::from(DAMPING * self.mean_damping(variant % joints)),
+            _ => f64::from(TORQUE),
+        };
+        each.map(|(y, next)| Step::new(y, next, joints, f64::from(path.rate_hz), changes)).collect()
+    }
+
+    /// The mean over robots, N·m·s/rad.
+    #[expect(clippy::cast_possible_truncation, reason = "the law is computed in f32")]
+    fn mean_damping(&self, joint: usize) -> f32 {
+        self.prior.mean[self.numbers.dampings()][joint] as f32
+    }
+}
+
+/// A smoother for the context of `robot`.
+pub(super) fn smoother(robot: &Recorded<'_>, noise: MeasurementNoise) -> Smoother {
+    let deviation = noise.position_rad.max(LEAST_NOISE);
+    Smoother::new(robot.samples(), f64::from(robot.rate_hz), deviation)
+}
+
+/// The filter of a robot's context.
+struct Filter<'a> {
+    law: &'a Law,
+    measured: &'a Recorded<'a>,
+    /// The motion that steps are linear about.
+    path: &'a Recorded<'a>,
+    numbers: Vec<f32>,
+    steps: &'a [Step],
+    noise: MeasurementNoise,
+}
+
+impl Filter<'_> {
+    /// The belief at the end of the context, for the noise multiple under which the context is most
+    /// likely.
+    fn most_likely(&self) -> Belief {
+        let mut step = 0;
+        let mut best = self.run(RATIO.powi(step));
+        for direction in [1, -1] {
+            while (step + direction).abs() <= STEPS {
+                let found = self.run(RATIO.powi(step + direction));
+                if found.surprise >= best.surprise || found.surprise.is_nan() {
+                    break;
+                }
+                (step, best) = (step + direction, found);
+            }
+        }
+        best
+    }
+
+    /// Runs the filter with the law's torque noise `scale` times that of training.
+    fn run(&self, scale: f64) -> Belief {
+        let joints = self.measured.joints;
+        let mut belief = self.prior();
+        belief.measure(&self.innovations(1), joints, self.variance());
+        let deviations: Vec<f64> = self
+            .law
+            .joints
+            .iter()
+            .map(|joint| (scale * f64::from(joint.noise)).hypot(self.noise.torque_nm))
+            .collect();
+        let mut room = vec![0.0; 6 * joints * joints];
+        for (sample, step) in (2..).zip(self.steps) {
+            belief.advance(
+                step,
+                &self.at(sample),
+                &deviations,
+                f64::from(self.path.rate_hz),
+                &mut room,
+            );
+            belief.measure(&self.innovations(sample), joints, self.variance());
+        }
+        belief
+    }
+
+    fn variance(&self) -> f64 {
+        self.noise.position_rad.max(LEAST_NOISE).powi(2)
+    }
+
+    fn prior(&self) -> Belief {
+        let joints = self.measured.joints;
+        let width = 3 * joints;
+        let mut belief =
+            Belief { mean: vec![0.0; width], covariance: vec![0.0; width * width], surprise: 0.0 };
+        let dampings = self.law.numbers.dampings();
+        let fitted = &self.numbers[dampings.clone()];
+        for (joint, number) in dampings.enumerate() {
+            let prior = &self.law.prior;
+            belief.mean[2 * joints + joint] = prior.mean[number] - f64::from(fitted[joint]);
+            let variances = [
+                INITIAL_ANGLE.powi(2) * self.variance(),
+                INITIAL_VELOCITY.powi(2),
+                prior.spread[number].powi(2),
+            ];
+            for (group, variance) in variances.into_iter().enumerate() {
+                belief.covariance[(group * joints + joint) * (width + 1)] = variance;
+            }
+        }
+        belief
+    }
+
+    /// Measured positions minus the path's positions.
+    fn innovations(&self, sample: usize) -> Vec<f64> {
+        let joints = self.measured.joints;
+        let at = sample * joints..(sample + 1) * joints;
+        let pairs = self.measured.y[at.clone()].iter().zip(&self.path.y[at]);
+        pairs.map(|(measured, path)| f64::from(*measured) - f64::from(*path)).collect()
+    }
+
+    /// Angles and velocities of the path.
+    fn at(&self, sample: usize) -> Vec<f64> {
+        let joints = self.path.joints;
+        let angle = |sample: usize, joint: usize| f64::from(self.path.y[sample * joints + joint]);
+        let rate_hz = f64::from(self.path.rate_hz);
+        let velocity = |joint| rate_hz * (angle(sample, joint) - angle(sample - 1, joint));
+        (0..joints).map(|joint| angle(sample, joint)).chain((0..joints).map(velocity)).collect()
+    }
+
+    #[expect(clippy::cast_possible_truncation, reason = "the law is computed in f32")]
+    fn state(&self, belief: &Belief) -> State {
+        let joints = self.measured.joints;
+        let path = self.at(self.path.samples() - 1);
+        let finite = belief.mean.iter().all(|more| more.is_finite());
+        let mean = if finite { belief.mean.clone() } else { vec![0.0; belief.mean.len()] };
+        let state: Vec<f64> = path.iter().zip(&mean).map(|(path, more)| path + more).collect();
+        let period = 1.0 / f64::from(self.path.rate_hz);
+        let before = (0..joints).map(|joint| state[joint] - period * state[joints + joint]);
+        let y: Vec<f32> = before.chain(state[..joints].iter().copied()).map(|q| q as f32).collect();
+        let mut numbers = self.numbers.clone();
+        let dampings = &mut numbers[self.law.numbers.dampings()];
+        for (damping, more) in dampings.iter_mut().zip(&mean[2 * joints..]) {
+            *damping = (*damping + *more as f32).max(0.0);
+        }
+        State { y, numbers }
+    }
+}

@@ -1,0 +1,230 @@
+//! Trainings and evaluations that do not fit their data are refused with both numbers.
+
+#![expect(clippy::unwrap_used, reason = "a test may panic")]
+
+use serde_json::{Value, json};
+use spec::{
+    ControlPath, ControlSpec, DataSpec, EvaluateSpec, JobSpec, SpecError, TrainSpec, Training,
+};
+
+fn data(samples: u32) -> DataSpec {
+    let job = json!({"preset": "D1-chirp", "trajectories": 1000, "samples": samples});
+    DataSpec::of(&spec::parse(job.to_string().as_bytes()).unwrap()).unwrap()
+}
+
+fn train(preset: &str) -> TrainSpec {
+    match training(&json!({"preset": preset})).unwrap() {
+        JobSpec::Train(train) => train,
+        other => panic!("{other:?}"),
+    }
+}
+
+fn training(model: &Value) -> Result<JobSpec, SpecError> {
+    let job = json!({
+        "kind": "train",
+        "data": {"dataset": 1},
+        "model": model,
+        "context": 320,
+        "steps": 10,
+    });
+    spec::parse(job.to_string().as_bytes())
+}
+
+#[test]
+fn a_u_net_needs_samples_that_it_can_halve() {
+    for preset in ["diffuser-tiny", "cdcnn-tiny", "flow-tiny"] {
+        train(preset).check_data(&data(408)).unwrap();
+        let error = train(preset).check_data(&data(404)).unwrap_err().to_string();
+        assert!(error.contains("stride 8") && error.contains("which are 404"), "{error}");
+    }
+    train("cdt-tiny").check_data(&data(405)).unwrap();
+}
+
+#[test]
+fn a_patch_has_to_divide_the_horizon() {
+    let error = train("robomorph-tiny").check_data(&data(401)).unwrap_err().to_string();
+    assert!(error.contains("model.patch is 10") && error.contains("which is 81"), "{error}");
+}
+
+fn evaluate(extra: &Value) -> EvaluateSpec {
+    let mut job = json!({"kind": "evaluate", "data": {"dataset": 1}});
+    for (key, value) in extra.as_object().unwrap() {
+        job[key] = value.clone();
+    }
+    match spec::parse(job.to_string().as_bytes()).unwrap() {
+        JobSpec::Evaluate(evaluate) => evaluate,
+        other => panic!("{other:?}"),
+    }
+}
+
+/// The error for an evaluation of `samples` samples with checkpoints trained on 400.
+fn refusal(extra: &Value, samples: u32, models: &[&str]) -> String {
+    let trainings: Vec<TrainSpec> = models.iter().map(|model| train(model)).collect();
+    refusal_of(extra, samples, &trainings)
+}
+
+fn refusal_of(extra: &Value, samples: u32, trainings: &[TrainSpec]) -> String {
+    let trained_on = data(400);
+    let inputs: Vec<Training<'_>> =
+        trainings.iter().map(|spec| Training { spec, data: &trained_on }).collect();
+    match evaluate(extra).check_inputs(&data(samples), &inputs, &[]) {
+        Ok(()) => String::new(),
+        Err(error) => error.to_string(),
+    }
+}
+
+#[test]
+fn an_evaluation_needs_samples_for_its_rounds_context_and_horizon() {
+    let shifted = json!({"samplers": [{"steps": [1, 5], "start": "shifted"}]});
+    assert_eq!(refusal(&shifted, 408, &["cdt-tiny"]), "");
+    let error = refusal(&shifted, 400, &["cdt-tiny"]);
+    assert!(error.contains("horizon") || error.contains("samples"), "{error}");
+    let long = json!({"horizon": 80, "rounds": 9});
+    let error = refusal(&long, 408, &[]);
+    assert!(error.contains("rounds is 9") && error.contains("need 409"), "{error}");
+    let error = refusal(&json!({}), 320, &[]);
+    assert!(error.contains("context is 320") && error.contains("which are 320"), "{error}");
+}
+
+#[test]
+fn checkpoints_of_another_length_are_refused_with_both_numbers() {
+    let error = refusal(&json!({"context": 300}), 400, &["cdt-tiny"]);
+    assert!(error.contains("trained with context 320") && error.contains("context 300"), "{error}");
+    let error = refusal(&json!({}), 380, &["cdt-tiny"]);
+    assert!(error.contains("trained with samples 400") && error.contains("samples 380"), "{error}");
+    // Equations do not depend on the length.
+    assert_eq!(refusal(&json!({"context": 20}), 340, &["lagrangian-tiny"]), "");
+    let error = refusal(&json!({"context": 20}), 340, &["lagrangian-tiny", "cdt-tiny"]);
+    assert!(error.contains("checkpoints[1]") && !error.contains("checkpoints[0]"), "{error}");
+    assert_eq!(refusal(&json!({"horizon": 80}), 500, &["cdt-tiny"]), "");
+}
+
+#[test]
+fn a_training_with_a_least_context_answers_each_multiple_of_its_patch() {
+    let model = json!({"preset": "prefix-transformer-tiny", "least_context": 20});
+    let Ok(JobSpec::Train(trained)) = training(&model) else { panic!("a training") };
+    let trained = [trained];
+    for (context, samples) in [(320, 400), (20, 100), (20, 400), (35, 40)] {
+        assert_eq!(refusal_of(&json!({"context": context}), samples, &trained), "");
+    }
+    let cases = [(15, 95, "context 20"), (33, 100, "context 30"), (30, 57, "samples 55")];
+    for (context, samples, nearest) in cases {
+        let error = refusal_of(&json!({"context": context}), samples, &trained);
+        assert!(error.contains(&format!("answers as the nearest {nearest}")), "{error}");
+    }
+    for (least, allowed) in [(22, "a multiple of patch"), (325, "at most context, which is 320")] {
+        let model = json!({"preset": "prefix-transformer-tiny", "least_context": least});
+        let error = training(&model).unwrap_err().to_string();
+        assert!(error.contains("model.least_context") && error.contains(allowed), "{error}");
+    }
+}
+
+#[test]
+fn samplers_need_a_denoiser_with_as_many_steps() {
+    let steps = json!({"samplers": [{"kind": "ddim", "steps": [5, 101]}]});
+    let error = refusal(&steps, 400, &["cdt-tiny", "robomorph-tiny"]);
+    let expected =
+        "samplers.steps is 101, for checkpoints[0], allowed: at most diffusion.steps, which is 100";
+    assert!(error.contains(expected), "{error}");
+    let error = refusal(&steps, 400, &["robomorph-tiny"]);
+    assert!(error.contains("samplers[0] is ddim"), "{error}");
+    let error = refusal(&steps, 400, &["flow-tiny"]);
+    assert!(error.contains("samplers[0] is ddim"), "{error}");
+    let both =
+        json!({"samplers": [{"kind": "ddim", "steps": 5}, {"kind": "euler", "steps": [1, 2]}]});
+    assert_eq!(refusal(&both, 400, &["cdt-tiny", "flow-tiny"]), "");
+    let eta = json!({"samplers": [{"kind": "ddpm", "eta": 0.5}]});
+    let error = refusal(&eta, 400, &["cdt-tiny"]);
+    assert!(error.contains("0.5, for checkpoints[0]") && error.contains("ddim"), "{error}");
+    let twice = json!({"samplers": [{"steps": 5}, {"steps": [1, 5]}]});
+    let error = refusal(&twice, 400, &["cdt-tiny"]);
+    assert!(error.contains("5 cold twice"), "{error}");
+}
+
+fn arms_of_six() -> DataSpec {
+    let model: Value =
+        serde_json::from_str(include_str!("../../../tests/data/arm_of_six.json")).unwrap();
+    let job = json!({"preset": "D1-chirp", "trajectories": 1000, "robot": {"model": model}});
+    DataSpec::of(&spec::parse(job.to_string().as_bytes()).unwrap()).unwrap()
+}
+
+#[test]
+fn loss_weights_are_one_for_each_joint_of_the_data() {
+    let weighted =
+        |count: usize| TrainSpec { loss_weights: Some(vec![1.0; count]), ..train("cdt-tiny") };
+    weighted(7).check_data(&data(400)).unwrap();
+    let error = weighted(2).check_data(&data(400)).unwrap_err().to_string();
+    assert!(error.contains("loss_weights is 2 numbers") && error.contains("7 numbers"), "{error}");
+}
+
+fn control(extra: &Value) -> ControlSpec {
+    let mut job = json!({"kind": "control", "data": {"dataset": 1}});
+    for (key, value) in extra.as_object().unwrap() {
+        job[key] = value.clone();
+    }
+    match spec::parse(job.to_string().as_bytes()).unwrap() {
+        JobSpec::Control(control) => control,
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn a_path_that_could_leave_a_joint_s_limits_is_refused() {
+    let refusal = |path: &Value| {
+        let control = control(&json!({"path": path}));
+        control.check_inputs(&data(400), &[]).unwrap_err().to_string()
+    };
+    let swing = json!({"swing": {"amplitude_rad": [0.4, 0.4, 0.4, 1.5, 0.4, 0.4, 0.4]}});
+    let error = refusal(&swing);
+    for part in ["path.swing.amplitude_rad[3] is 1.5", "0 to 1.4010", "limits"] {
+        assert!(error.contains(part), "{error}");
+    }
+    let point = json!({"displacement_rad": [0.1, 2.0, 0, 0, 0, 0, 0], "duration_s": 1});
+    let error = refusal(&json!({"point-to-point": point}));
+    assert!(error.contains("displacement_rad[1] is 2") && error.contains("0 to 1.6628"), "{error}");
+}
+
+#[test]
+fn paths_and_noise_have_one_number_for_each_joint_and_noise_no_more_than_a_joint_can() {
+    let lists = json!({
+        "path": {"swing": {"amplitude_rad": vec![0.1; 7], "frequency_hz": vec![0.1; 5]}},
+        "planner": {"noise_nm": [1]},
+    });
+    let error = control(&lists).check_inputs(&arms_of_six(), &[]).unwrap_err().to_string();
+    for part in [
+        "path.swing.amplitude_rad is 7 numbers",
+        "path.swing.frequency_hz is 5 numbers",
+        "planner.noise_nm is 1 numbers",
+        "6 numbers, one for each joint",
+    ] {
+        assert!(error.contains(part), "{error}");
+    }
+    let loud = control(&json!({"planner": {"noise_nm": [2, 2, 2, 2, 2, 2, 88]}}));
+    let error = loud.check_inputs(&data(400), &[]).unwrap_err().to_string();
+    assert!(error.contains("planner.noise_nm[6] is 88") && error.contains("at most 87"), "{error}");
+}
+
+#[test]
+fn paths_and_noise_that_are_left_out_fit_the_robot_of_the_data() {
+    let fitted = |extra: &Value, data: &DataSpec| {
+        let mut job = JobSpec::Control(control(extra));
+        job.fit_to_data(data);
+        match job {
+            JobSpec::Control(control) => control,
+            other => panic!("{other:?}"),
+        }
+    };
+    let of_panda = fitted(&json!({}), &data(400));
+    assert_eq!(of_panda, control(&json!({})));
+    assert_eq!(of_panda.planner.noise_nm, [2.0; 7]);
+
+    let of_six = fitted(&json!({"context": 30}), &arms_of_six());
+    of_six.check_inputs(&arms_of_six(), &[]).unwrap();
+    let ControlPath::Swing(swing) = &of_six.path else { panic!("{of_six:?}") };
+    assert_eq!(swing.amplitude_rad, [0.4; 6]);
+    assert_eq!(swing.frequency_hz, [0.15, 0.2, 0.25, 0.15, 0.2, 0.25]);
+    assert_eq!(of_six.planner.noise_nm.len(), 6);
+
+    let given = json!({"context": 30, "planner": {"noise_nm": vec![0.5; 6]}});
+    assert_eq!(fitted(&given, &arms_of_six()).planner.noise_nm, [0.5; 6]);
+}
