@@ -13,7 +13,7 @@ use crate::{Store, StoreError};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Timestamp(i64);
 
-crate::columns::integer_column!(Timestamp);
+crate::database::columns::integer_column!(Timestamp);
 
 impl Timestamp {
     /// Milliseconds since 1970-01-01T00:00:00Z.

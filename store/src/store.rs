@@ -3,11 +3,12 @@ use std::path::Path;
 use std::sync::Arc;
 
 use crate::boxed;
-use crate::data_dir::DataDir;
 use crate::database::{Database, sql};
-use crate::health::FileIdentity;
 use crate::objects::Objects;
-use crate::{Access, Location, RemoteObjects, S3Options, StoreError, new_place};
+use crate::place::data_dir::DataDir;
+use crate::place::health::FileIdentity;
+use crate::place::new_place;
+use crate::{Access, Location, RemoteObjects, S3Options, StoreError};
 
 /// An open data folder. Clones share it, and several processes may have the same folder open.
 #[derive(Clone, Debug)]

@@ -19,7 +19,7 @@ import pyarrow
 import pyarrow.parquet
 
 REPETITIONS = 3
-# The settings of store/src/parquet_layout.rs.
+# The settings of store/src/parquet/layout.rs.
 ROWS_PER_ROW_GROUP = 200_000
 PAGE_SIZE = 64 * 1024
 

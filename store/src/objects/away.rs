@@ -18,7 +18,7 @@ use super::path::PROBE_CLOCK;
 use super::signed::UrlSigner;
 use super::trouble::in_short;
 use super::{parse, unique_name};
-use crate::data_dir::DataDir;
+use crate::place::data_dir::DataDir;
 use crate::{Store, StoreError, StoredObject};
 
 /// A remote object store and the options of its use.

@@ -16,7 +16,7 @@ use spec::Digest;
 
 use super::unfinished_file::{self, UnfinishedLeftover};
 use super::writer::{is_unique_name, unique_name};
-use crate::health::DiskSpace;
+use crate::place::health::DiskSpace;
 
 /// Limit of the size of all copies together. Half of the available disk is the limit if that is
 /// less.

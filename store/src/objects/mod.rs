@@ -47,11 +47,11 @@ use object_store::{ObjectStore, ObjectStoreExt};
 use spec::Digest;
 
 use crate::StoreError;
-use crate::data_dir::DataDir;
 use crate::objects::checked::{CheckedObjects, Verdict};
 use crate::objects::file::measure;
 use crate::objects::mark::{Displaced, MarkWatch, Marker};
 use crate::objects::path::MadeObject;
+use crate::place::data_dir::DataDir;
 
 pub use away::RemoteObjects;
 pub(crate) use away::RemoteStore;

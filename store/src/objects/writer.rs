@@ -11,7 +11,7 @@ use spec::Digest;
 
 use super::cache::UnfinishedCopy;
 use super::unfinished_file::UnfinishedFile;
-use crate::health::LastRoom;
+use crate::place::health::LastRoom;
 use crate::{Store, StoreError, StoredObject};
 
 /// The suffix of an object's file until it is whole. `object_store` uses a hash and a number for

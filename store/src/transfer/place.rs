@@ -4,9 +4,9 @@
 use std::time::{Duration, Instant};
 
 use super::Side;
-use crate::data_dir::DataDir;
 use crate::database::{Database, Scope, sql};
-use crate::location::resolved;
+use crate::place::data_dir::DataDir;
+use crate::place::location::resolved;
 use crate::{Access, Duty, DutyClaim, Location, S3Options, Store, StoreError};
 
 const SOURCE_REMEDY: &str =

@@ -1,0 +1,486 @@
+//! SQLite: opening, checking and migrating a database, and the SQL of its own dialect.
+
+#[macro_use]
+mod dialect;
+mod claims;
+mod events;
+#[cfg(test)]
+mod plans;
+#[path = "../statements.rs"]
+mod statements;
+mod transfer;
+mod waiting;
+
+use std::path::PathBuf;
+use std::sync::LazyLock;
+use std::time::Duration;
+
+use sqlx::migrate::{Migrate, Migration, MigrationType, Migrator};
+use sqlx::pool::PoolConnection;
+use sqlx::query::Query;
+use sqlx::sqlite::{
+    SqliteArguments, SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous,
+};
+use sqlx::{ConnectOptions, Connection, SqlStr, Sqlite, SqliteConnection, SqlitePool};
+
+use crate::database::Scope;
+use crate::error::sqlite_code;
+use crate::place::data_dir::DataDir;
+use crate::{Access, JobId, StoreError};
+
+pub(crate) use events::Horizon;
+pub(crate) use waiting::Bell;
+
+/// Number, name and statements of each file in `migrations/sqlite`. sqlx has a macro that lists
+/// them, but it builds a second SQLite for the compiler.
+const FILES: [(i64, &str, &str); 15] = [
+    (1, "initial", include_str!("../../../../migrations/sqlite/0001_initial.sql")),
+    (2, "forgiving_queue", include_str!("../../../../migrations/sqlite/0002_forgiving_queue.sql")),
+    (3, "identity", include_str!("../../../../migrations/sqlite/0003_identity.sql")),
+    (4, "logs", include_str!("../../../../migrations/sqlite/0004_logs.sql")),
+    (5, "resources", include_str!("../../../../migrations/sqlite/0005_resources.sql")),
+    (6, "task_states", include_str!("../../../../migrations/sqlite/0006_task_states.sql")),
+    (7, "placements", include_str!("../../../../migrations/sqlite/0007_placements.sql")),
+    (8, "access", include_str!("../../../../migrations/sqlite/0008_access.sql")),
+    (9, "tracked_runs", include_str!("../../../../migrations/sqlite/0009_tracked_runs.sql")),
+    (10, "events", include_str!("../../../../migrations/sqlite/0010_events.sql")),
+    (11, "labels", include_str!("../../../../migrations/sqlite/0011_labels.sql")),
+    (12, "trash", include_str!("../../../../migrations/sqlite/0012_trash.sql")),
+    (14, "metric_extremes", include_str!("../../../../migrations/sqlite/0014_metric_extremes.sql")),
+    (15, "purged_attempts", include_str!("../../../../migrations/sqlite/0015_purged_attempts.sql")),
+    (16, "deletion_events", include_str!("../../../../migrations/sqlite/0016_deletion_events.sql")),
+];
+
+static MIGRATIONS: LazyLock<Migrator> = LazyLock::new(|| migrations(&FILES));
+
+fn migrations(files: &[(i64, &'static str, &'static str)]) -> Migrator {
+    let migration = |&(version, name, sql): &(i64, &'static str, &'static str)| {
+        let statements = SqlStr::from_static(sql);
+        Migration::new(version, name.into(), MigrationType::Simple, statements, false)
+    };
+    Migrator::with_migrations(files.iter().map(migration).collect())
+}
+
+/// How long a process waits for another process's transaction.
+const BUSY_TIMEOUT: Duration = Duration::from_secs(30);
+
+const READERS: u32 = 4;
+
+/// One connection that writes and a few that read. In WAL mode neither blocks the other. Writers of
+/// one process queue here, in order, instead of polling SQLite's lock.
+#[derive(Debug)]
+pub(crate) struct Database {
+    writer: SqlitePool,
+    reader: SqlitePool,
+    /// The file that is closed to signal queued tasks.
+    bell: PathBuf,
+}
+
+impl Database {
+    pub async fn open(dir: &DataDir, access: Access) -> Result<Self, StoreError> {
+        let exists = dir.database().exists();
+        if exists && access == Access::Worker && dir.is_read_only() {
+            return Self::open_snapshot(dir).await;
+        }
+        if exists {
+            refuse_unknown(dir, access).await?;
+        } else if access == Access::Worker {
+            return Err(StoreError::Absent { place: dir.place() });
+        }
+        let options = SqliteConnectOptions::new()
+            .filename(dir.database())
+            .create_if_missing(access.is_owner())
+            .journal_mode(SqliteJournalMode::Wal)
+            .synchronous(SqliteSynchronous::Full)
+            .foreign_keys(true)
+            .busy_timeout(BUSY_TIMEOUT);
+        let writer = SqlitePoolOptions::new()
+            .max_connections(1)
+            .acquire_timeout(BUSY_TIMEOUT)
+            .before_acquire(|connection, _| Box::pin(async { Ok(is_idle(connection).await) }))
+            .connect_with(options.clone())
+            .await
+            .map_err(|source| failed_to_open(dir, source))?;
+        if access.is_owner() {
+            MIGRATIONS.run(&writer).await.map_err(|source| failed_to_migrate(dir, source))?;
+        }
+        let reader = SqlitePoolOptions::new()
+            .max_connections(READERS)
+            .acquire_timeout(BUSY_TIMEOUT)
+            .connect_with(options.pragma("query_only", "ON"))
+            .await
+            .map_err(|source| failed_to_open(dir, source))?;
+        Ok(Self { writer, reader, bell: dir.bell() })
+    }
+
+    /// Opens the database of a folder on a file system that is mounted read-only, such as a snapshot
+    /// of a disk. It can only be read.
+    async fn open_snapshot(dir: &DataDir) -> Result<Self, StoreError> {
+        let mut log = dir.database().into_os_string();
+        log.push("-wal");
+        // A snapshot never changes. Without a log there is nothing to recover, and SQLite need not
+        // make the files that it recovers with.
+        let has_log = std::fs::metadata(&log).is_ok_and(|log| log.len() > 0);
+        let options = SqliteConnectOptions::new()
+            .filename(dir.database())
+            .read_only(true)
+            .immutable(!has_log)
+            .busy_timeout(BUSY_TIMEOUT);
+        refuse_schema(dir, Access::Worker, &mut connect(dir, &options).await?).await?;
+        let pool = || SqlitePoolOptions::new().acquire_timeout(BUSY_TIMEOUT);
+        let writer = pool().max_connections(1).connect_lazy_with(options.clone());
+        let reader = pool().max_connections(READERS).connect_lazy_with(options);
+        Ok(Self { writer, reader, bell: dir.bell() })
+    }
+
+    /// Begins a transaction that holds the write lock from its start, so nothing it reads can
+    /// change before it writes.
+    pub async fn begin(
+        &self,
+        scope: Scope,
+        operation: &'static str,
+    ) -> Result<Transaction, StoreError> {
+        // All processes are on this machine. A commit that is not synced becomes durable with the
+        // next one that is.
+        let begun = self.writer.begin_with(match scope {
+            Scope::Lease | Scope::Statement => "PRAGMA synchronous = NORMAL; BEGIN IMMEDIATE",
+            Scope::Queue | Scope::Task | Scope::Rows => {
+                "PRAGMA synchronous = FULL; BEGIN IMMEDIATE"
+            }
+        });
+        let begun = begun.await;
+        let inner = begun.map_err(StoreError::database(operation))?;
+        Ok(Transaction { inner, operation, bell: self.bell.clone(), rings: false })
+    }
+
+    /// Begins a transaction that reads the state of one moment while others write.
+    pub async fn begin_snapshot(&self, operation: &'static str) -> Result<Transaction, StoreError> {
+        let begun = self.reader.begin_with("BEGIN DEFERRED").await;
+        let inner = begun.map_err(StoreError::database(operation))?;
+        Ok(Transaction { inner, operation, bell: self.bell.clone(), rings: false })
+    }
+
+    /// A connection for reading.
+    async fn lend(&self) -> Result<PoolConnection<Sqlite>, sqlx::Error> {
+        self.reader.acquire().await
+    }
+
+    /// Takes back a lent connection.
+    #[expect(clippy::unused_self, reason = "other databases keep it for the next operation")]
+    fn take_back(&self, connection: PoolConnection<Sqlite>) {
+        drop(connection);
+    }
+
+    pub async fn close(&self) {
+        self.reader.close().await;
+        self.writer.close().await;
+    }
+
+    /// Damage of the file, if there is any.
+    pub async fn damage(&self) -> Result<Option<String>, sqlx::Error> {
+        let verdict: String =
+            sqlx::query_scalar("PRAGMA integrity_check(1)").fetch_one(&self.reader).await?;
+        Ok(Some(verdict.replace('\n', " ")).filter(|verdict| verdict != "ok"))
+    }
+}
+
+/// An open transaction, which is rolled back when it is dropped.
+#[derive(Debug)]
+pub(crate) struct Transaction {
+    inner: sqlx::Transaction<'static, Sqlite>,
+    operation: &'static str,
+    bell: PathBuf,
+    /// Whether the transaction queued tasks.
+    rings: bool,
+}
+
+impl Transaction {
+    /// The purpose of the transaction. It completes "while ..." in an error.
+    pub const fn operation(&self) -> &'static str {
+        self.operation
+    }
+
+    pub async fn commit(self) -> Result<(), StoreError> {
+        self.inner.commit().await.map_err(StoreError::database(self.operation))?;
+        if self.rings {
+            waiting::ring_after_commit(&self.bell);
+        }
+        Ok(())
+    }
+
+    pub async fn roll_back(self) -> Result<(), StoreError> {
+        self.inner.rollback().await.map_err(StoreError::database(self.operation))
+    }
+
+    /// Wakes workers that wait for a task. They are woken when the transaction commits.
+    #[expect(clippy::unused_async, reason = "other databases write here")]
+    pub async fn ring(&mut self) -> Result<(), sqlx::Error> {
+        self.rings = true;
+        Ok(())
+    }
+
+    /// Returns at once, because nobody else writes meanwhile.
+    #[expect(clippy::unused_async, reason = "other databases wait here")]
+    pub async fn wait_for_turn(&mut self, _of: JobId) -> Result<(), sqlx::Error> {
+        Ok(())
+    }
+
+    /// Returns at once, because nobody claims while this transaction writes.
+    #[expect(clippy::unused_async, reason = "other databases wait here")]
+    pub async fn wait_for_claims(&mut self) -> Result<(), sqlx::Error> {
+        Ok(())
+    }
+
+    /// Executes a statement that returns no rows.
+    async fn execute(
+        &mut self,
+        statement: Query<'_, Sqlite, SqliteArguments>,
+    ) -> Result<(), sqlx::Error> {
+        statement.execute(self.connection()).await?;
+        Ok(())
+    }
+
+    fn connection(&mut self) -> &mut SqliteConnection {
+        &mut self.inner
+    }
+}
+
+/// Whether no transaction is open on the connection. A connection with an open one is replaced;
+/// otherwise nothing could be written any more.
+///
+/// After an error such as a full disk, SQLite may have ended a transaction that sqlx believes open,
+/// or may still have one open that sqlx believes ended. Only asking both tells. SQLite says that no
+/// transaction is open by refusing to roll back.
+async fn is_idle(connection: &mut SqliteConnection) -> bool {
+    !connection.is_in_transaction()
+        && sqlx::query("ROLLBACK").execute(&mut *connection).await.is_err()
+}
+
+/// The newest schema this binary knows.
+pub(crate) fn known_schema() -> i64 {
+    MIGRATIONS.iter().map(|migration| migration.version).max().unwrap_or(0)
+}
+
+/// Checks an existing database before anything could change it.
+async fn refuse_unknown(dir: &DataDir, access: Access) -> Result<(), StoreError> {
+    let options = SqliteConnectOptions::new().filename(dir.database()).busy_timeout(BUSY_TIMEOUT);
+    let mut connection = connect(dir, &options).await?;
+    if access.is_owner() {
+        let verdict: String = sqlx::query_scalar("PRAGMA quick_check(1)")
+            .fetch_one(&mut connection)
+            .await
+            .map_err(|source| failed_to_open(dir, source))?;
+        if verdict != "ok" {
+            let detail = verdict.replace('\n', " ");
+            return Err(StoreError::Damaged { place: dir.place(), detail });
+        }
+    }
+    refuse_schema(dir, access, &mut connection).await?;
+    connection.close().await.map_err(|source| failed_to_open(dir, source))
+}
+
+async fn connect(
+    dir: &DataDir,
+    options: &SqliteConnectOptions,
+) -> Result<SqliteConnection, StoreError> {
+    options.connect().await.map_err(|source| failed_to_open(dir, source))
+}
+
+/// Checks that the schema is one that this program can use.
+async fn refuse_schema(
+    dir: &DataDir,
+    access: Access,
+    connection: &mut SqliteConnection,
+) -> Result<(), StoreError> {
+    let has_schema: bool = sqlx::query_scalar(
+        "SELECT EXISTS (SELECT 1 FROM sqlite_schema WHERE type = 'table' AND name = '_sqlx_migrations')",
+    )
+    .fetch_one(&mut *connection)
+    .await
+    .map_err(|source| failed_to_open(dir, source))?;
+    let found = if has_schema {
+        connection
+            .list_applied_migrations(&MIGRATIONS.table_name)
+            .await
+            .map_err(|source| failed_to_migrate(dir, source))?
+            .iter()
+            .map(|migration| migration.version)
+            .max()
+            .unwrap_or(0)
+    } else {
+        0
+    };
+    let known = known_schema();
+    if found > known {
+        return Err(StoreError::NewerSchema { place: dir.place(), found, known });
+    }
+    if found < known && access == Access::Worker {
+        return Err(StoreError::OlderSchema { place: dir.place(), found, known });
+    }
+    Ok(())
+}
+
+/// Result codes about the file itself (https://www.sqlite.org/rescode.html).
+const SQLITE_READONLY: i32 = 8;
+const SQLITE_CORRUPT: i32 = 11;
+const SQLITE_CANTOPEN: i32 = 14;
+const SQLITE_NOTADB: i32 = 26;
+
+fn failed_to_open(dir: &DataDir, source: sqlx::Error) -> StoreError {
+    let Some(database_error) = source.as_database_error() else {
+        return StoreError::database("opening the database")(source);
+    };
+    let detail = database_error.message().to_owned();
+    match sqlite_code(database_error) {
+        Some(SQLITE_CORRUPT | SQLITE_NOTADB) => StoreError::Damaged { place: dir.place(), detail },
+        Some(SQLITE_CANTOPEN | SQLITE_READONLY) => dir.unusable(std::io::Error::other(detail)),
+        _ => StoreError::database("opening the database")(source),
+    }
+}
+
+fn failed_to_migrate(dir: &DataDir, source: sqlx::migrate::MigrateError) -> StoreError {
+    use sqlx::migrate::MigrateError;
+    match source {
+        MigrateError::Execute(source) | MigrateError::ExecuteMigration(source, _) => {
+            failed_to_open(dir, source)
+        }
+        source => StoreError::Migration { source },
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_file_of_migrations_is_run() {
+        let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../migrations/sqlite");
+        let mut files: Vec<String> = std::fs::read_dir(folder)
+            .unwrap()
+            .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+            .collect();
+        files.sort();
+        let listed = FILES.map(|(version, name, _)| format!("{version:04}_{name}.sql"));
+        assert_eq!(files, listed);
+    }
+
+    /// Tasks of an older version keep their places in line and the time limits of their jobs.
+    #[tokio::test]
+    async fn what_waited_before_tasks_asked_for_resources_goes_on() {
+        let folder = tempfile::tempdir().unwrap();
+        let dir = DataDir::new(folder.path());
+        let options = SqliteConnectOptions::new().filename(dir.database()).create_if_missing(true);
+        let mut connection = options.connect().await.unwrap();
+        migrations(&FILES[..2]).run(&mut connection).await.unwrap();
+        for (priority, created_at) in [(0, 5), (2, 6)] {
+            let job: i64 = sqlx::query_scalar(
+                "INSERT INTO job (kind, name, spec, digest, state, unit, priority, max_attempts, \
+                 is_part, asked_alone, created_at) VALUES ('k', 'n', \
+                 '{\"execution\": {\"time_limit_s\": 7}}', ?, 'queued', 'u', ?, 3, 0, 1, ?) RETURNING id",
+            )
+            .bind("0".repeat(64))
+            .bind(priority)
+            .bind(created_at)
+            .fetch_one(&mut connection)
+            .await
+            .unwrap();
+            sqlx::query(
+                "INSERT INTO task (job, stage, ordinal, label, payload, state, priority, run_at, \
+                 max_attempts, total) VALUES (?, 0, 0, 'l', '{}', 'queued', ?, 0, 3, 1)",
+            )
+            .bind(job)
+            .bind(priority)
+            .execute(&mut connection)
+            .await
+            .unwrap();
+        }
+        connection.close().await.unwrap();
+
+        let database = Database::open(&dir, Access::Server).await.unwrap();
+        let mut tx = database.begin(Scope::Queue, "testing").await.unwrap();
+        let next = tx.next_task("w", &spec::Resources::default()).await.unwrap().unwrap();
+        let limit = Some(Duration::from_secs(7));
+        assert_eq!((next.task.job, next.task.time_limit), (JobId(2), limit));
+    }
+
+    /// The inputs of jobs that were submitted before there was a trash are kept too.
+    #[tokio::test]
+    async fn the_digests_in_specs_of_before_the_trash_are_its_inputs() {
+        let folder = tempfile::tempdir().unwrap();
+        let dir = DataDir::new(folder.path());
+        let options = SqliteConnectOptions::new().filename(dir.database()).create_if_missing(true);
+        let mut connection = options.connect().await.unwrap();
+        migrations(&FILES[..9]).run(&mut connection).await.unwrap();
+        let (data, file) = ("a1".repeat(32), "0".repeat(64));
+        let spec = format!(
+            "{{\"data\": {{\"digest\": \"{data}\"}}, \"name\": \"a1\", \"list\": [\"{file}\", \"{data}\", 7]}}"
+        );
+        sqlx::query(
+            "INSERT INTO job (kind, name, spec, digest, state, unit, priority, max_attempts, is_part, \
+             asked_alone, created_at) VALUES ('k', 'n', ?, ?, 'queued', 'u', 0, 3, 0, 1, 0)",
+        )
+        .bind(spec)
+        .bind("f".repeat(64))
+        .execute(&mut connection)
+        .await
+        .unwrap();
+        connection.close().await.unwrap();
+        let database = Database::open(&dir, Access::Server).await.unwrap();
+        let inputs: Vec<String> =
+            sqlx::query_scalar("SELECT digest FROM job_input ORDER BY digest")
+                .fetch_all(&database.reader)
+                .await
+                .unwrap();
+        assert_eq!(inputs, [file, data]);
+    }
+
+    #[tokio::test]
+    async fn every_commit_is_synced_but_those_of_leases() {
+        let folder = tempfile::tempdir().unwrap();
+        let dir = DataDir::new(folder.path());
+        let database = Database::open(&dir, Access::Server).await.unwrap();
+        const NORMAL: i64 = 1;
+        const FULL: i64 = 2;
+        for (scope, expected) in [
+            (Scope::Lease, NORMAL),
+            (Scope::Rows, FULL),
+            (Scope::Lease, NORMAL),
+            (Scope::Task, FULL),
+            (Scope::Queue, FULL),
+        ] {
+            let mut tx = database.begin(scope, "testing").await.unwrap();
+            let synchronous: i64 =
+                sqlx::query_scalar("PRAGMA synchronous").fetch_one(tx.connection()).await.unwrap();
+            assert_eq!(synchronous, expected, "{scope:?}");
+            tx.commit().await.unwrap();
+        }
+    }
+
+    #[tokio::test]
+    async fn a_transaction_that_sqlite_ended_by_itself_does_not_stop_all_writing() {
+        let folder = tempfile::tempdir().unwrap();
+        let dir = DataDir::new(folder.path());
+        let database = Database::open(&dir, Access::Server).await.unwrap();
+        for _ in 0..3 {
+            let mut tx = database.begin(Scope::Queue, "testing").await.unwrap();
+            sqlx::query("INSERT OR ROLLBACK INTO _sqlx_migrations SELECT * FROM _sqlx_migrations")
+                .execute(tx.connection())
+                .await
+                .unwrap_err();
+            drop(tx);
+        }
+        database.begin(Scope::Queue, "testing").await.unwrap().commit().await.unwrap();
+    }
+
+    /// A commit that fails because the disk is full leaves the transaction open.
+    #[tokio::test]
+    async fn a_transaction_that_sqlite_kept_open_does_not_stop_all_writing() {
+        let folder = tempfile::tempdir().unwrap();
+        let dir = DataDir::new(folder.path());
+        let database = Database::open(&dir, Access::Server).await.unwrap();
+        let mut connection = database.writer.acquire().await.unwrap();
+        sqlx::query("BEGIN IMMEDIATE").execute(&mut *connection).await.unwrap();
+        drop(connection);
+        database.begin(Scope::Queue, "testing").await.unwrap().commit().await.unwrap();
+    }
+}

@@ -1,0 +1,142 @@
+//! Tests of the query plans that SQLite chooses.
+
+use spec::Resources;
+use sqlx::{AssertSqlSafe, Row};
+use wire::JobState;
+
+use super::Database;
+use super::dialect::first_in_line;
+use super::statements::line::may_be_claimed;
+use super::statements::listing::page;
+use crate::database::Scope;
+use crate::place::data_dir::DataDir;
+use crate::{Access, Direction, Key, Listing, Position, Sort, Thing};
+
+/// The cost does not grow with the number of jobs that pipelines made.
+#[tokio::test]
+async fn experiments_are_read_from_an_index_that_holds_nothing_else() {
+    let folder = tempfile::tempdir().unwrap();
+    let dir = DataDir::new(folder.path());
+    dir.create().unwrap();
+    let database = Database::open(&dir, Access::Server).await.unwrap();
+    for (state, index) in [(None, "experiment"), (Some(JobState::Failed), "experiment_by_state")] {
+        let state = state.map(|state| state.as_str().to_owned());
+        let listing = Listing { state, experiments_alone: true, ..Listing::default() };
+        let steps = steps(&database, Thing::Job, &listing).await;
+        assert!(steps[0].contains(&format!("INDEX {index}")), "{steps:?}");
+        assert!(!steps.iter().any(|step| step.contains("B-TREE")), "nothing is sorted: {steps:?}");
+    }
+}
+
+/// The steps of the plan that finds a page of a list.
+async fn steps(database: &Database, thing: Thing, listing: &Listing) -> Vec<String> {
+    let mut query = page("EXPLAIN QUERY PLAN ", thing, listing);
+    let plan = query.build().fetch_all(&database.reader).await.unwrap();
+    plan.iter().map(|row| row.get("detail")).collect()
+}
+
+/// These orders have an index, so a page costs the same however long the list is.
+#[tokio::test]
+async fn a_page_behind_another_is_read_from_an_index_of_its_order() {
+    let folder = tempfile::tempdir().unwrap();
+    let dir = DataDir::new(folder.path());
+    dir.create().unwrap();
+    let database = Database::open(&dir, Access::Server).await.unwrap();
+    let orders = [
+        (Thing::Job, Sort::Created, "INTEGER PRIMARY KEY"),
+        (Thing::Job, Sort::Finished, "INDEX job_by_finish"),
+        (Thing::Job, Sort::Name, "INDEX job_by_name"),
+        (Thing::Job, Sort::Priority, "INDEX job_by_priority"),
+        (Thing::Run, Sort::Created, "INTEGER PRIMARY KEY"),
+        (Thing::Dataset, Sort::Created, "INTEGER PRIMARY KEY"),
+        (Thing::Dataset, Sort::Trajectories, "INDEX dataset_by_trajectories"),
+        (Thing::Checkpoint, Sort::Created, "INTEGER PRIMARY KEY"),
+        (Thing::Checkpoint, Sort::Step, "INDEX checkpoint_by_step"),
+    ];
+    for (thing, sort, index) in orders {
+        let key = if sort == Sort::Name { Key::Text("n".into()) } else { Key::Integer(7) };
+        for direction in [Direction::Ascending, Direction::Descending] {
+            let after = Some(Position { key: key.clone(), id: 7 });
+            let listing = Listing { sort, direction, after, ..Listing::default() };
+            let steps = steps(&database, thing, &listing).await;
+            let expected = format!("SEARCH {} USING ", thing.as_str());
+            assert!(steps[0].starts_with(&expected) && steps[0].contains(index), "{steps:?}");
+            assert!(
+                !steps.iter().any(|step| step.contains("B-TREE")),
+                "nothing is sorted: {steps:?}"
+            );
+        }
+    }
+}
+
+const TASKS: u32 = 100_000;
+
+/// A database with a job whose tasks all wait: some for a GPU, and some until tomorrow.
+async fn with_many_tasks(dir: &DataDir) -> Database {
+    dir.create().unwrap();
+    let database = Database::open(dir, Access::Server).await.unwrap();
+    let mut tx = database.begin(Scope::Queue, "testing").await.unwrap();
+    let gpu = Resources { gpus: 1, ..Resources::default() };
+    let gpu = tx.resources_id(&gpu).await.unwrap();
+    sqlx::query(
+        "INSERT INTO job (kind, name, spec, digest, state, unit, priority, max_attempts, is_part, \
+         asked_alone, created_at) VALUES ('k', 'n', '{}', ?, 'queued', 'u', 0, 3, 0, 1, 0)",
+    )
+    .bind("0".repeat(64))
+    .execute(tx.connection())
+    .await
+    .unwrap();
+    sqlx::query(concat!(
+        "WITH RECURSIVE n (i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n WHERE i < ?1) \
+         INSERT INTO task (job, stage, ordinal, label, payload, state, turn, run_at, max_attempts, \
+         total, resources, not_before) SELECT 1, 0, i, 'l', '{}', 'queued', i, 0, 3, 1, \
+         CASE i % 2 WHEN 0 THEN ?2 ELSE 1 END, CASE i % 4 WHEN 1 THEN ",
+        now!(),
+        " + 86400000 ELSE 0 END FROM n"
+    ))
+    .bind(TASKS)
+    .bind(gpu)
+    .execute(tx.connection())
+    .await
+    .unwrap();
+    tx.commit().await.unwrap();
+    database
+}
+
+/// The cost does not grow with the number of waiting tasks that this worker cannot take.
+#[tokio::test]
+async fn the_first_in_line_is_found_in_an_index_without_sorting() {
+    let folder = tempfile::tempdir().unwrap();
+    let database = with_many_tasks(&DataDir::new(folder.path())).await;
+    let explain = format!("EXPLAIN QUERY PLAN {}", first_in_line(&may_be_claimed(), ""));
+    let plan = sqlx::query(AssertSqlSafe(explain))
+        .bind("w")
+        .bind(0)
+        .bind(0)
+        .bind(0)
+        .bind("[]")
+        .fetch_all(&database.reader)
+        .await
+        .unwrap();
+    let steps: Vec<String> = plan.iter().map(|row| row.get("detail")).collect();
+    let found = "SEARCH task USING COVERING INDEX task_to_claim (resources=?)";
+    assert!(steps.iter().any(|step| step == found), "{steps:#?}");
+    // Only the first task of each combination of resources is sorted.
+    let sorts = steps.iter().filter(|step| step.contains("B-TREE")).count();
+    assert_eq!(sorts, 1, "{steps:#?}");
+
+    let nothing = Resources::default();
+    assert!(database.poll("w", &nothing).await.unwrap().is_any_claimable);
+    let mut tx = database.begin(Scope::Queue, "testing").await.unwrap();
+    let next = tx.next_task("w", &nothing).await.unwrap().unwrap();
+    assert_eq!(next.task.ordinal, 3);
+}
+
+#[tokio::test]
+async fn what_tasks_ask_for_is_counted_in_an_index() {
+    let folder = tempfile::tempdir().unwrap();
+    let database = with_many_tasks(&DataDir::new(folder.path())).await;
+    let demand = database.demand().await.unwrap();
+    let counts: Vec<u64> = demand.iter().map(|demand| demand.waiting).collect();
+    assert_eq!(counts, [u64::from(TASKS) / 2, u64::from(TASKS) / 4]);
+}

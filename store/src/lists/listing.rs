@@ -1,0 +1,214 @@
+//! Lists of jobs, runs, datasets and checkpoints. They are filtered, sorted, and read page by page;
+//! each page begins where the one before ended.
+
+use serde::{Deserialize, Serialize};
+
+use crate::boxed;
+use crate::database::sql;
+use crate::lists::labels::folded;
+use crate::{
+    Checkpoint, CheckpointId, Dataset, DatasetId, Job, JobId, Page, Run, RunId, Store, StoreError,
+    Thing, Timestamp,
+};
+
+/// The query of a list. An item must match every filter that is set.
+#[derive(Clone, Debug)]
+pub struct Listing {
+    /// The job's kind.
+    pub kind: Option<String>,
+    pub state: Option<String>,
+    /// The thing or its job must have each of these tags.
+    pub tags: Vec<String>,
+    /// Part of the name or the note of the thing or of its job, ignoring case.
+    pub text: Option<String>,
+    /// Created at this moment or later.
+    pub since: Option<Timestamp>,
+    /// Created before this moment.
+    pub until: Option<Timestamp>,
+    /// Ids below this one.
+    pub before: Option<i64>,
+    /// Only jobs that somebody asked for: pipelines, and jobs that do not belong to one.
+    pub experiments_alone: bool,
+    pub sort: Sort,
+    pub direction: Direction,
+    /// Items after this position. Pass the end of the page before.
+    pub after: Option<Position>,
+    /// Number of items, 500 at most.
+    pub limit: u32,
+}
+
+impl Default for Listing {
+    /// Lists the newest 50.
+    fn default() -> Self {
+        Self {
+            kind: None,
+            state: None,
+            tags: Vec::new(),
+            text: None,
+            since: None,
+            until: None,
+            before: None,
+            experiments_alone: false,
+            sort: Sort::Created,
+            direction: Direction::Descending,
+            after: None,
+            limit: 50,
+        }
+    }
+}
+
+impl From<Page> for Listing {
+    fn from(page: Page) -> Self {
+        Self { before: page.before, limit: page.limit, ..Self::default() }
+    }
+}
+
+impl Listing {
+    pub(crate) fn limit(&self) -> u32 {
+        self.limit.min(Page::MAX_LIMIT)
+    }
+
+    /// The search text, in the form in which names and notes are stored for the search.
+    pub(crate) fn words(&self) -> Option<String> {
+        self.text.as_deref().map(folded)
+    }
+}
+
+/// The sort key of a list. Rows with equal keys are sorted by id.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sort {
+    /// The time of creation, which is the order of ids.
+    Created,
+    /// The time at which the job ended. Jobs that have not ended come last.
+    Finished,
+    /// The name, compared by bytes.
+    Name,
+    Priority,
+    Trajectories,
+    Step,
+}
+
+impl Sort {
+    pub const fn as_str(self) -> &'static str {
+        match self {
+            Self::Created => "created",
+            Self::Finished => "finished",
+            Self::Name => "name",
+            Self::Priority => "priority",
+            Self::Trajectories => "trajectories",
+            Self::Step => "step",
+        }
+    }
+
+    /// The sort keys that lists of these things have.
+    pub const fn of(thing: Thing) -> &'static [Self] {
+        match thing {
+            Thing::Job => &[Self::Created, Self::Finished, Self::Name, Self::Priority],
+            Thing::Run => &[Self::Created, Self::Finished, Self::Name],
+            Thing::Dataset => &[Self::Created, Self::Name, Self::Trajectories],
+            Thing::Checkpoint => &[Self::Created, Self::Step],
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Direction {
+    Ascending,
+    Descending,
+}
+
+/// The position of a row in a list: its sort key, and then its id.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Position {
+    pub key: Key,
+    pub id: i64,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Key {
+    Integer(i64),
+    Text(String),
+}
+
+/// A page of a list.
+#[derive(Clone, Debug)]
+pub struct Listed<T> {
+    pub items: Vec<T>,
+    /// The position at which the next page begins; `None` on the last page.
+    pub end: Option<Position>,
+}
+
+/// The positions of the rows of a page, in order, and the page's end.
+struct FoundRows {
+    ids: Vec<i64>,
+    end: Option<Position>,
+}
+
+impl FoundRows {
+    /// The rows at these positions, in the same order. A row that was deleted meanwhile is left
+    /// out.
+    fn with<T>(self, mut rows: Vec<T>, id: impl Fn(&T) -> i64) -> Listed<T> {
+        let place = |row: &T| self.ids.iter().position(|found| *found == id(row));
+        rows.sort_by_cached_key(place);
+        Listed { items: rows, end: self.end }
+    }
+}
+
+impl Store {
+    /// # Errors
+    /// When the database fails.
+    #[boxed]
+    pub async fn list_jobs(&self, listing: &Listing) -> Result<Listed<Job>, StoreError> {
+        let found = self.found(Thing::Job, listing).await?;
+        let ids: Vec<JobId> = found.ids.iter().copied().map(JobId).collect();
+        let rows = self.jobs_by_id(&ids).await?;
+        Ok(found.with(rows, |job| job.id.0))
+    }
+
+    /// # Errors
+    /// When the database fails.
+    #[boxed]
+    pub async fn list_runs(&self, listing: &Listing) -> Result<Listed<Run>, StoreError> {
+        let found = self.found(Thing::Run, listing).await?;
+        let ids: Vec<RunId> = found.ids.iter().copied().map(RunId).collect();
+        let rows = sql!(self.database(), LISTING, runs_by_id(&ids))?;
+        Ok(found.with(rows, |run| run.id.0))
+    }
+
+    /// # Errors
+    /// When the database fails.
+    #[boxed]
+    pub async fn list_datasets(&self, listing: &Listing) -> Result<Listed<Dataset>, StoreError> {
+        let found = self.found(Thing::Dataset, listing).await?;
+        let ids: Vec<DatasetId> = found.ids.iter().copied().map(DatasetId).collect();
+        let rows = self.datasets_by_id(&ids).await?;
+        Ok(found.with(rows, |dataset| dataset.id.0))
+    }
+
+    /// # Errors
+    /// When the database fails.
+    #[boxed]
+    pub async fn list_checkpoints(
+        &self,
+        listing: &Listing,
+    ) -> Result<Listed<Checkpoint>, StoreError> {
+        let found = self.found(Thing::Checkpoint, listing).await?;
+        let ids: Vec<CheckpointId> = found.ids.iter().copied().map(CheckpointId).collect();
+        let rows = sql!(self.database(), LISTING, checkpoints_by_id(&ids))?;
+        Ok(found.with(rows, |checkpoint| checkpoint.id.0))
+    }
+
+    /// Finds the ids of a page before any large column is read.
+    async fn found(&self, thing: Thing, listing: &Listing) -> Result<FoundRows, StoreError> {
+        let mut places = sql!(self.database(), LISTING, places(thing, listing))?;
+        let limit = usize::try_from(listing.limit()).unwrap_or(usize::MAX);
+        // One row more than the limit tells whether there is another page.
+        let has_more = places.len() > limit;
+        places.truncate(limit);
+        let end = places.last().filter(|_| has_more).cloned();
+        Ok(FoundRows { ids: places.iter().map(|place| place.id).collect(), end })
+    }
+}
+
+const LISTING: &str = "reading a list";

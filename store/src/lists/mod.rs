@@ -1,0 +1,3 @@
+pub(crate) mod census;
+pub(crate) mod labels;
+pub(crate) mod listing;

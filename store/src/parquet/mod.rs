@@ -1,0 +1,6 @@
+pub(crate) mod description;
+pub(crate) mod layout;
+pub(crate) mod shard_summary;
+pub(crate) mod table_reader;
+pub(crate) mod table_writer;
+pub(crate) mod trajectories;

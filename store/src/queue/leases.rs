@@ -1,0 +1,261 @@
+//! Leases: how a worker gets a task, keeps it and loses it.
+//!
+//! A claim raises the task's epoch. Every later write of the worker carries that epoch, and changes
+//! nothing if the task has a newer one. So a worker that was wrongly thought dead does no harm.
+
+use std::time::Duration;
+
+use serde_json::Value;
+use spec::{Digest, Resources};
+use wire::JobState;
+
+use crate::boxed;
+use crate::database::{Database, Scope, Transaction, sql};
+use crate::queue::pipelines;
+use crate::queue::rules::task::TaskStanding;
+use crate::{Epoch, JobId, RunId, Store, StoreError, TaskId};
+
+/// A task and the epoch at which it was claimed. It gives a worker the right to write.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Fence {
+    pub task: TaskId,
+    pub epoch: Epoch,
+}
+
+#[derive(Clone, Debug)]
+pub struct ClaimedTask {
+    pub fence: Fence,
+    pub job: JobId,
+    /// The job's kind. The store does not interpret it.
+    pub kind: String,
+    /// The job's resolved spec.
+    pub spec: Value,
+    /// The job's digest.
+    pub digest: Digest,
+    /// The job's run, if it leaves one.
+    pub run: Option<RunId>,
+    pub stage: u32,
+    pub ordinal: u32,
+    pub label: String,
+    pub payload: Value,
+    pub total: u64,
+    /// 1 at the first claim, and at the first claim after a checkpoint of a later step.
+    pub attempt: u32,
+    pub max_attempts: u32,
+    /// Time limit of an attempt.
+    pub time_limit: Option<Duration>,
+}
+
+/// Progress of a running task, as its worker reports it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Progress {
+    /// Work done in the job's unit, out of the task's `total`.
+    pub done: u64,
+    pub rate_per_second: Option<f64>,
+    pub message: Option<String>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Lease {
+    Held {
+        cancel_requested: bool,
+    },
+    /// The lease is lost, and another worker may have the task: stop.
+    Lost,
+}
+
+/// The next task to be claimed, in its state before the claim.
+#[derive(Clone, Debug)]
+pub(crate) struct NextTask {
+    pub task: ClaimedTask,
+    pub standing: TaskStanding,
+    pub job_state: JobState,
+}
+
+impl NextTask {
+    /// Whether it is the first task of its job to be claimed.
+    pub fn begins_its_job(&self) -> bool {
+        self.job_state == JobState::Queued
+    }
+
+    /// The task as it is after the claim.
+    pub fn claimed(self) -> ClaimedTask {
+        let TaskStanding { attempt, epoch, .. } = self.standing.claimed();
+        let fence = Fence { epoch, ..self.task.fence };
+        ClaimedTask { fence, attempt, ..self.task }
+    }
+}
+
+/// The result of an idle worker's poll for a task.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct IdlePoll {
+    /// Whether there is a task that the worker could claim.
+    pub is_any_claimable: bool,
+    /// The version of the server that was started last; `None` before the first.
+    pub server_version: Option<String>,
+}
+
+impl Store {
+    /// Asks for a task that `worker` could claim, without claiming it. Idle workers poll often, and
+    /// should not take SQLite's write lock only to find nothing.
+    ///
+    /// # Errors
+    /// When the database fails.
+    #[boxed]
+    pub async fn poll(&self, worker: &str, offers: &Resources) -> Result<IdlePoll, StoreError> {
+        sql!(self.database(), "looking for a task", poll(worker, offers))
+    }
+
+    /// Leases the next task that asks for no more than `worker` offers, for `ttl`. The attempt
+    /// counts from here on. A drained worker gets no task.
+    ///
+    /// # Errors
+    /// When the database fails.
+    #[boxed]
+    pub async fn claim(
+        &self,
+        worker: &str,
+        offers: &Resources,
+        ttl: Duration,
+    ) -> Result<Option<ClaimedTask>, StoreError> {
+        const OPERATION: &str = "claiming a task";
+        let claimed = match self.database() {
+            Database::Sqlite(database) => {
+                let claimed = database.claim(worker, offers, ttl, OPERATION).await?;
+                claimed.map(|(next, tx)| (next, Some(Transaction::Sqlite(tx))))
+            }
+            Database::Postgres(database) => {
+                let claimed = database.claim(worker, offers, ttl).await;
+                claimed.map_err(StoreError::database(OPERATION))?.map(|next| (next, None))
+            }
+        };
+        let Some((next, open)) = claimed else { return Ok(None) };
+        let begins_its_job = next.begins_its_job();
+        let task = next.claimed();
+        match open {
+            Some(mut tx) => {
+                if begins_its_job {
+                    start(&mut tx, task.job).await?;
+                }
+                tx.commit().await?;
+            }
+            None if begins_its_job => {
+                if let Err(error) = self.start_in_turn(task.job).await {
+                    // The job is shown as running with its next task, or it ends without.
+                    tracing::warn!(job = %task.job, %error, "is not shown as running");
+                }
+            }
+            None => {}
+        }
+        Ok(Some(task))
+    }
+
+    async fn start_in_turn(&self, job: JobId) -> Result<(), StoreError> {
+        let mut tx = self.begin(Scope::Queue, "starting a job").await?;
+        start(&mut tx, job).await?;
+        tx.commit().await
+    }
+
+    /// Prolongs a lease to `ttl` from now and records progress.
+    ///
+    /// # Errors
+    /// When the database fails. A lost lease is an answer, not an error.
+    #[boxed]
+    pub async fn renew(
+        &self,
+        fence: Fence,
+        ttl: Duration,
+        progress: &Progress,
+    ) -> Result<Lease, StoreError> {
+        let tx = self.begin(Scope::Lease, "renewing a lease").await?;
+        let (mut tx, standing) = match held_or_rolled_back(tx, fence).await {
+            Ok((tx, _, standing)) => (tx, standing),
+            Err(StoreError::LeaseLost { .. }) => return Ok(Lease::Lost),
+            Err(error) => return Err(error),
+        };
+        sql!(&mut tx, renew(fence.task, ttl, progress))?;
+        tx.commit().await?;
+        Ok(Lease::Held { cancel_requested: standing.cancel_requested })
+    }
+
+    /// Replaces a leased task's total, for work whose amount shows only once it begins.
+    ///
+    /// # Errors
+    /// [`StoreError::LeaseLost`] when the lease is lost. Nothing has changed then.
+    #[boxed]
+    pub async fn set_total(&self, fence: Fence, total: u64) -> Result<(), StoreError> {
+        let tx = self.begin(Scope::Lease, "setting the total of a task").await?;
+        let (mut tx, _, _) = held_or_rolled_back(tx, fence).await?;
+        sql!(&mut tx, set_total(fence.task, total))?;
+        tx.commit().await
+    }
+}
+
+/// Shows a job as running after its first task was claimed.
+async fn start(tx: &mut Transaction, job: JobId) -> Result<(), StoreError> {
+    if sql!(tx, start_job(job))? {
+        pipelines::settle_pipelines_of(tx, job).await?;
+    }
+    Ok(())
+}
+
+pub(crate) fn lease_lost(fence: Fence) -> StoreError {
+    StoreError::LeaseLost { task: fence.task, epoch: fence.epoch }
+}
+
+/// The job of a leased task, and where the task stands.
+///
+/// # Errors
+/// [`StoreError::LeaseLost`] unless the task is running at the fence's epoch. The answer holds
+/// until the transaction ends.
+pub(crate) async fn held(
+    tx: &mut Transaction,
+    fence: Fence,
+) -> Result<(JobId, TaskStanding), StoreError> {
+    sql!(tx, standing(fence.task))?
+        .filter(|(_, standing)| standing.is_held_at(fence.epoch))
+        .ok_or_else(|| lease_lost(fence))
+}
+
+/// Like [`held`], and returns the transaction. If the lease is lost, the transaction is rolled back
+/// at once: a transaction that is only dropped ends a moment later, and until then it hides the
+/// task from claims.
+///
+/// # Errors
+/// Like [`held`].
+pub(crate) async fn held_or_rolled_back(
+    mut tx: Transaction,
+    fence: Fence,
+) -> Result<(Transaction, JobId, TaskStanding), StoreError> {
+    match held(&mut tx, fence).await {
+        Ok((job, standing)) => Ok((tx, job, standing)),
+        Err(error) => {
+            tx.roll_back().await?;
+            Err(error)
+        }
+    }
+}
+
+/// Like [`held`], and tells whether another task of the same stage is queued.
+///
+/// # Errors
+/// Like [`held`]. The answer about the stage may change while tasks are claimed.
+pub(crate) async fn held_in_stage(
+    tx: &mut Transaction,
+    fence: Fence,
+) -> Result<(JobId, TaskStanding, bool), StoreError> {
+    sql!(tx, standing_in_stage(fence.task))?
+        .filter(|(_, standing, _)| standing.is_held_at(fence.epoch))
+        .ok_or_else(|| lease_lost(fence))
+}
+
+/// The job of a leased task and its run.
+pub(crate) async fn held_run(
+    tx: &mut Transaction,
+    fence: Fence,
+) -> Result<(JobId, RunId), StoreError> {
+    let (job, _) = held(tx, fence).await?;
+    let run = sql!(tx, run_id(job))?;
+    let run = run.ok_or_else(|| StoreError::not_found("run of job", job.to_string()))?;
+    Ok((job, run))
+}

@@ -1,0 +1,404 @@
+//! Submissions: jobs with their tasks, and perhaps the pipeline that they form, in one transaction.
+
+use serde_json::{Value, json};
+use spec::{Digest, Moment, Resources};
+use wire::JobState;
+
+use crate::boxed;
+use crate::database::{Scope, Transaction, sql};
+use crate::events::tell;
+use crate::identifiers::ResourcesId;
+use crate::lists::labels::label_submitted;
+use crate::queue::idempotency;
+use crate::queue::pipelines;
+use crate::queue::propagation::{advance, state_of};
+use crate::queue::rules::job::{before_start, is_unsuccessful};
+use crate::queue::rules::reuse::{TaskPlace, stand_in, takes_over};
+use crate::queue::rules::turn::turn;
+use crate::{
+    CheckpointId, EventKind, Idempotency, JobId, Labels, Store, StoreError, TaskId, Timestamp,
+};
+
+/// Jobs that are submitted together.
+#[derive(Clone, Debug)]
+pub struct Submission {
+    /// The jobs. Each comes after the jobs it needs. Without a pipeline there is exactly one.
+    pub jobs: Vec<NewJob>,
+    pub pipeline: Option<NewPipeline>,
+    pub reuse: Reuse,
+    pub idempotency: Option<Idempotency>,
+    /// The labels of the pipeline or of the one job. They are not part of a spec and do not change
+    /// its digest.
+    pub labels: Labels,
+}
+
+#[derive(Clone, Debug)]
+pub struct NewJob {
+    pub name: String,
+    /// The store does not interpret it.
+    pub kind: String,
+    /// The spec, with every reference resolved to a digest.
+    pub spec: Value,
+    pub digest: Digest,
+    /// The unit of progress, e.g. `trajectories`.
+    pub unit: String,
+    /// Higher goes first. One point is worth one hour of waiting.
+    pub priority: i32,
+    /// Number of times that a task may be claimed before it fails.
+    pub max_attempts: u32,
+    /// Time limit of an attempt at a task, in seconds.
+    pub time_limit_s: Option<u32>,
+    /// The resources that a worker must offer to take a task.
+    pub resources: Resources,
+    /// No task is claimed before this moment.
+    pub not_before: Option<Moment>,
+    pub output: Output,
+    pub reuse: JobReuse,
+    pub tasks: Vec<NewTask>,
+    pub needs: Vec<Need>,
+    /// The digests of the jobs whose data and checkpoints it reads.
+    pub reads: Vec<Digest>,
+    /// Inputs that are existing checkpoints, so no job is needed for them.
+    pub checkpoints: Vec<CheckpointId>,
+    /// The sent files that it reads.
+    pub files: Vec<Digest>,
+}
+
+/// The result of a job, besides the results of its tasks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Output {
+    /// A dataset that the job's tasks fill with shards.
+    Dataset {
+        /// Number of trajectories; 0 if only the task that fills the dataset learns it.
+        trajectories: u64,
+        /// Number of samples of each trajectory.
+        samples: u32,
+    },
+    /// A run: a record of parameters, metrics, artifacts and checkpoints.
+    Run,
+    Nothing,
+}
+
+/// How far a new job can use the work of earlier jobs with the same digest, under
+/// [`Reuse::SameDigest`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct JobReuse {
+    /// Whether an earlier job that succeeded, or still may, stands in for the new job.
+    pub whole: bool,
+    /// The parts that the new job takes over from a job that failed or was cancelled.
+    pub parts: PartReuse,
+}
+
+/// The parts of a job that another job with the same digest can use.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PartReuse {
+    Nothing,
+    /// Results of completed tasks. They are copied when the new job is submitted.
+    Tasks,
+    /// Shards and checkpoints. Workers of the new job copy them instead of making them again; see
+    /// [`Store::earlier_shard`] and [`Store::earlier_checkpoints`].
+    Objects,
+}
+
+/// A job that must succeed first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Need {
+    /// A job of the same submission, by index.
+    New(usize),
+    Existing(JobId),
+}
+
+#[derive(Clone, Debug)]
+pub struct NewTask {
+    /// Tasks of a stage wait for all tasks of earlier stages.
+    pub stage: u32,
+    /// Unique in its stage.
+    pub ordinal: u32,
+    pub label: String,
+    pub payload: Value,
+    /// Amount of work of this task, in the job's unit.
+    pub total: u64,
+}
+
+#[derive(Clone, Debug)]
+pub struct NewPipeline {
+    pub name: String,
+    /// The store does not interpret it; it recognizes a pipeline by its members.
+    pub kind: String,
+    pub spec: Value,
+    pub digest: Digest,
+    pub priority: i32,
+    pub max_attempts: u32,
+    pub members: Vec<NewMember>,
+}
+
+#[derive(Clone, Debug)]
+pub struct NewMember {
+    pub name: String,
+    /// The index of the job in the submission.
+    pub job: usize,
+}
+
+/// Whether an existing job may stand in for a new one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Reuse {
+    /// Yes, as far as the [`JobReuse`] of each job allows. A pipeline is reused as a whole.
+    SameDigest,
+    Never,
+}
+
+/// The outcome of a submission.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Submitted {
+    /// The pipeline, or the one job.
+    pub job: JobId,
+    /// Whether the job existed before.
+    pub reused: bool,
+}
+
+/// The values of a job's row.
+pub(crate) struct JobRow<'a> {
+    pub kind: &'a str,
+    pub name: &'a str,
+    pub spec: &'a Value,
+    pub digest: Digest,
+    pub unit: &'a str,
+    pub priority: i32,
+    pub max_attempts: u32,
+    pub time_limit_s: Option<u32>,
+    pub resources: ResourcesId,
+    pub not_before: Option<Moment>,
+    /// The moment since when it has waited.
+    pub waits_since: Timestamp,
+    /// Whether it was made for a pipeline.
+    pub is_part: bool,
+    /// Whether its workers take over shards and checkpoints.
+    pub takes_over: bool,
+}
+
+/// A task that succeeded and has a result.
+pub(crate) struct CompletedTask {
+    pub task: TaskId,
+    pub place: TaskPlace,
+    /// The payload as stored.
+    pub payload: String,
+}
+
+impl Store {
+    /// # Errors
+    /// When a needed job has failed or was deleted, when an idempotency key was used with another
+    /// request, or when the submission contradicts itself. Nothing is submitted then.
+    #[boxed]
+    pub async fn submit(&self, submission: Submission) -> Result<Submitted, StoreError> {
+        check(&submission)?;
+        let mut tx = self.begin(Scope::Queue, "submitting a job").await?;
+        let submitted = submit(&mut tx, &submission).await?;
+        tx.commit().await?;
+        Ok(submitted)
+    }
+}
+
+fn check(submission: &Submission) -> Result<(), StoreError> {
+    let inconsistent = |reason: String| Err(StoreError::InvalidSubmission { reason });
+    if submission.pipeline.is_none() && submission.jobs.len() != 1 {
+        return inconsistent(format!("{} jobs without a pipeline", submission.jobs.len()));
+    }
+    for (i, job) in submission.jobs.iter().enumerate() {
+        if job.tasks.is_empty() {
+            return inconsistent(format!("job {:?} has no tasks", job.name));
+        }
+        if job.needs.iter().any(|need| matches!(need, Need::New(needed) if *needed >= i)) {
+            return inconsistent(format!("job {:?} comes before one it needs", job.name));
+        }
+    }
+    if let Some(pipeline) = &submission.pipeline {
+        let known = |member: &NewMember| member.job < submission.jobs.len();
+        if pipeline.members.is_empty() || !pipeline.members.iter().all(known) {
+            return inconsistent("a pipeline has no members or unknown ones".to_owned());
+        }
+    }
+    Ok(())
+}
+
+async fn submit(tx: &mut Transaction, submission: &Submission) -> Result<Submitted, StoreError> {
+    if let Some(asked) = &submission.idempotency
+        && let Some(submitted) = idempotency::repeated(tx, asked).await?
+    {
+        return Ok(submitted);
+    }
+    let submitted = match &submission.pipeline {
+        Some(pipeline) => submit_pipeline(tx, submission, pipeline).await?,
+        None => {
+            let new = &submission.jobs[0];
+            let submitted = submit_job(tx, new, submission.reuse, &[], false).await?;
+            sql!(tx, mark_asked_alone(submitted.job))?;
+            submitted
+        }
+    };
+    label_submitted(tx, submitted.job, &submission.labels).await?;
+    if let Some(Idempotency { key, request }) = &submission.idempotency {
+        sql!(tx, remember_request(key, *request, &submitted))?;
+    }
+    Ok(submitted)
+}
+
+async fn submit_pipeline(
+    tx: &mut Transaction,
+    submission: &Submission,
+    new: &NewPipeline,
+) -> Result<Submitted, StoreError> {
+    if submission.reuse == Reuse::SameDigest
+        && let Some(job) = stand_in(&sql!(tx, earlier_jobs(new.digest))?)
+    {
+        return Ok(Submitted { job, reused: true });
+    }
+    let mut jobs: Vec<Submitted> = Vec::with_capacity(submission.jobs.len());
+    for job in &submission.jobs {
+        let submitted = submit_job(tx, job, submission.reuse, &jobs, true).await?;
+        jobs.push(submitted);
+    }
+    let row = JobRow {
+        kind: &new.kind,
+        name: &new.name,
+        spec: &new.spec,
+        digest: new.digest,
+        unit: "jobs",
+        priority: new.priority,
+        max_attempts: new.max_attempts,
+        time_limit_s: None,
+        resources: sql!(tx, resources_id(&Resources::default()))?,
+        not_before: None,
+        waits_since: sql!(tx, waits_since())?,
+        is_part: false,
+        takes_over: false,
+    };
+    let pipeline = insert_job(tx, &row, JobState::Queued).await?;
+    for (ordinal, member) in (0u32..).zip(&new.members) {
+        let Submitted { job, reused } = jobs[member.job];
+        sql!(tx, insert_member(pipeline, ordinal, &member.name, job, reused))?;
+    }
+    // All members may have succeeded long ago.
+    pipelines::settle(tx, pipeline).await?;
+    Ok(Submitted { job: pipeline, reused: false })
+}
+
+/// Inserts a job, and writes its event.
+async fn insert_job(
+    tx: &mut Transaction,
+    row: &JobRow<'_>,
+    state: JobState,
+) -> Result<JobId, StoreError> {
+    let job = sql!(tx, insert_job(row, state))?;
+    let data = json!({
+        "kind": row.kind, "name": row.name, "state": state, "error": null, "cancel_requested": false,
+    });
+    tell(tx, EventKind::Job, job, &data).await?;
+    Ok(job)
+}
+
+/// Inserts `new` or finds the job that stands in for it.
+async fn submit_job(
+    tx: &mut Transaction,
+    new: &NewJob,
+    reuse: Reuse,
+    submitted: &[Submitted],
+    is_part: bool,
+) -> Result<Submitted, StoreError> {
+    let may_reuse = reuse == Reuse::SameDigest;
+    if may_reuse
+        && new.reuse.whole
+        && let Some(job) = stand_in(&sql!(tx, earlier_jobs(new.digest))?)
+    {
+        return Ok(Submitted { job, reused: true });
+    }
+    let needs = needs(new, submitted);
+    let mut states = Vec::with_capacity(needs.len());
+    for need in &needs {
+        let state = state_of(tx, *need).await?;
+        if is_unsuccessful(state) {
+            return Err(StoreError::NeedNotMet { job: *need, state });
+        }
+        if sql!(tx, job_is_gone(*need))? {
+            return Err(StoreError::InputDeleted { item: (*need).into() });
+        }
+        states.push(state);
+    }
+    for checkpoint in &new.checkpoints {
+        let item = (*checkpoint).into();
+        if sql!(tx, item(item))?.is_none_or(|row| row.deletion.is_some()) {
+            return Err(StoreError::InputDeleted { item });
+        }
+    }
+    for file in &new.files {
+        if sql!(tx, known_upload(*file))?.is_none() {
+            return Err(StoreError::FileDeleted { digest: *file });
+        }
+    }
+    let state = before_start(states);
+    let waits_since = sql!(tx, waits_since())?;
+    let row = JobRow {
+        kind: &new.kind,
+        name: &new.name,
+        spec: &new.spec,
+        digest: new.digest,
+        unit: &new.unit,
+        priority: new.priority,
+        max_attempts: new.max_attempts,
+        time_limit_s: new.time_limit_s,
+        resources: sql!(tx, resources_id(&new.resources))?,
+        not_before: new.not_before,
+        waits_since,
+        is_part,
+        takes_over: may_reuse && new.reuse.parts == PartReuse::Objects,
+    };
+    let job = insert_job(tx, &row, state).await?;
+    for need in needs {
+        sql!(tx, insert_need(job, need))?;
+    }
+    sql!(tx, insert_inputs(job, &[&new.reads[..], &new.files].concat()))?;
+    let turn = turn(waits_since, new.not_before, new.priority);
+    sql!(tx, insert_tasks(job, turn, &new.tasks))?;
+    match new.output {
+        Output::Dataset { trajectories, samples } => {
+            sql!(tx, insert_dataset(job, new.digest, trajectories, samples))?;
+        }
+        Output::Run => sql!(tx, insert_run(job))?,
+        Output::Nothing => {}
+    }
+    if may_reuse && new.reuse.parts == PartReuse::Tasks {
+        take_over_tasks(tx, job, new).await?;
+    }
+    if state == JobState::Queued {
+        advance(tx, job).await?;
+    }
+    Ok(Submitted { job, reused: false })
+}
+
+/// The ids of the jobs that a new job needs, in order and each once.
+fn needs(new: &NewJob, submitted: &[Submitted]) -> Vec<JobId> {
+    let job = |need: &Need| match need {
+        Need::New(index) => submitted[*index].job,
+        Need::Existing(job) => *job,
+    };
+    let mut needs: Vec<JobId> = new.needs.iter().map(job).collect();
+    needs.sort_unstable();
+    needs.dedup();
+    needs
+}
+
+/// Completes tasks of a new job that an earlier job with the same digest completed before it failed
+/// or was cancelled. The same digest means the same result. Files that the tasks left stay in the
+/// earlier job's run.
+async fn take_over_tasks(tx: &mut Transaction, job: JobId, new: &NewJob) -> Result<(), StoreError> {
+    let last_stage = new.tasks.iter().map(|task| task.stage).max().unwrap_or(0);
+    for CompletedTask { task, place, payload } in sql!(tx, completed_tasks(new.digest))? {
+        let same_place =
+            |task: &&NewTask| (task.stage, task.ordinal) == (place.stage, place.ordinal);
+        let Some(at_place) = new.tasks.iter().find(same_place) else { continue };
+        let asked = at_place.payload.to_string();
+        if takes_over(place, last_stage, asked == payload) {
+            sql!(tx, take_over(job, place, task))?;
+        }
+    }
+    Ok(())
+}

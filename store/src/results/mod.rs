@@ -1,0 +1,6 @@
+pub(crate) mod artifacts;
+pub(crate) mod checkpoints;
+pub(crate) mod datasets;
+pub(crate) mod metrics;
+pub(crate) mod runs;
+pub(crate) mod uploads;

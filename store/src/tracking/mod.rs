@@ -1,0 +1,4 @@
+pub(crate) mod artifacts;
+pub(crate) mod experiments;
+pub(crate) mod metrics;
+pub(crate) mod runs;

@@ -1,0 +1,336 @@
+//! The trash: deleted items that can still be restored.
+//!
+//! A job owns the dataset and the run that it leaves. A run owns its checkpoints. A pipeline owns
+//! the members that were made for it alone. Owned items are deleted and restored together with
+//! their owner.
+
+pub(crate) mod dependents;
+pub(crate) mod found_objects;
+pub(crate) mod garbage;
+pub(crate) mod inventory;
+pub(crate) mod leftovers;
+pub(crate) mod retention;
+
+use std::fmt;
+use std::time::Duration;
+
+use spec::Digest;
+use wire::{ItemKind, JobState};
+
+use crate::boxed;
+use crate::database::{Scope, Transaction, sql};
+use crate::queue::rules::deletion::{Obstacle, obstacle};
+use crate::trash::dependents::{Dependent};
+use crate::{CheckpointId, DatasetId, JobId, RunId, Store, StoreError, Timestamp};
+
+/// Something that can be deleted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Item {
+    pub kind: ItemKind,
+    pub id: i64,
+}
+
+/// The record of a deletion.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Deletion {
+    pub deleted_at: Timestamp,
+    /// It can be restored until this moment at least.
+    pub purge_at: Timestamp,
+    /// The moment at which its bytes and details were deleted permanently.
+    pub purged_at: Option<Timestamp>,
+    /// The reason; `None` if somebody asked for it.
+    pub reason: Option<String>,
+}
+
+/// The dependents that prevent a deletion.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Respect {
+    All,
+    /// Only jobs that have not ended.
+    Open,
+}
+
+/// How an item is to be deleted.
+#[derive(Clone, Copy, Debug)]
+pub struct DeletionOrder<'a> {
+    pub respect: Respect,
+    /// How long it can be restored.
+    pub keep: Duration,
+    /// The reason; `None` if somebody asks for it.
+    pub reason: Option<&'a str>,
+}
+
+/// The items that a deletion moved into the trash.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Deleted {
+    pub item: Item,
+    /// The items that it owns.
+    pub along: Vec<Item>,
+    pub deleted_at: Timestamp,
+    pub purge_at: Timestamp,
+}
+
+/// An item in the trash that was not deleted together with its owner.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Trashed {
+    pub item: Item,
+    /// The name of its job.
+    pub name: String,
+    /// Size of its files and of the files of items that were deleted with it.
+    pub bytes: u64,
+    pub deletion: Deletion,
+}
+
+/// A position in the trash, which is sorted by these fields, latest first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TrashPlace {
+    pub deleted_at: Timestamp,
+    pub item: Item,
+}
+
+/// The row of an item.
+#[derive(Clone, Debug)]
+pub(crate) struct ItemRow {
+    pub item: Item,
+    /// The job that made it, or the item itself if it is a job.
+    pub job: JobId,
+    pub job_state: JobState,
+    pub digest: Digest,
+    pub deletion: Option<Deletion>,
+    /// The moment at which its owner was deleted.
+    pub owner_deleted_at: Option<Timestamp>,
+}
+
+/// The extent of a deletion.
+pub(crate) struct Reach {
+    /// The job that made the item. For a job, it and the members that it owns.
+    pub jobs: Vec<JobId>,
+    pub digests: Vec<Digest>,
+    /// Whether the jobs themselves are deleted, and not only their results.
+    pub whole: bool,
+}
+
+const DELETING: &str = "deleting something";
+
+impl Item {
+    pub const fn new(kind: ItemKind, id: i64) -> Self {
+        Self { kind, id }
+    }
+}
+
+impl From<JobId> for Item {
+    fn from(JobId(id): JobId) -> Self {
+        Self::new(ItemKind::Job, id)
+    }
+}
+
+impl From<RunId> for Item {
+    fn from(RunId(id): RunId) -> Self {
+        Self::new(ItemKind::Run, id)
+    }
+}
+
+impl From<DatasetId> for Item {
+    fn from(DatasetId(id): DatasetId) -> Self {
+        Self::new(ItemKind::Dataset, id)
+    }
+}
+
+impl From<CheckpointId> for Item {
+    fn from(CheckpointId(id): CheckpointId) -> Self {
+        Self::new(ItemKind::Checkpoint, id)
+    }
+}
+
+impl fmt::Display for Item {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} {}", self.kind, self.id)
+    }
+}
+
+impl Store {
+    /// Moves an item into the trash, with everything that it owns.
+    ///
+    /// # Errors
+    /// [`StoreError::NotEnded`] while its job has not ended. [`StoreError::Needed`] when jobs
+    /// depend on it. It also fails when there is no such item, or it was deleted before.
+    #[boxed]
+    pub async fn delete(
+        &self,
+        item: Item,
+        order: &DeletionOrder<'_>,
+    ) -> Result<Deleted, StoreError> {
+        // No job is submitted and none ends until this has taken effect.
+        let mut tx = self.begin(Scope::Queue, DELETING).await?;
+        let row = present(&mut tx, item).await?;
+        let reach = reach(&mut tx, &row).await?;
+        let found = dependents::of(&mut tx, &reach).await?;
+        match obstacle(row.job_state, order.respect, &found) {
+            None => {}
+            Some(Obstacle::NotEnded) => {
+                return Err(StoreError::NotEnded { item, job: row.job, state: row.job_state });
+            }
+            Some(Obstacle::Needed) => return Err(StoreError::Needed { item, by: found }),
+        }
+        let deleted_at = sql!(&mut tx, present())?;
+        let keep = i64::try_from(order.keep.as_millis()).unwrap_or(i64::MAX);
+        let milliseconds = deleted_at.milliseconds().saturating_add(keep);
+        let purge_at = Timestamp::from_milliseconds(milliseconds);
+        let reason = order.reason.map(str::to_owned);
+        let deletion = Deletion { deleted_at, purge_at, purged_at: None, reason };
+        let mut along = Vec::new();
+        for (kind, column, ids) in owned(item, &reach) {
+            along.extend(sql!(&mut tx, mark_deleted(kind, column, &ids, &deletion))?);
+        }
+        along.retain(|other| *other != item);
+        tx.commit().await?;
+        Ok(Deleted { item, along, deleted_at, purge_at })
+    }
+
+    /// Restores an item, with everything that was deleted together with it. Returns the restored
+    /// items.
+    ///
+    /// # Errors
+    /// [`StoreError::Purged`] when it is too late. [`StoreError::OwnerDeleted`] when its owner is
+    /// in the trash too. [`StoreError::NotDeleted`] when it was not deleted.
+    #[boxed]
+    pub async fn restore(&self, item: Item) -> Result<Vec<Item>, StoreError> {
+        let mut tx = self.begin(Scope::Queue, "restoring something").await?;
+        let row = known(&mut tx, item).await?;
+        let Some(deletion) = &row.deletion else { return Err(StoreError::NotDeleted { item }) };
+        if let Some(purged_at) = deletion.purged_at {
+            return Err(StoreError::Purged { item, purged_at });
+        }
+        if row.owner_deleted_at.is_some() {
+            return Err(StoreError::OwnerDeleted { item, job: row.job });
+        }
+        let jobs = match item.kind {
+            ItemKind::Job => sql!(&mut tx, members_deleted_with(row.job, deletion.deleted_at))?,
+            _ => Vec::new(),
+        };
+        let jobs = std::iter::once(row.job).chain(jobs).collect();
+        let reach = Reach { jobs, digests: Vec::new(), whole: item.kind == ItemKind::Job };
+        let mut restored = Vec::new();
+        for (kind, column, ids) in owned(item, &reach) {
+            restored.extend(sql!(&mut tx, mark_restored(kind, column, &ids, deletion.deleted_at))?);
+        }
+        // The statements above wait for a running purge, and leave purged items as they are.
+        let Some(place) = restored.iter().position(|other| *other == item) else {
+            let purged_at = sql!(&mut tx, present())?;
+            return Err(StoreError::Purged { item, purged_at });
+        };
+        restored.remove(place);
+        tx.commit().await?;
+        Ok(restored)
+    }
+
+    /// The items that would be deleted together with `item`, and the jobs that depend on it.
+    ///
+    /// # Errors
+    /// When there is no such thing, or it was deleted before.
+    #[boxed]
+    pub async fn dependents(&self, item: Item) -> Result<(Vec<Item>, Vec<Dependent>), StoreError> {
+        let mut tx = self.begin_snapshot("looking for what depends on something").await?;
+        let row = present(&mut tx, item).await?;
+        let reach = reach(&mut tx, &row).await?;
+        let found = dependents::of(&mut tx, &reach).await?;
+        let mut along = Vec::new();
+        for (kind, column, ids) in owned(item, &reach) {
+            along.extend(sql!(&mut tx, items_not_deleted(kind, column, &ids))?);
+        }
+        along.retain(|other| *other != item);
+        tx.roll_back().await?;
+        Ok((along, found))
+    }
+
+    /// The size of the files of `items`, in bytes.
+    ///
+    /// # Errors
+    /// When the database fails.
+    #[boxed]
+    pub async fn size_of(&self, items: &[Item]) -> Result<u64, StoreError> {
+        let mut bytes = 0;
+        for kind in ItemKind::ALL {
+            let of_kind = items.iter().filter(|item| item.kind == kind);
+            let ids: Vec<i64> = of_kind.map(|item| item.id).collect();
+            if !ids.is_empty() {
+                bytes += sql!(self.database(), "adding up files", size_of(kind, &ids))?;
+            }
+        }
+        Ok(bytes)
+    }
+
+    /// Items in the trash that were not deleted together with their owner, latest deletion first,
+    /// beginning after `after`.
+    ///
+    /// # Errors
+    /// When the database fails.
+    #[boxed]
+    pub async fn trash(
+        &self,
+        after: Option<TrashPlace>,
+        limit: u32,
+    ) -> Result<Vec<Trashed>, StoreError> {
+        sql!(self.database(), "reading the trash", trash(after, limit))
+    }
+}
+
+/// The rows that change together: their kind, the column that selects them, and its values.
+fn owned(item: Item, reach: &Reach) -> Vec<(ItemKind, &'static str, Vec<i64>)> {
+    let jobs = || reach.jobs.iter().map(|job| job.0).collect();
+    match item.kind {
+        ItemKind::Job => vec![
+            (ItemKind::Job, "id", jobs()),
+            (ItemKind::Run, "job", jobs()),
+            (ItemKind::Dataset, "job", jobs()),
+            (ItemKind::Checkpoint, "job", jobs()),
+        ],
+        ItemKind::Run => {
+            vec![(ItemKind::Run, "id", vec![item.id]), (ItemKind::Checkpoint, "run", vec![item.id])]
+        }
+        kind => vec![(kind, "id", vec![item.id])],
+    }
+}
+
+async fn reach(tx: &mut Transaction, row: &ItemRow) -> Result<Reach, StoreError> {
+    let whole = row.item.kind == ItemKind::Job;
+    let (mut jobs, mut digests) = (vec![row.job], vec![row.digest]);
+    if whole {
+        for (member, digest) in sql!(tx, owned_members(row.job))? {
+            jobs.push(member);
+            digests.push(digest);
+        }
+    }
+    Ok(Reach { jobs, digests, whole })
+}
+
+async fn known(tx: &mut Transaction, item: Item) -> Result<ItemRow, StoreError> {
+    sql!(tx, item(item))?
+        .ok_or_else(|| StoreError::not_found(item.kind.as_str(), item.id.to_string()))
+}
+
+/// The row of an item that was not deleted.
+async fn present(tx: &mut Transaction, item: Item) -> Result<ItemRow, StoreError> {
+    let row = known(tx, item).await?;
+    refuse_deleted(item, row.deletion.as_ref())?;
+    Ok(row)
+}
+
+/// # Errors
+/// When it was deleted.
+pub(crate) fn refuse_deleted(
+    item: impl Into<Item>,
+    deletion: Option<&Deletion>,
+) -> Result<(), StoreError> {
+    let item = item.into();
+    match deletion {
+        None => Ok(()),
+        Some(Deletion { purged_at: Some(purged_at), .. }) => {
+            Err(StoreError::Purged { item, purged_at: *purged_at })
+        }
+        Some(Deletion { deleted_at, purge_at, .. }) => {
+            let (deleted_at, purge_at) = (*deleted_at, *purge_at);
+            Err(StoreError::InTrash { item, deleted_at, purge_at })
+        }
+    }
+}

@@ -1,0 +1,51 @@
+//! Duties that one server has for all servers that share a store. Two servers may use one
+//! PostgreSQL, and only one of them does the housekeeping.
+
+use crate::boxed;
+use crate::database::Database;
+use crate::database::postgres::DutyLock;
+use crate::{Store, StoreError};
+
+/// Work that only one server does at a time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Duty {
+    /// Giving the tasks of dead workers to other workers.
+    Reaping,
+    /// Deleting objects without a row.
+    Sweeping,
+    /// Asking Slurm or Kubernetes for workers.
+    Placing,
+    /// Deleting old events.
+    Forgetting,
+}
+
+/// A claim to a [`Duty`].
+#[derive(Debug)]
+pub struct DutyClaim(Option<DutyLock>);
+
+impl Store {
+    pub fn duty(&self, duty: Duty) -> DutyClaim {
+        DutyClaim(match self.database() {
+            // Only one server uses a data folder.
+            Database::Sqlite(_) => None,
+            Database::Postgres(database) => Some(database.duty_lock(duty)),
+        })
+    }
+}
+
+impl DutyClaim {
+    /// Whether the duty is this server's at the moment. A server gets it when the server that had
+    /// it ends, or when the database can no longer reach that server.
+    ///
+    /// # Errors
+    /// When the database does not answer.
+    #[boxed]
+    pub async fn is_mine(&mut self) -> Result<bool, StoreError> {
+        match &mut self.0 {
+            None => Ok(true),
+            Some(lock) => {
+                lock.is_held().await.map_err(StoreError::database("agreeing with other servers"))
+            }
+        }
+    }
+}
