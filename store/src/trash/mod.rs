@@ -20,7 +20,7 @@ use wire::{ItemKind, JobState};
 use crate::boxed;
 use crate::database::{Scope, Transaction, sql};
 use crate::queue::rules::deletion::{Obstacle, obstacle};
-use crate::trash::dependents::{Dependent};
+use crate::trash::dependents::Dependent;
 use crate::{CheckpointId, DatasetId, JobId, RunId, Store, StoreError, Timestamp};
 
 /// Something that can be deleted.
