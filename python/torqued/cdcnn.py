@@ -18,11 +18,11 @@ class Cdcnn(nn.Module):
         conditioning: str = "local",
         samples: int,
         joints: int = 7,
-        told: int = 1,
+        series_per_joint: int = 1,
     ):
         super().__init__()
-        self.channels, self.told = joints, told
-        known = told * joints
+        self.channels, self.series_per_joint = joints, series_per_joint
+        known = series_per_joint * joints
         self.embedding = LevelEmbedding(embedding)
         is_global = conditioning == "global"
         condition = embedding + (samples * known if is_global else 0)

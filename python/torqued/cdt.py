@@ -28,10 +28,10 @@ class Cdt(nn.Module):
         loss: str = "mean-square",
         samples: int,
         joints: int = 7,
-        told: int = 1,
+        series_per_joint: int = 1,
     ):
         super().__init__()
-        self.channels, self.told = joints, told
+        self.channels, self.series_per_joint = joints, series_per_joint
         self.patch = patch
         if objective == "regression":
             self.answer, self.loss = self._answer, self._loss
@@ -39,7 +39,7 @@ class Cdt(nn.Module):
         tokens = samples // patch
         hidden = mlp_ratio * d_model
         self.d_model = d_model
-        self.condition_input = nn.Linear(told * joints * patch, d_model)
+        self.condition_input = nn.Linear(series_per_joint * joints * patch, d_model)
         self.condition_positions = nn.Parameter(0.02 * torch.randn(tokens + 1, d_model))
         self.encoder_blocks = nn.ModuleList(
             EncoderBlock(d_model, heads, hidden, dropout) for _ in range(encoder_layers)

@@ -13,7 +13,7 @@ from safetensors.torch import load_file, save_file
 from torch import Tensor
 
 from .diffusion import NoiseLevels, Painted, sample
-from .frame import frames, series_told, told
+from .frame import frames, known_series, known_series_per_joint
 
 FORMAT_VERSION = 2
 SMALLEST_STANDARD_DEVIATION = 1e-3
@@ -69,7 +69,7 @@ class TrainedModel:
         u = (u - u_mean) / u_std
         y = (y - y_mean) / y_std
         unit = scale / y_std
-        known = told(self.network, u, path, unit)
+        known = known_series(self.network, u, path, unit)
         with torch.inference_mode():
             if hasattr(self.network, "answer"):
                 beside = {"y_context": y, "seen": seen, "path": path, "unit": unit}
@@ -155,7 +155,7 @@ def network_of(config: dict) -> torch.nn.Module:
         raise ValueError(f"architecture {architecture!r} has no twin here, only {', '.join(networks)}")
     network = networks[architecture]
     sizes = {name: config[name] for name in ("context", "horizon", "samples", "rate_hz")}
-    sizes |= {"joints": joints_of(config), "told": series_told(config)} | config["model"]
+    sizes |= {"joints": joints_of(config), "series_per_joint": known_series_per_joint(config)} | config["model"]
     return network(**wanted(network, sizes))
 
 

@@ -36,15 +36,15 @@ def frames(config: dict, u: Tensor, y_context: Tensor, y_mean: Tensor, y_std: Te
     return center.float(), scale.float()
 
 
-def series_told(config: dict) -> int:
-    """The number of known series per joint, the twin of `crates/models/src/told.rs`."""
+def known_series_per_joint(config: dict) -> int:
+    """The number of known series per joint, the twin of `crates/models/src/known_inputs.rs`."""
     return 1 if config["model"].get("residual", "none") == "none" else 3
 
 
-def told(network: torch.nn.Module, u: Tensor, path: Tensor, unit: Tensor) -> Tensor:
+def known_series(network: torch.nn.Module, u: Tensor, path: Tensor, unit: Tensor) -> Tensor:
     """The known series [batch, samples, channel], all normalized: the torques. For a network whose answers are
     relative to a path they also have that path, and a quarter of the logarithm of the unit."""
-    return torch.cat([u, path, 0.25 * unit.log()], -1) if getattr(network, "told", 1) > 1 else u
+    return torch.cat([u, path, 0.25 * unit.log()], -1) if getattr(network, "series_per_joint", 1) > 1 else u
 
 
 def lagged_path(driven: Tensor, y: Tensor, horizon: int) -> tuple[Tensor, Tensor]:

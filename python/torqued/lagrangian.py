@@ -22,7 +22,7 @@ DIRECTIONS = 3
 INITIAL_JACOBIAN, INITIAL_HEAD, INITIAL_ARMATURE, INITIAL_NOISE = 0.9, 0.35, 0.1, 0.3
 INITIAL_SLOPE = 4.0
 INITIAL_SHARED_SPREAD, INITIAL_DAMPING_SPREAD, INITIAL_FRICTION_SPREAD = 0.1, 1.0, 0.1
-INITIAL_TAIL = 0.3
+INITIAL_SCALE_SPREAD = 0.3
 """As in `crates/models/src/lagrangian/mod.rs`."""
 NOISE_ROUNDS = 3
 """Rounds in which the noise of a context is estimated again from the residuals of the last fit."""
@@ -36,7 +36,7 @@ DRAWS = 7
 """Draws per robot whose score is part of the loss."""
 LEAST_DIFFERENCE = 1e-6
 """The least unit of the score, rad."""
-DOUBT_PACE = 30.0
+CALIBRATION_PACE = 30.0
 """The scales of draws learn faster than weights by this factor."""
 PARTS = 4
 """Parts of a context. Each is left out in turn for its residual torques."""
@@ -132,7 +132,7 @@ class Lagrangian(nn.Module):
         spread = shared + [INITIAL_DAMPING_SPREAD] * joints + [INITIAL_FRICTION_SPREAD] * joints
         self.spread = nn.Parameter(torch.tensor(spread).log() / self.pace)
         self.noise = of_joints(math.log(INITIAL_NOISE))
-        self.doubt = nn.Parameter(torch.tensor([0.0, INITIAL_TAIL / DOUBT_PACE, 0.0]))
+        self.doubt = nn.Parameter(torch.tensor([0.0, INITIAL_SCALE_SPREAD / CALIBRATION_PACE, 0.0]))
 
     def answers(self, context: int, samples: int) -> bool:
         """Whether it can predict from a context of this length. The equations fit every length."""
@@ -141,7 +141,7 @@ class Lagrangian(nn.Module):
     def answer(self, u: Tensor, y_context: Tensor) -> Tensor:
         """y of the horizon, rad, from u [batch, samples, joint] in N·m and y of the context in rad."""
         before = y_context.shape[1] - 2
-        return self.follow(u[:, before:], y_context[:, before:], [fit[0] for fit in self.fits(u, y_context)])
+        return self.roll_out(u[:, before:], y_context[:, before:], [fit[0] for fit in self.fits(u, y_context)])
 
     def draws(self, u: Tensor, y_context: Tensor, count: int) -> Tensor:
         """y of the horizon, rad, [draw, batch, horizon, joint], for robots that the context allows.
@@ -149,19 +149,19 @@ class Lagrangian(nn.Module):
         torqued draws other numbers.
         """
         fits = self.fits(u, y_context)
-        left_over = self.left_over(u, y_context, fits)
+        residuals = self.residual_torques(u, y_context, fits)
         before, answers = y_context.shape[1] - 2, []
         ahead, start = u[:, before:], y_context[:, before:]
-        median, tail, torque = DOUBT_PACE * self.doubt
+        log_median, log_spread, log_torque = CALIBRATION_PACE * self.doubt
         for _ in range(count):
-            scale = (median + tail * torch.randn(len(u), 1).to(u)).exp()
+            scale = (log_median + log_spread * torch.randn(len(u), 1).to(u)).exp()
             normal, stretch = torch.randn_like(fits[0][0]), torch.randn(len(u), STRETCH).to(u)
-            drawn = [self.deviate(y_context, fit, scale, normal) for fit in fits]
-            more = [(scale * torque.exp())[..., None] * _stretch(each, stretch, ahead) for each in left_over]
-            answers.append(self.follow([ahead + torques for torques in more], start, drawn))
+            drawn = [self.draw_numbers(y_context, fit, scale, normal) for fit in fits]
+            more = [(scale * log_torque.exp())[..., None] * _stretch(each, stretch, ahead) for each in residuals]
+            answers.append(self.roll_out([ahead + torques for torques in more], start, drawn))
         return torch.stack(answers)
 
-    def left_over(self, u: Tensor, y: Tensor, fits: list[Fit]) -> list[Tensor]:
+    def residual_torques(self, u: Tensor, y: Tensor, fits: list[Fit]) -> list[Tensor]:
         """The residual torques of robots within the bounds of each of `fits` over the context y, [batch, sample,
         joint], N·m. Those of each of the PARTS come from a robot that was fitted to the others."""
         factors, torque = self.equations(Motions.of(u, y, self.rate_hz))
@@ -173,11 +173,11 @@ class Lagrangian(nn.Module):
         def of_part(first: int, end: int, bounded: Tensor) -> Tensor:
             seen = [torch.cat([a[:, :first], a[:, end:]], 1) for a in (factors, torque)]
             numbers, _ = self._fit(*seen, weight, bounded)
-            return _left_over(factors[:, first:end], torque[:, first:end], numbers)
+            return _residuals(factors[:, first:end], torque[:, first:end], numbers)
 
         return [torch.cat([of_part(*part, bounded) for part in parts], 1).to(u) for _, _, bounded in fits]
 
-    def follow(self, u: Tensor | list[Tensor], y: Tensor, robots: list[Tensor]) -> Tensor:
+    def roll_out(self, u: Tensor | list[Tensor], y: Tensor, robots: list[Tensor]) -> Tensor:
         """Positions after the first two, y [batch, 2, joint]. They are those of the first of `robots` [batch,
         number], or of the second if some pose on the way gives the first too little inertia. Each robot may have
         its own torques."""
@@ -249,17 +249,17 @@ class Lagrangian(nn.Module):
         # first order.
         with torch.no_grad():
             noise = (self.pace * self.noise).exp().expand(batch, -1)
-            mean, root, told = self.posterior(factors, torque, 1.0, noise)
+            mean, root, gain = self.posterior(factors, torque, 1.0, noise)
         own, common = factors[..., :-1], factors[..., -1]
         rows = torque.shape[1] * torque.shape[2]
         off = (_times(own, mean[:, None]) + common - torque).square()
-        unknown = (own @ root[:, None]).square().sum(-1)
+        uncertainty = (own @ root[:, None]).square().sum(-1)
         log_noise, log_spread = self.pace * self.noise, self.pace * self.spread
         squares = (mean - self._means()).square() + root.square().sum(-1)
         unlikely = (0.5 * squares * (-2 * log_spread).exp() + log_spread).sum(-1)
-        of_numbers = unlikely + told - (log_spread.detach().sum() + 0.5 * mean.shape[-1])
-        of_torques = 0.5 * (off + unknown) * (-2 * log_noise).exp() + log_noise
-        likelihood = (of_torques + of_numbers[:, None, None] / rows).mean()
+        divergence = unlikely + gain - (log_spread.detach().sum() + 0.5 * mean.shape[-1])
+        of_torques = 0.5 * (off + uncertainty) * (-2 * log_noise).exp() + log_noise
+        likelihood = (of_torques + divergence[:, None, None] / rows).mean()
         if not chosen.any():
             return likelihood + 0.0 * self.doubt.sum()
         score = self.score(u[chosen], y_context[chosen], y_horizon[chosen], normals[chosen])
@@ -271,29 +271,29 @@ class Lagrangian(nn.Module):
         context, count = y_context.shape[1], sum(self.counts)
         with torch.no_grad():
             fits = self.fits(u, y_context)
-            left_over = self.left_over(u, y_context, fits)
+            residuals = self.residual_torques(u, y_context, fits)
             u = u[:, context:]
             start, ahead = y_horizon[:, :2], y_horizon[:, 2:]
             likely = [numbers for numbers, _, _ in fits]
-            mean = self.follow(u, start, likely)
+            mean = self.roll_out(u, start, likely)
             one = torch.ones_like(u[:, 0, :1])
             of_numbers, of_torques = [], []
             for normal in normals.unbind(1):
-                drawn = [self.deviate(y_context, fit, one, normal[:, :count]) for fit in fits]
-                of_numbers.append(self.follow(u, start, drawn) - mean)
-                more = [_stretch(each, normal[:, count + 1 :], u) for each in left_over]
-                of_torques.append(self.follow([u + torques for torques in more], start, likely) - mean)
+                drawn = [self.draw_numbers(y_context, fit, one, normal[:, :count]) for fit in fits]
+                of_numbers.append(self.roll_out(u, start, drawn) - mean)
+                more = [_stretch(each, normal[:, count + 1 :], u) for each in residuals]
+                of_torques.append(self.roll_out([u + torques for torques in more], start, likely) - mean)
             of_numbers, of_torques = torch.stack(of_numbers, 1), torch.stack(of_torques, 1)
             unit = (of_numbers.square() + of_torques.square()).mean(1).sqrt().clamp(min=LEAST_DIFFERENCE)
             of_numbers, of_torques = of_numbers / unit[:, None], of_torques / unit[:, None]
             error = (ahead - mean) / unit
-        median, tail, torque = DOUBT_PACE * self.doubt
-        scale = (median + tail * normals[..., count])[:, :, None, None].exp()
-        samples = scale * (of_numbers + torque.exp() * of_torques)
+        log_median, log_spread, log_torque = CALIBRATION_PACE * self.doubt
+        scale = (log_median + log_spread * normals[..., count])[:, :, None, None].exp()
+        samples = scale * (of_numbers + log_torque.exp() * of_torques)
         between = (samples[:, :, None] - samples[:, None]).abs().sum((1, 2))
         return (samples - error[:, None]).abs().mean(1) - between / (2 * DRAWS * (DRAWS - 1))
 
-    def deviate(self, y: Tensor, fitted: Fit, scale: Tensor, normal: Tensor) -> Tensor:
+    def draw_numbers(self, y: Tensor, fitted: Fit, scale: Tensor, normal: Tensor) -> Tensor:
         """Numbers at a distance of `scale` [batch, 1] standard deviations from those that were fitted to the
         context y. The distance is halved while some pose of the context would have too little inertia."""
         numbers, root, bounded = fitted
@@ -301,7 +301,7 @@ class Lagrangian(nn.Module):
         for _ in range(HALVINGS):
             drawn = _at_least_0(numbers + scale * deviation, bounded)
             found = torch.where(done[:, None], found, drawn)
-            done = done | self.is_solid(y, found)
+            done = done | self.has_enough_inertia(y, found)
             scale = 0.5 * scale
         return torch.where(done[:, None], found, numbers)
 
@@ -319,7 +319,7 @@ class Lagrangian(nn.Module):
             (*(found.to(u) for found in self._fit(factors, torque, weight, bounded)), bounded)
             for bounded in (own, with_masses)
         )
-        solid = self.is_solid(y, free[0])
+        solid = self.has_enough_inertia(y, free[0])
         chosen = [torch.where(solid.reshape(-1, *[1] * (a.dim() - 1)), a, b) for a, b in zip(free, masses)]
         return [tuple(chosen), masses]
 
@@ -329,13 +329,13 @@ class Lagrangian(nn.Module):
         least = (self.pace * self.noise).exp().expand(len(factors), -1)
         numbers, root = self.most_likely(factors, torque, weight, least, bounded)
         for _ in range(NOISE_ROUNDS):
-            squares = _left_over(factors, torque, numbers).square().sum(1)
-            left_over = (squares / max(factors.shape[1], 1)).sqrt()
-            noise = torch.maximum(least.double(), left_over)
+            squares = _residuals(factors, torque, numbers).square().sum(1)
+            residuals = (squares / max(factors.shape[1], 1)).sqrt()
+            noise = torch.maximum(least.double(), residuals)
             numbers, root = self.most_likely(factors, torque, weight, noise, bounded)
         return numbers, root
 
-    def is_solid(self, y: Tensor, numbers: Tensor) -> Tensor:
+    def has_enough_inertia(self, y: Tensor, numbers: Tensor) -> Tensor:
         """Whether each arm has enough inertia in the poses of its context [batch]."""
         q, armature = y[:, ::EVERY], (self.pace * self.armature).exp()
         jacobian, _, _ = self.pose(q, torch.zeros_like(q))
@@ -398,8 +398,8 @@ class Lagrangian(nn.Module):
         found = spread * torch.cholesky_solve(right[..., None], lower)[..., 0]
         one = torch.eye(squares.shape[-1]).to(squares).expand_as(squares)
         root = spread[..., None] * torch.linalg.solve_triangular(lower.mT, one, upper=True)
-        told = lower.diagonal(dim1=-2, dim2=-1).log().sum(-1)
-        return found.to(factors), root.to(factors), told.to(factors)
+        gain = lower.diagonal(dim1=-2, dim2=-1).log().sum(-1)
+        return found.to(factors), root.to(factors), gain.to(factors)
 
     def most_likely(
         self, factors: Tensor, torque: Tensor, weight: float, noise: Tensor, bounded: Tensor
@@ -433,23 +433,23 @@ class Lagrangian(nn.Module):
         return LEAST_SHARE + (1 - LEAST_SHARE) * (self.pace * self.share).sigmoid()
 
 
-def _left_over(factors: Tensor, torque: Tensor, numbers: Tensor) -> Tensor:
+def _residuals(factors: Tensor, torque: Tensor, numbers: Tensor) -> Tensor:
     """The residual torque [batch, sample, joint] with these numbers, in double precision."""
     return torque.double() - _times(factors[..., :-1].double(), numbers.double()[:, None]) - factors[..., -1].double()
 
 
-def _stretch(left_over: Tensor, normals: Tensor, like: Tensor) -> Tensor:
-    """A stretch of the torques `left_over` [batch, sample, joint] with the length of `like`, with a sign. The last
+def _stretch(residuals: Tensor, normals: Tensor, like: Tensor) -> Tensor:
+    """A stretch of the torques `residuals` [batch, sample, joint] with the length of `like`, with a sign. The last
     of STRETCH normal numbers [batch, STRETCH], divided by their norm, is uniform from -1 to 1 (Archimedes). It
     gives the sign and the start of the stretch. Torques of a context that is too short are repeated."""
-    samples, count = left_over.shape[1], like.shape[1]
+    samples, count = residuals.shape[1], like.shape[1]
     if samples == 0:
         return torch.zeros_like(like)
     starts = samples - count + 1 if samples >= count else samples
     side = normals[:, -1] / normals.square().sum(-1).sqrt()
     first = (side.abs() * starts).long().clamp(max=starts - 1)
     index = (first[:, None] + torch.arange(count, device=like.device)) % samples
-    stretch = left_over.gather(1, index[..., None].expand(-1, -1, left_over.shape[2]))
+    stretch = residuals.gather(1, index[..., None].expand(-1, -1, residuals.shape[2]))
     return torch.where(side[:, None, None] < 0, -stretch, stretch)
 
 

@@ -26,21 +26,21 @@ class RoboMorph(nn.Module):
         context: int,
         horizon: int,
         joints: int = 7,
-        told: int = 1,
+        series_per_joint: int = 1,
     ):
         super().__init__()
         hidden = mlp_ratio * d_model
-        self.patch, self.told, self.joints = patch, told, joints
+        self.patch, self.series_per_joint, self.joints = patch, series_per_joint, joints
         self.gaussian = head == "gaussian"
         self.by_root = loss == "root-mean-square"
         self.sums = output == "displacements"
-        self.encoder_input = nn.Linear((told + 1) * joints * patch, d_model)
+        self.encoder_input = nn.Linear((series_per_joint + 1) * joints * patch, d_model)
         self.encoder_positions = nn.Parameter(0.02 * torch.randn(context // patch, d_model))
         self.encoder_blocks = nn.ModuleList(
             EncoderBlock(d_model, heads, hidden) for _ in range(encoder_layers)
         )
         self.encoder_norm = nn.LayerNorm(d_model)
-        self.decoder_input = nn.Linear(told * joints * patch, d_model)
+        self.decoder_input = nn.Linear(series_per_joint * joints * patch, d_model)
         self.decoder_positions = nn.Parameter(0.02 * torch.randn(horizon // patch, d_model))
         self.decoder_blocks = nn.ModuleList(
             DecoderBlock(d_model, heads, hidden) for _ in range(decoder_layers)

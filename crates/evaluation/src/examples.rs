@@ -64,12 +64,12 @@ pub fn examples(cells: &[CellResult], predictors: &[PredictorInfo]) -> Option<Ex
 /// The two best baselines with different knowledge about the arms, and the best one without any.
 /// `baselines` begins with the best.
 fn ladder(baselines: Vec<&PredictorInfo>) -> Vec<&PredictorInfo> {
-    let mut told = BTreeSet::new();
+    let mut seen = BTreeSet::new();
     let distinct: Vec<_> =
-        baselines.into_iter().filter(|info| told.insert(info.told.clone())).collect();
-    let is_told_nothing = |told: Option<&str>| told == Some(Baseline::HoldLast.told());
+        baselines.into_iter().filter(|info| seen.insert(info.told.clone())).collect();
+    let none = Baseline::HoldLast.prior_knowledge();
     let rungs = distinct.into_iter().enumerate();
-    let drawn = rungs.filter(|(rank, info)| *rank < 2 || is_told_nothing(info.told.as_deref()));
+    let drawn = rungs.filter(|(rank, info)| *rank < 2 || info.told.as_deref() == Some(none));
     drawn.map(|(_, info)| info).collect()
 }
 
@@ -159,12 +159,12 @@ mod tests {
         result.predictors.clear();
         let mut infos = Vec::new();
         let known = [("a", "all"), ("b", "all"), ("c", "much"), ("d", "little"), ("e", "nothing")];
-        for (k, (name, told)) in known.into_iter().enumerate() {
+        for (k, (name, knowledge)) in known.into_iter().enumerate() {
             let rmse_deg = vec![Some(k as f64)];
             let errors = crate::PredictorErrors { rmse_deg, ..template.clone() };
             result.predictors.push(crate::PredictorErrors { predictor: name.to_owned(), ..errors });
             infos.push(named(name, PredictorKind::Baseline));
-            infos[k].told = Some(told.to_owned());
+            infos[k].told = Some(knowledge.to_owned());
         }
         assert_eq!(examples(&[result], &infos).unwrap().predictors, ["a", "c", "e"]);
     }

@@ -24,9 +24,9 @@ pub(crate) struct LaggedPath {
 }
 
 impl LaggedPath {
-    /// Fits α to the context in closed form. α is the share by which the velocity moves towards u /
-    /// D in a sample: the regression of the velocity's changes on its distance from u / D. It is 1,
-    /// no lag, where nothing moves.
+    /// Fits α to the context by least squares. In each sample the velocity moves towards u / D by
+    /// the share α of its distance from u / D, so α is the slope of the changes over the distances.
+    /// Where nothing moves it is 1, which means no lag.
     pub fn fit(u: Track<'_>, y: Track<'_>, joint: usize, damping: f64, rate_hz: f64) -> Self {
         let gain = 1.0 / (damping * rate_hz);
         let measured: Vec<f64> = y.joint(joint).map(f64::from).collect();

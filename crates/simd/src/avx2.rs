@@ -9,6 +9,7 @@ use crate::{Lanes, Vector, exponential, trigonometry};
 x86_lanes! {
     /// 8 lanes in single precision.
     F32x8(__m256) of f32, lanes 8, double F64x4,
+    features "avx2,fma",
     trigonometry trigonometry::F32, exponential exponential::F32, round rounded,
     add _mm256_add_ps, sub _mm256_sub_ps, mul _mm256_mul_ps, div _mm256_div_ps,
     mul_add _mm256_fmadd_ps, neg_mul_add _mm256_fnmadd_ps,
@@ -19,6 +20,7 @@ x86_lanes! {
 x86_lanes! {
     /// 4 lanes in double precision.
     F64x4(__m256d) of f64, lanes 4, double F64x4,
+    features "avx2,fma",
     trigonometry trigonometry::F64, exponential exponential::F64, round std::convert::identity,
     add _mm256_add_pd, sub _mm256_sub_pd, mul _mm256_mul_pd, div _mm256_div_pd,
     mul_add _mm256_fmadd_pd, neg_mul_add _mm256_fnmadd_pd,

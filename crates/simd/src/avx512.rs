@@ -9,6 +9,7 @@ use crate::{Lanes, Vector, exponential, trigonometry};
 x86_lanes! {
     /// 16 lanes in single precision.
     F32x16(__m512) of f32, lanes 16, double F64x8,
+    features "avx512f,avx512dq,avx512vl,avx2,fma",
     trigonometry trigonometry::F32, exponential exponential::F32, round rounded,
     add _mm512_add_ps, sub _mm512_sub_ps, mul _mm512_mul_ps, div _mm512_div_ps,
     mul_add _mm512_fmadd_ps, neg_mul_add _mm512_fnmadd_ps,
@@ -19,6 +20,7 @@ x86_lanes! {
 x86_lanes! {
     /// 8 lanes in double precision.
     F64x8(__m512d) of f64, lanes 8, double F64x8,
+    features "avx512f,avx512dq,avx512vl,avx2,fma",
     trigonometry trigonometry::F64, exponential exponential::F64, round std::convert::identity,
     add _mm512_add_pd, sub _mm512_sub_pd, mul _mm512_mul_pd, div _mm512_div_pd,
     mul_add _mm512_fmadd_pd, neg_mul_add _mm512_fnmadd_pd,

@@ -11,6 +11,63 @@ use crate::{Exponential, Trigonometry, exponential, trigonometry};
 /// The most lanes a lane type has.
 pub const MAX_LANES: usize = 16;
 
+/// A computation in lanes of the type `L`.
+pub trait Kernel<L> {
+    type Output;
+
+    /// Does the computation. Implementations are `#[inline(always)]`, so that [`Lanes::run`]
+    /// compiles them for the instructions of `L`.
+    fn run(self) -> Self::Output;
+}
+
+/// Evaluates `$body` with `$lanes` as the type of the f32 lanes of an [`InstructionSet`].
+///
+/// [`InstructionSet`]: crate::InstructionSet
+#[macro_export]
+macro_rules! with_f32_lanes {
+    ($instructions:expr, $lanes:ident => $body:expr) => {
+        match $instructions {
+            #[cfg(target_arch = "x86_64")]
+            $crate::InstructionSet::Avx512(_) => {
+                type $lanes = $crate::F32x16;
+                $body
+            }
+            #[cfg(target_arch = "x86_64")]
+            $crate::InstructionSet::Avx2(_) => {
+                type $lanes = $crate::F32x8;
+                $body
+            }
+            $crate::InstructionSet::Portable => {
+                type $lanes = $crate::F32Array<8>;
+                $body
+            }
+        }
+    };
+}
+
+/// [`with_f32_lanes`](crate::with_f32_lanes) for lanes of f64.
+#[macro_export]
+macro_rules! with_f64_lanes {
+    ($instructions:expr, $lanes:ident => $body:expr) => {
+        match $instructions {
+            #[cfg(target_arch = "x86_64")]
+            $crate::InstructionSet::Avx512(_) => {
+                type $lanes = $crate::F64x8;
+                $body
+            }
+            #[cfg(target_arch = "x86_64")]
+            $crate::InstructionSet::Avx2(_) => {
+                type $lanes = $crate::F64x4;
+                $body
+            }
+            $crate::InstructionSet::Portable => {
+                type $lanes = $crate::F64Array<4>;
+                $body
+            }
+        }
+    };
+}
+
 /// `LANES` floating-point numbers that are computed together.
 ///
 /// Every method must be inlined into a function that is compiled for its instructions, and that
@@ -25,6 +82,12 @@ pub trait Lanes:
     const EXPONENTIAL: Exponential;
     /// Lanes of f64 with the same instructions.
     type Double: Lanes;
+
+    /// Runs a kernel in a function of its own that is compiled for the instructions of these lanes.
+    #[inline(never)]
+    fn run<K: Kernel<Self>>(kernel: K) -> K::Output {
+        kernel.run()
+    }
 
     fn splat(value: f64) -> Self;
     /// `self · b + c`, rounded once.

@@ -36,7 +36,7 @@ pub use avx2::{F32x8, F64x4};
 pub use avx512::{F32x16, F64x8};
 pub use exponential::Exponential;
 pub use instruction_set::{Detected, InstructionSet, UnknownInstructionSet, VARIABLE};
-pub use lanes::{Lanes, MAX_LANES};
+pub use lanes::{Kernel, Lanes, MAX_LANES};
 pub use peak::multiply_adds;
 pub use stack::align_stack;
 pub use trigonometry::Trigonometry;

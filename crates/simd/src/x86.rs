@@ -9,6 +9,7 @@ macro_rules! x86_lanes {
     (
         $(#[$doc:meta])*
         $name:ident($vector:ty) of $scalar:ty, lanes $lanes:literal, double $double:ty,
+        features $features:literal,
         trigonometry $trigonometry:expr, exponential $exponential:expr, round $round:expr,
         add $add:ident, sub $sub:ident, mul $mul:ident, div $div:ident,
         mul_add $mul_add:ident, neg_mul_add $neg_mul_add:ident,
@@ -61,6 +62,17 @@ macro_rules! x86_lanes {
             const TRIGONOMETRY: $crate::Trigonometry = $trigonometry;
             const EXPONENTIAL: $crate::Exponential = $exponential;
             type Double = $double;
+
+            #[inline(always)]
+            fn run<K: $crate::Kernel<Self>>(kernel: K) -> K::Output {
+                #[target_feature(enable = $features)]
+                #[inline(never)]
+                fn compiled<K: $crate::Kernel<$name>>(kernel: K) -> K::Output {
+                    kernel.run()
+                }
+                // SAFETY: the processor has the instructions, see the macro.
+                unsafe { compiled(kernel) }
+            }
 
             #[inline(always)]
             fn splat(value: f64) -> Self {

@@ -77,7 +77,7 @@ impl<'a> Predictors<'a> {
         let baselines = self.spec.baselines.iter().map(|&name| PredictorInfo {
             name: baseline(name, &self.arm).name().to_owned(),
             kind: PredictorKind::Baseline,
-            told: Some(name.told().to_owned()),
+            told: Some(name.prior_knowledge().to_owned()),
             digest: None,
             file: None,
             replicates: None,

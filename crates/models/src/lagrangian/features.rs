@@ -9,13 +9,8 @@
 use burn::tensor::{Tensor, activation};
 
 use super::Lagrangian;
+use super::law::{DIRECTIONS, FORCE_UNIT};
 use crate::activations::Activations;
-
-/// The unit of learned forces, N·m.
-pub(super) const FORCE_UNIT: f32 = 10.0;
-
-/// Directions in which a particle can move.
-pub(super) const DIRECTIONS: usize = 3;
 
 /// The input of the network at samples.
 #[derive(Clone)]

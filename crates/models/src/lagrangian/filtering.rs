@@ -11,15 +11,15 @@
 //! training found. It chooses, for each robot, the multiple under which the context is most likely.
 //! Errors of a law are not white, and they are larger on data unlike its training's.
 
-use series::MeasurementNoise;
-use series::Smoother;
+use nalgebra::{Cholesky, DMatrix};
+use series::{MeasurementNoise, Smoother};
 use simd::InstructionSet;
 
-use super::belief::{Belief, Step};
-use super::known::{Known, State, root_of_block};
-use super::law::{Law, Start, narrow};
-use super::motion::Recorded;
-use super::numbers::Bounds;
+use super::fitting::{RobotPosterior, State};
+use super::law::{Law, narrow};
+use super::recorded::Recorded;
+use super::regression::Bounds;
+use super::rollout::Start;
 
 /// Smaller noise counts as this, rad, because positions are computed in f32.
 const LEAST_NOISE: f64 = 1e-6;
@@ -39,6 +39,9 @@ const INITIAL_VELOCITY: f64 = 1.0;
 /// Standard deviation of the angle at the first sample, in standard deviations of the measurement.
 const INITIAL_ANGLE: f64 = 10.0;
 
+/// Rounding error of a step of the law, rad/s.
+const ROUNDING: f64 = 2e-5;
+
 /// The ratio of two neighbouring noise multiples that the filter tries, and their number on either
 /// side of training's noise.
 const RATIO: f64 = 3.0;
@@ -51,14 +54,14 @@ pub(super) fn is_filtered(robot: &Recorded<'_>, noise: MeasurementNoise) -> bool
 
 impl Law {
     /// Identifies the robot of a context of noisy positions.
-    pub fn filtered(
+    pub fn identify_filtered(
         &self,
         instructions: InstructionSet,
         robot: &Recorded<'_>,
         smoother: &Smoother,
         noise: MeasurementNoise,
         bounds: Bounds,
-    ) -> Known {
+    ) -> RobotPosterior {
         let smoothed = smoother.smooth_robot(robot.y, robot.joints);
         let path = Recorded { y: &smoothed, ..*robot };
         let posterior = self.fit(instructions, &path, bounds);
@@ -69,8 +72,8 @@ impl Law {
         let belief = filter.most_likely();
         let width = belief.mean.len();
         let motion = Some(root_of_block(&belief.covariance, width, 2 * robot.joints));
-        let state = filter.state(&belief);
-        Known { state, posterior, smoothed: Some(smoothed), motion }
+        let most_likely = filter.state(&belief);
+        RobotPosterior { most_likely, numbers: posterior, smoothed: Some(smoothed), motion }
     }
 
     /// The steps from sample 1 to the last, each linearized around the path.
@@ -175,7 +178,9 @@ impl Filter<'_> {
         for direction in [1, -1] {
             while (step + direction).abs() <= STEPS {
                 let found = self.run(RATIO.powi(step + direction));
-                if found.surprise >= best.surprise || found.surprise.is_nan() {
+                if found.negative_log_likelihood >= best.negative_log_likelihood
+                    || found.negative_log_likelihood.is_nan()
+                {
                     break;
                 }
                 (step, best) = (step + direction, found);
@@ -216,8 +221,11 @@ impl Filter<'_> {
     fn prior(&self) -> Belief {
         let joints = self.measured.joints;
         let width = 3 * joints;
-        let mut belief =
-            Belief { mean: vec![0.0; width], covariance: vec![0.0; width * width], surprise: 0.0 };
+        let mut belief = Belief {
+            mean: vec![0.0; width],
+            covariance: vec![0.0; width * width],
+            negative_log_likelihood: 0.0,
+        };
         let dampings = self.law.numbers.dampings();
         let fitted = &self.numbers[dampings.clone()];
         for (joint, number) in dampings.enumerate() {
@@ -269,4 +277,139 @@ impl Filter<'_> {
         }
         State { y, numbers }
     }
+}
+
+/// A step of the law, linearized around a state of the path. The state has angles and velocities.
+struct Step {
+    /// The state that the law predicts from the path, before the path's next state is subtracted:
+    /// angles in rad, then velocities in rad/s.
+    defect: Vec<f64>,
+    /// `[angle or velocity, angle or velocity or damping]`.
+    transition: Vec<f64>,
+    /// `[angle or velocity, torque]`.
+    torque: Vec<f64>,
+}
+
+impl Step {
+    /// Builds the step from the last two positions of each variant and from the position after
+    /// them. `change` is the perturbation of each variant except the first.
+    fn new(
+        y: &[f32],
+        next: &[f32],
+        joints: usize,
+        rate_hz: f64,
+        change: impl Fn(usize) -> f64,
+    ) -> Self {
+        let after = |variant: usize, place: usize| {
+            let joint = place % joints;
+            let angle = f64::from(next[variant * joints + joint]);
+            if place < joints {
+                return angle;
+            }
+            rate_hz * (angle - f64::from(y[variant * 2 * joints + joints + joint]))
+        };
+        let mut step = Self {
+            defect: (0..2 * joints).map(|place| after(0, place)).collect(),
+            transition: Vec::with_capacity(6 * joints * joints),
+            torque: Vec::with_capacity(2 * joints * joints),
+        };
+        for place in 0..2 * joints {
+            let slope =
+                |variant: usize| (after(1 + variant, place) - after(0, place)) / change(variant);
+            step.transition.extend((0..3 * joints).map(slope));
+            step.torque.extend((3 * joints..4 * joints).map(slope));
+        }
+        step
+    }
+}
+
+/// Estimate and covariance of the difference to the path: angles, velocities, dampings.
+struct Belief {
+    mean: Vec<f64>,
+    /// `[row, column]`
+    covariance: Vec<f64>,
+    /// The negative log-likelihood so far, up to a constant.
+    negative_log_likelihood: f64,
+}
+
+impl Belief {
+    /// Predicts over a step. The path is at `path` where the step ends.
+    fn advance(
+        &mut self,
+        step: &Step,
+        path: &[f64],
+        deviations: &[f64],
+        rate_hz: f64,
+        room: &mut [f64],
+    ) {
+        let (joints, width) = (deviations.len(), self.mean.len());
+        let active = 2 * joints;
+        let rows = || step.transition.chunks_exact(width);
+        let mean: Vec<f64> = rows()
+            .zip(&step.defect)
+            .zip(path)
+            .map(|((row, led), path)| led - path + dot(row, &self.mean))
+            .collect();
+        self.mean[..active].copy_from_slice(&mean);
+        // The transition matrix times the covariance, which is symmetric.
+        for (row, room) in rows().zip(room.chunks_exact_mut(width)) {
+            room.fill(0.0);
+            for (&factor, covariance) in row.iter().zip(self.covariance.chunks_exact(width)) {
+                for (sum, entry) in room.iter_mut().zip(covariance) {
+                    *sum += factor * entry;
+                }
+            }
+        }
+        for (row, moved) in room.chunks_exact(width).enumerate() {
+            for (column, factors) in rows().enumerate().take(row + 1) {
+                let torques = step.torque[row * joints..][..joints]
+                    .iter()
+                    .zip(&step.torque[column * joints..][..joints]);
+                let noise = torques
+                    .zip(deviations)
+                    .map(|((a, b), deviation)| a * b * deviation * deviation);
+                let mut entry = dot(moved, factors) + noise.sum::<f64>();
+                if row == column {
+                    let rounding = if row < joints { ROUNDING / rate_hz } else { ROUNDING };
+                    entry += rounding * rounding;
+                }
+                self.covariance[row * width + column] = entry;
+                self.covariance[column * width + row] = entry;
+            }
+            for (column, &entry) in moved.iter().enumerate().skip(active) {
+                self.covariance[row * width + column] = entry;
+                self.covariance[column * width + row] = entry;
+            }
+        }
+    }
+
+    /// Updates with the measured position of each joint, one after the other.
+    fn measure(&mut self, innovations: &[f64], joints: usize, variance: f64) {
+        let width = self.mean.len();
+        let mut gain = vec![0.0; width];
+        for (joint, measured) in innovations.iter().enumerate().take(joints) {
+            gain.copy_from_slice(&self.covariance[joint * width..][..width]);
+            let total = gain[joint] + variance;
+            let innovation = measured - self.mean[joint];
+            self.negative_log_likelihood += 0.5 * (total.ln() + innovation * innovation / total);
+            for row in 0..width {
+                let share = gain[row] / total;
+                self.mean[row] += share * innovation;
+                for (entry, other) in self.covariance[row * width..][..width].iter_mut().zip(&gain)
+                {
+                    *entry -= share * other;
+                }
+            }
+        }
+    }
+}
+
+/// A root of the block of the first `size` rows of a covariance of `width` rows.
+fn root_of_block(covariance: &[f64], width: usize, size: usize) -> DMatrix<f64> {
+    let block = DMatrix::from_fn(size, size, |row, column| covariance[row * width + column]);
+    Cholesky::new(block).map_or_else(|| DMatrix::zeros(size, size), Cholesky::unpack)
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }

@@ -1,49 +1,159 @@
-//! The regression of a robot's context. Samples lie in lanes.
+//! The fit of a robot to its context. Samples lie in lanes.
 
 #![expect(
     clippy::needless_range_loop,
     reason = "closures do not inline into functions compiled for other instructions; loops over indices do"
 )]
 
-use simd::{Lanes, MAX_LANES};
+use nalgebra::DMatrix;
+use simd::{InstructionSet, Kernel, Lanes, MAX_LANES, with_f32_lanes};
 use spec::MAX_JOINTS;
 
-use super::dense::tanh;
-use super::factored::Factored;
-use super::law::{JointLaw, Law};
-use super::motion::Recorded;
+use super::law::{LEAST_PIVOT, Law, narrow};
+use super::linear_algebra::Factored;
 use super::pose::Pose;
-use super::regression::{Equation, Equations, Regression};
+use super::recorded::Recorded;
+use super::regression::{Bounds, Equation, Equations, Posterior, Regression};
 
 /// The stride in samples where only poses matter: an eighth of a second at 60 Hz.
 const EVERY: usize = 8;
+/// Rounds in which the noise of a context is estimated again from the residuals of the last fit.
+const NOISE_ROUNDS: usize = 3;
 
 /// Values of up to [`MAX_LANES`] samples, `[joint, lane]`.
 type Gathered = [[f32; MAX_LANES]; MAX_JOINTS];
 
+/// A robot at the end of its context.
+#[derive(Clone, Debug)]
+pub(super) struct State {
+    /// Positions at the last two samples, `[sample, joint]`, rad, or at the only one.
+    pub y: Vec<f32>,
+    /// In the order of [`super::regression::Numbers`].
+    pub numbers: Vec<f32>,
+}
+
+/// The distribution of a robot given its context.
+#[derive(Debug)]
+pub(super) struct RobotPosterior {
+    pub most_likely: State,
+    pub numbers: Posterior,
+    /// Positions of the context to which the numbers were fitted, where these are not the measured
+    /// ones.
+    pub smoothed: Option<Vec<f32>>,
+    /// A root of the covariance at the end of the context, `[row, column]`, where positions are
+    /// filtered: the angles in rad, then the velocities in rad/s.
+    pub motion: Option<DMatrix<f64>>,
+}
+
 impl Law {
-    #[inline(always)]
-    pub(super) fn regression<L: Lanes>(&self, recorded: &Recorded<'_>) -> Regression {
-        let mut regression = Regression::new(self.numbers);
-        self.equations::<L>(recorded, |equation| regression.add(equation));
-        regression
+    /// Identifies the robot of a context of exact positions.
+    pub fn identify(
+        &self,
+        instructions: InstructionSet,
+        recorded: &Recorded<'_>,
+        bounds: Bounds,
+    ) -> RobotPosterior {
+        let numbers = self.fit(instructions, recorded, bounds);
+        let y = recorded.y[recorded.before()..].to_vec();
+        let most_likely = State { y, numbers: narrow(&numbers.mean) };
+        RobotPosterior { most_likely, numbers, smoothed: None, motion: None }
+    }
+
+    /// The distribution of a robot's numbers given its context. `bounds` decides whether masses may
+    /// be negative. If negative masses leave some pose of the context too little inertia, the robot
+    /// is fitted again with masses of 0 or more.
+    pub fn fit(
+        &self,
+        instructions: InstructionSet,
+        recorded: &Recorded<'_>,
+        bounds: Bounds,
+    ) -> Posterior {
+        let (law, mut regression) = (self, Regression::new(self.numbers));
+        let each = |equation: &Equation<'_>| regression.add(equation);
+        with_f32_lanes!(instructions, L => L::run(ContextEquations { law, recorded, each }));
+        let found = self.fit_with(&regression, recorded, bounds);
+        if bounds == Bounds::DissipationAndMasses
+            || self.has_enough_inertia(instructions, recorded, &narrow(&found.mean))
+        {
+            return found;
+        }
+        self.fit_with(&regression, recorded, Bounds::DissipationAndMasses)
     }
 
     /// The equations of a context.
-    #[inline(always)]
-    pub(super) fn kept_equations<L: Lanes>(&self, recorded: &Recorded<'_>) -> Equations {
-        let mut equations = Equations::new(self.numbers);
-        self.equations::<L>(recorded, |equation| equations.push(equation));
+    pub fn equations_of(&self, instructions: InstructionSet, recorded: &Recorded<'_>) -> Equations {
+        let (law, mut equations) = (self, Equations::new(self.numbers));
+        let each = |equation: &Equation<'_>| equations.push(equation);
+        with_f32_lanes!(instructions, L => L::run(ContextEquations { law, recorded, each }));
         equations
     }
 
-    /// Calls `each` with the equation of each joint, in order, at every sample with a sample on
-    /// both sides.
+    /// Whether the arm has enough inertia in the poses of its context.
+    pub fn has_enough_inertia(
+        &self,
+        instructions: InstructionSet,
+        recorded: &Recorded<'_>,
+        numbers: &[f32],
+    ) -> bool {
+        let law = self;
+        let least =
+            with_f32_lanes!(instructions, L => L::run(LeastPivot { law, recorded, numbers }));
+        least >= LEAST_PIVOT
+    }
+
+    /// Fits the numbers. The noise of a joint is raised to its residual torque where that exceeds
+    /// the noise of training, because the law is worse there or positions were smoothed.
+    pub fn fit_with(
+        &self,
+        regression: &Regression,
+        recorded: &Recorded<'_>,
+        bounds: Bounds,
+    ) -> Posterior {
+        let least = self.noise(recorded);
+        let mut noise = least.clone();
+        let mut posterior = regression.bounded_posterior(&self.prior, &noise, bounds);
+        let repeated = self.repeated(recorded);
+        for _ in 0..NOISE_ROUNDS {
+            for (joint, noise) in noise.iter_mut().enumerate() {
+                let residual = regression.residual_torque(joint, &posterior.mean);
+                *noise = least[joint].max(repeated * residual);
+            }
+            posterior = regression.bounded_posterior(&self.prior, &noise, bounds);
+        }
+        posterior
+    }
+
+    /// The standard deviation of each joint's torques with which a context counts as
+    /// [`Law::points`] samples, N·m.
+    fn noise(&self, recorded: &Recorded<'_>) -> Vec<f64> {
+        let repeated = self.repeated(recorded);
+        self.joints.iter().map(|joint| repeated * f64::from(joint.noise)).collect()
+    }
+
+    /// The root of the number of samples that count as one.
+    fn repeated(&self, recorded: &Recorded<'_>) -> f64 {
+        let samples = recorded.samples().saturating_sub(2) as f64;
+        (samples / self.points as f64).max(1.0).sqrt()
+    }
+}
+
+/// Calls `each` with the equation of each joint, in order, at every sample with a sample on both
+/// sides.
+struct ContextEquations<'a, E> {
+    law: &'a Law,
+    recorded: &'a Recorded<'a>,
+    each: E,
+}
+
+impl<L: Lanes, E: FnMut(&Equation<'_>)> Kernel<L> for ContextEquations<'_, E> {
+    type Output = ();
+
     #[inline(always)]
-    fn equations<L: Lanes>(&self, recorded: &Recorded<'_>, mut each: impl FnMut(&Equation<'_>)) {
-        let joints = self.numbers.joints;
-        let shared = self.numbers.shared().len();
-        let mut pose = Pose::<L>::new(self);
+    fn run(mut self) {
+        let Self { law, recorded, .. } = self;
+        let joints = law.numbers.joints;
+        let shared = law.numbers.shared().len();
+        let mut pose = Pose::<L>::new(law);
         // `[particle or force]` of each joint in every lane.
         let mut features: Vec<Gathered> = vec![[[0.0; MAX_LANES]; MAX_JOINTS]; 1 + shared];
         let mut equation = vec![0.0; shared];
@@ -57,7 +167,7 @@ impl Law {
                     gathered[0][joint][lane] = recorded.y[(sample + lane) * joints + joint];
                     gathered[1][joint][lane] = motion.change * recorded.rate_hz;
                     gathered[2][joint][lane] = motion.middle();
-                    gathered[3][joint][lane] = motion.velocity_at(self.joints[joint].share);
+                    gathered[3][joint][lane] = motion.velocity_at(law.joints[joint].share);
                 }
             }
             let [mut q, mut acceleration, mut velocity] = [[L::splat(0.0); MAX_JOINTS]; 3];
@@ -66,38 +176,38 @@ impl Law {
                 q[joint] = L::load(&gathered[0][joint]);
                 acceleration[joint] = L::load(&gathered[1][joint]);
                 velocity[joint] = L::load(&gathered[2][joint]);
-                let [shape, _] = self.joints[joint].friction(L::load(&gathered[3][joint]));
+                let [shape, _] = law.joints[joint].friction(L::load(&gathered[3][joint]));
                 shape.store(&mut friction[joint]);
             }
-            pose.look(self, &q, &velocity);
-            for particle in 0..self.numbers.particles {
-                let torques = pose.particle(self, particle, &acceleration);
+            pose.update(law, &q, &velocity);
+            for particle in 0..law.numbers.particles {
+                let torques = pose.particle(law, particle, &acceleration);
                 for joint in 0..joints {
                     torques[joint].store(&mut features[particle][joint]);
                 }
             }
             // The force that acts on every robot comes last.
-            for force in 0..=self.numbers.forces {
-                let torques = pose.force(self, force);
-                let place = if force == 0 { shared } else { self.numbers.particles + force - 1 };
+            for force in 0..=law.numbers.forces {
+                let torques = pose.force(law, force);
+                let place = if force == 0 { shared } else { law.numbers.particles + force - 1 };
                 for joint in 0..joints {
                     torques[joint].store(&mut features[place][joint]);
                 }
             }
             for lane in 0..lanes {
                 for joint in 0..joints {
-                    let law = self.joints[joint];
+                    let constants = law.joints[joint];
                     for (number, place) in equation.iter_mut().zip(&features) {
                         *number = place[joint][lane];
                     }
                     let motion = recorded.motion(sample + lane, joint);
-                    let inertia = law.armature * gathered[1][joint][lane];
-                    each(&Equation {
+                    let inertia = constants.armature * gathered[1][joint][lane];
+                    (self.each)(&Equation {
                         joint,
                         shared: &equation,
                         velocity: gathered[3][joint][lane],
                         friction: friction[joint][lane],
-                        torque: motion.torque_at(law.share)
+                        torque: motion.torque_at(constants.share)
                             - inertia
                             - features[shared][joint][lane],
                     });
@@ -106,17 +216,28 @@ impl Law {
             sample += lanes;
         }
     }
+}
 
-    /// The least pivot of the mass matrix at the poses of the context, as a ratio to the inertia of
-    /// the joint alone. It is at least 1 where no mass is negative.
+/// The least pivot of the mass matrix at the poses of the context, as a ratio to the inertia of the
+/// joint alone. It is at least 1 where no mass is negative.
+struct LeastPivot<'a> {
+    law: &'a Law,
+    recorded: &'a Recorded<'a>,
+    numbers: &'a [f32],
+}
+
+impl<L: Lanes> Kernel<L> for LeastPivot<'_> {
+    type Output = f32;
+
     #[inline(always)]
-    pub(super) fn least_pivot<L: Lanes>(&self, recorded: &Recorded<'_>, numbers: &[f32]) -> f32 {
-        let joints = self.numbers.joints;
-        let mut pose = Pose::<L>::new(self);
+    fn run(self) -> f32 {
+        let Self { law, recorded, numbers } = self;
+        let joints = law.numbers.joints;
+        let mut pose = Pose::<L>::new(law);
         let numbers: Vec<L> = numbers.iter().map(|&number| L::splat(f64::from(number))).collect();
         let mut armatures = [L::splat(0.0); MAX_JOINTS];
         for joint in 0..joints {
-            armatures[joint] = L::splat(f64::from(self.joints[joint].armature));
+            armatures[joint] = L::splat(f64::from(law.joints[joint].armature));
         }
         let standing = [L::splat(0.0); MAX_JOINTS];
         let mut least = f32::INFINITY;
@@ -134,8 +255,8 @@ impl Law {
             for joint in 0..joints {
                 q[joint] = L::load(&gathered[joint]);
             }
-            pose.look(self, &q, &standing);
-            let factored = Factored::new(joints, pose.inertia(self, &numbers), &armatures);
+            pose.update(law, &q, &standing);
+            let factored = Factored::new(joints, pose.inertia(law, &numbers), &armatures);
             let mut ratios = [0.0; MAX_LANES];
             factored.least.store(&mut ratios);
             for lane in 0..L::LANES {
@@ -144,17 +265,5 @@ impl Law {
             }
         }
         least
-    }
-}
-
-impl JointLaw {
-    /// Friction of strength 1 at a velocity in rad/s, and its slope, in lanes.
-    #[inline(always)]
-    pub fn friction<L: Lanes>(&self, velocity: L) -> [L; 2] {
-        let slope = L::splat(f64::from(self.friction_slope));
-        let shift = L::splat(f64::from(self.friction_shift));
-        let value = tanh((velocity + shift) * slope);
-        let shape = value - tanh(shift * slope);
-        [shape, slope * value.neg_mul_add(value, L::splat(1.0))]
     }
 }

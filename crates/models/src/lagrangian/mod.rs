@@ -15,29 +15,25 @@
 //! z, dampings D ≥ 0 and frictions F ≥ 0 belong to a robot. Over robots they are independent and
 //! normal. The mass matrix Σ w B Bᵀ + J is positive definite if all weights are positive. A robot
 //! may have negative weights. The system that is solved for accelerations is positive definite for
-//! all robots ([`factored`]).
+//! all robots ([`linear_algebra`]).
 //!
 //! The equation is linear in a robot's numbers. Given its torques they are normal, too, in closed
 //! form ([`regression`]). Training maximizes the likelihood of the context's torques by
 //! expectation-maximization (Dempster, Laird and Rubin 1977), with a step of the optimizer for each
 //! batch. A prediction fits the numbers to the whole context and integrates the equation over the
-//! horizon ([`law`]). Draws do the same with other numbers that the context allows ([`known`],
-//! [`scoring`]).
+//! horizon ([`fitting`], [`rollout`]). Draws do the same with other numbers that the context allows
+//! ([`draws`], [`scoring`]).
 
 mod batch;
-mod belief;
-mod dense;
-mod factored;
+mod draws;
 mod features;
 mod filtering;
 mod fitting;
-mod known;
 mod law;
-mod leftover;
-mod motion;
-mod numbers;
-mod points;
+mod linear_algebra;
 mod pose;
+mod prediction;
+mod recorded;
 mod regression;
 mod rollout;
 mod scoring;
@@ -51,15 +47,12 @@ use burn::tensor::{Device, Tensor, TensorData, activation};
 use simd::InstructionSet;
 use spec::{LagrangianSpec, MAX_JOINTS};
 
-use self::batch::HostBatch;
-use self::dense::Dense;
-use self::features::{DIRECTIONS, Samples, combined};
-use self::known::Doubt;
-use self::law::{JointLaw, Law};
-use self::motion::{Motion, Recorded};
-use self::numbers::Numbers;
-use self::points::{Fitted, Points};
-use self::regression::Prior;
+use self::batch::{HostBatch, Points, Posteriors};
+use self::features::{Samples, combined};
+use self::law::{Calibration, DIRECTIONS, JointLaw, Law};
+use self::linear_algebra::Dense;
+use self::recorded::{Motion, Recorded};
+use self::regression::{Numbers, Prior};
 use crate::ModelError;
 use crate::activations::{Activations, Tally};
 use crate::architecture::{Architecture, Ask, Draw, Extents, Model, ModelInput};
@@ -72,8 +65,8 @@ use crate::sizes::{LARGEST_WIDTH, MOST_LAYERS, MOST_SAMPLES, within};
 /// Scalar parameters are stored divided by this, so that they learn faster. At the pace of weights,
 /// the logarithm of a noise would need a whole training to get from 0.3 N·m to 0.3 mN·m.
 const PACE: f32 = 10.0;
-/// The same factor for [`Doubt`], which follows the law until the last steps of a training.
-const DOUBT_PACE: f32 = 30.0;
+/// The same factor for [`Calibration`], which follows the law until the last steps of a training.
+const CALIBRATION_PACE: f32 = 30.0;
 
 /// The largest number of particles, and of forces.
 const MOST_PARTS: u32 = 64;
@@ -97,8 +90,8 @@ const INITIAL_SHARED_SPREAD: f32 = 0.1;
 const INITIAL_DAMPING_SPREAD: f32 = 1.0;
 /// Initial spread of friction, N·m.
 const INITIAL_FRICTION_SPREAD: f32 = 0.1;
-/// Initial deviation of the logarithm of [`Doubt`].
-const INITIAL_TAIL: f32 = 0.3;
+/// Initial deviation of the logarithm of a draw's scale.
+const INITIAL_SCALE_SPREAD: f32 = 0.3;
 /// The shortest context in samples: one sample with one before it and one after it.
 const LEAST_CONTEXT: u32 = 3;
 
@@ -156,7 +149,7 @@ impl Architecture for LagrangianSpec {
             friction_shift: weights.constant([joints], 0.0),
             spread: weights.given([numbers.count()], spreads),
             noise: weights.constant([joints], paced(INITIAL_NOISE)),
-            doubt: weights.given([3], [0.0, INITIAL_TAIL / DOUBT_PACE, 0.0]),
+            doubt: weights.given([3], [0.0, INITIAL_SCALE_SPREAD / CALIBRATION_PACE, 0.0]),
             first,
             numbers,
             points: self.points.min(context - 2) as usize,
@@ -170,7 +163,7 @@ pub(crate) struct Lagrangian {
     hidden: Vec<Linear>,
     /// Jacobians, `[direction, particle, joint]`, √kg m.
     particles: Linear,
-    /// `[1 + force, joint]`, in [`features::FORCE_UNIT`]. The first force acts on every robot.
+    /// `[1 + force, joint]`, in [`law::FORCE_UNIT`]. The first force acts on every robot.
     forces: Option<Linear>,
     /// Logit of each joint's share of the newer value, as a position between [`LEAST_SHARE`] and 1,
     /// over [`PACE`].
@@ -190,8 +183,8 @@ pub(crate) struct Lagrangian {
     /// Logarithm of the standard deviation of each joint's residual torque at a sample, N·m, over
     /// [`PACE`].
     noise: Param<Tensor<1>>,
-    /// The numbers of [`Doubt`]: the logarithm of the median, the standard deviation of the
-    /// logarithm, and the logarithm of the share of torques, all over [`DOUBT_PACE`].
+    /// The numbers of [`Calibration`] in order, over [`CALIBRATION_PACE`]. Checkpoints have this
+    /// name.
     doubt: Param<Tensor<1>>,
     /// The first joint whose angle the network sees.
     #[module(skip)]
@@ -228,25 +221,29 @@ impl Lagrangian {
         [factors.reshape([robots, count * joints, width]), (torque - inertia).reshape(shape)]
     }
 
-    /// The negative log-likelihood of the torques up to a constant, `[robot, point, joint]`, for a
-    /// given fit. Its gradient is exact all the same: expectation-maximization follows it.
-    fn surprise(&self, equations: [Tensor<3>; 2], fitted: &Fitted) -> Tensor<3> {
+    /// The negative log-likelihood of the torques up to a constant, `[robot, point, joint]`, for
+    /// given posteriors. Its gradient is exact all the same: expectation-maximization follows it.
+    fn negative_log_likelihood(
+        &self,
+        equations: [Tensor<3>; 2],
+        posteriors: &Posteriors,
+    ) -> Tensor<3> {
         let [factors, torque] = equations;
         let shape @ [_, count, joints] = torque.dims();
         let device = torque.device();
-        let combined = combined(factors, fitted.combinations(&device));
+        let combined = combined(factors, posteriors.combinations(&device));
         let expected = combined.clone().narrow(2, 0, 1).reshape(shape);
-        let unknown = combined.narrow(2, 1, self.numbers.count()).square().sum_dim(2);
-        let squares = (expected - torque).square() + unknown.reshape(shape);
+        let uncertainty = combined.narrow(2, 1, self.numbers.count()).square().sum_dim(2);
+        let squares = (expected - torque).square() + uncertainty.reshape(shape);
         let log_noise = self.paced(&self.noise);
         let precision = (log_noise.clone() * -2.0).exp();
-        let of_numbers = self.surprise_of_numbers(fitted) / (count * joints) as f64;
+        let of_numbers = self.divergence_from_prior(posteriors) / (count * joints) as f64;
         squares * precision * 0.5 + log_noise + of_numbers
     }
 
-    /// The cross-entropy of a robot's numbers under the distribution over robots, less the entropy
-    /// of their fit, `[robot, 1, 1]`.
-    fn surprise_of_numbers(&self, fitted: &Fitted) -> Tensor<3> {
+    /// The divergence of a robot's posterior from the prior, `[robot, 1, 1]`: the cross-entropy of
+    /// its numbers under the prior, less the entropy of the posterior.
+    fn divergence_from_prior(&self, posteriors: &Posteriors) -> Tensor<3> {
         let device = self.spread.val().device();
         let Numbers { particles, forces, .. } = self.numbers;
         let constant = |value: f32, count: usize| {
@@ -258,13 +255,13 @@ impl Lagrangian {
         }
         means.extend([self.paced(&self.damping).exp(), self.paced(&self.friction)]);
         let log_spread = self.paced(&self.spread);
-        let off = fitted.mean(&device) - Tensor::cat(means, 2);
-        let squares = off.square() + fitted.variance(&device);
+        let off = posteriors.mean(&device) - Tensor::cat(means, 2);
+        let squares = off.square() + posteriors.variance(&device);
         let unlikely = squares * (log_spread.clone() * -2.0).exp() * 0.5 + log_spread.clone();
-        // The width of the fit is a constant: it does not change with the spreads.
-        let known: f32 = values(log_spread).into_iter().sum();
-        let given = f64::from(known) + 0.5 * self.numbers.count() as f64;
-        unlikely.sum_dim(2) + fitted.told(&device) - given
+        // The width of the posterior is a constant: it does not change with the spreads.
+        let widths: f32 = values(log_spread).into_iter().sum();
+        let given = f64::from(widths) + 0.5 * self.numbers.count() as f64;
+        unlikely.sum_dim(2) + posteriors.information_gain(&device) - given
     }
 
     fn paced(&self, param: &Param<Tensor<1>>) -> Tensor<3> {
@@ -299,9 +296,9 @@ impl Lagrangian {
         }
     }
 
-    fn doubt(&self) -> Doubt {
-        let values = values(self.doubt.val() * DOUBT_PACE);
-        Doubt { median: values[0], tail: values[1], torque: values[2] }
+    fn calibration(&self) -> Calibration {
+        let values = values(self.doubt.val() * CALIBRATION_PACE);
+        Calibration { log_median: values[0], log_spread: values[1], log_torque: values[2] }
     }
 
     /// The same law in a form that predicts.
@@ -316,7 +313,7 @@ impl Lagrangian {
             forces: self.forces.as_ref().map(dense),
             joints: self.joint_laws(),
             prior: self.prior(),
-            doubt: self.doubt(),
+            calibration: self.calibration(),
             numbers: self.numbers,
             first: self.first,
             points: self.points,
@@ -341,8 +338,8 @@ impl Model for Lagrangian {
         let equations = self.equations(&points, &device);
         let [factors, torques] = equations.each_ref().map(|tensor| values(tensor.clone()));
         let (laws, prior) = (self.joint_laws(), self.prior());
-        let fitted = points.fit(&factors, &torques, &laws, &prior, self.numbers);
-        let errors = self.surprise(equations, &fitted);
+        let posteriors = points.fit(&factors, &torques, &laws, &prior, self.numbers);
+        let errors = self.negative_log_likelihood(equations, &posteriors);
         let count = errors.shape().num_elements();
         let errors = errors + self.score(&batch, target, noise);
         Loss { errors, count, predicted: None }
@@ -356,9 +353,11 @@ impl Model for Lagrangian {
         let law = self.law();
         let normals = match ask.draw {
             Draw::Mean => Vec::new(),
-            Draw::Sample => values(ask.noise.normal([1, law.normals_of_draw()], &input.u.device())),
+            Draw::Sample => {
+                values(ask.noise.normal([1, law.normals_per_draw()], &input.u.device()))
+            }
         };
-        let draws: Vec<&[f32]> = normals.chunks_exact(law.normals_of_draw()).collect();
+        let draws: Vec<&[f32]> = normals.chunks_exact(law.normals_per_draw()).collect();
         let instructions = InstructionSet::best();
         let answer = law.predict(instructions, &recorded, input.measurement_noise, &draws);
         let shape = [robots, samples - context, joints];

@@ -8,9 +8,8 @@
 use simd::Lanes;
 use spec::MAX_JOINTS;
 
-use super::dense::{TILE, tanh};
-use super::features::{DIRECTIONS, FORCE_UNIT};
-use super::law::Law;
+use super::law::{DIRECTIONS, FORCE_UNIT, Law};
+use super::linear_algebra::{Dense, TILE, tanh};
 
 /// Buffers for the network's values in every lane, and the results for the latest pose.
 pub(super) struct Pose<L> {
@@ -24,13 +23,13 @@ pub(super) struct Pose<L> {
     /// `[1 + force, joint]`, in [`FORCE_UNIT`].
     forces: Vec<L>,
     /// The acceleration of each particle at constant joint velocities, `[direction, particle]`.
-    carried: Vec<L>,
+    bias_accelerations: Vec<L>,
 }
 
 impl<L: Lanes> Pose<L> {
     #[inline(always)]
     pub fn new(law: &Law) -> Self {
-        let outputs = |layer: &super::Dense| layer.outputs.next_multiple_of(TILE);
+        let outputs = |layer: &Dense| layer.outputs.next_multiple_of(TILE);
         let seen = 2 * (law.numbers.joints - law.first);
         let widest = law.hidden.iter().map(outputs).max().unwrap_or(0).max(seen);
         let room = |count: usize| vec![L::splat(0.0); count];
@@ -41,13 +40,13 @@ impl<L: Lanes> Pose<L> {
             jacobians: room(outputs(&law.particles)),
             jacobian_rates: room(outputs(&law.particles)),
             forces: room(law.forces.as_ref().map_or(0, outputs)),
-            carried: room(DIRECTIONS * law.numbers.particles),
+            bias_accelerations: room(DIRECTIONS * law.numbers.particles),
         }
     }
 
     /// Computes the pose at the angles `q`, rad, which change at `velocity`, rad/s.
     #[inline(always)]
-    pub fn look(&mut self, law: &Law, q: &[L; MAX_JOINTS], velocity: &[L; MAX_JOINTS]) {
+    pub fn update(&mut self, law: &Law, q: &[L; MAX_JOINTS], velocity: &[L; MAX_JOINTS]) {
         let seen = law.numbers.joints - law.first;
         for input in 0..seen {
             let (sin, cos) = q[law.first + input].sin_cos();
@@ -76,11 +75,11 @@ impl<L: Lanes> Pose<L> {
         if let Some(forces) = &law.forces {
             forces.apply(x, &mut self.forces);
         }
-        self.carry(law, velocity);
+        self.update_bias_accelerations(law, velocity);
     }
 
     #[inline(always)]
-    fn carry(&mut self, law: &Law, velocity: &[L; MAX_JOINTS]) {
+    fn update_bias_accelerations(&mut self, law: &Law, velocity: &[L; MAX_JOINTS]) {
         let (particles, joints) = (law.numbers.particles, law.numbers.joints);
         for row in 0..DIRECTIONS * particles {
             let rates = &self.jacobian_rates[row * joints..][..joints];
@@ -88,7 +87,7 @@ impl<L: Lanes> Pose<L> {
             for joint in 0..joints {
                 sum = rates[joint].mul_add(velocity[joint], sum);
             }
-            self.carried[row] = sum;
+            self.bias_accelerations[row] = sum;
         }
         if law.first == 0 {
             return;
@@ -100,8 +99,9 @@ impl<L: Lanes> Pose<L> {
                 along_x = self.jacobians[x * joints + joint].mul_add(velocity[joint], along_x);
                 along_y = self.jacobians[y * joints + joint].mul_add(velocity[joint], along_y);
             }
-            self.carried[x] = velocity[0].neg_mul_add(along_y, self.carried[x]);
-            self.carried[y] = velocity[0].mul_add(along_x, self.carried[y]);
+            self.bias_accelerations[x] =
+                velocity[0].neg_mul_add(along_y, self.bias_accelerations[x]);
+            self.bias_accelerations[y] = velocity[0].mul_add(along_x, self.bias_accelerations[y]);
         }
     }
 
@@ -118,7 +118,7 @@ impl<L: Lanes> Pose<L> {
         for direction in 0..DIRECTIONS {
             let row = direction * particles + particle;
             let jacobian = &self.jacobians[row * joints..][..joints];
-            let mut accelerated = self.carried[row];
+            let mut accelerated = self.bias_accelerations[row];
             for joint in 0..joints {
                 accelerated = jacobian[joint].mul_add(acceleration[joint], accelerated);
             }
@@ -145,7 +145,7 @@ impl<L: Lanes> Pose<L> {
     /// The torques of all particles and forces that do not depend on the acceleration, N·m, for the
     /// `numbers` of every lane.
     #[inline(always)]
-    pub fn bias(&self, law: &Law, numbers: &[L]) -> [L; MAX_JOINTS] {
+    pub fn bias_torques(&self, law: &Law, numbers: &[L]) -> [L; MAX_JOINTS] {
         let joints = law.numbers.joints;
         let mut torques = self.force(law, 0);
         for (force, &strength) in numbers[law.numbers.strengths()].iter().enumerate() {
@@ -158,9 +158,9 @@ impl<L: Lanes> Pose<L> {
             for (particle, &weight) in numbers[law.numbers.weights()].iter().enumerate() {
                 let row = direction * law.numbers.particles + particle;
                 let jacobian = &self.jacobians[row * joints..][..joints];
-                let carried = weight * self.carried[row];
+                let bias_accelerations = weight * self.bias_accelerations[row];
                 for joint in 0..joints {
-                    torques[joint] = jacobian[joint].mul_add(carried, torques[joint]);
+                    torques[joint] = jacobian[joint].mul_add(bias_accelerations, torques[joint]);
                 }
             }
         }

@@ -4,10 +4,73 @@ use std::ops::Range;
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
-use super::numbers::{Bounds, Numbers};
-
 /// Rounds in which numbers below their bound are held at it and the others are fitted again.
 const ROUNDS: usize = 8;
+
+/// The numbers that are fitted to one robot, in order: the weight of each particle, the strength of
+/// each force, the damping of each joint in N·m·s/rad, and its friction in N·m.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Numbers {
+    pub particles: usize,
+    pub forces: usize,
+    pub joints: usize,
+}
+
+impl Numbers {
+    pub fn count(self) -> usize {
+        self.frictions().end
+    }
+
+    pub fn weights(self) -> Range<usize> {
+        0..self.particles
+    }
+
+    pub fn strengths(self) -> Range<usize> {
+        self.particles..self.particles + self.forces
+    }
+
+    /// Weights and strengths, which occur in the equations of every joint.
+    pub fn shared(self) -> Range<usize> {
+        0..self.particles + self.forces
+    }
+
+    pub fn dampings(self) -> Range<usize> {
+        let first = self.shared().end;
+        first..first + self.joints
+    }
+
+    pub fn frictions(self) -> Range<usize> {
+        let first = self.dampings().end;
+        first..first + self.joints
+    }
+
+    /// Whether a number must be at least 0. Forces have both signs.
+    pub fn is_bounded(self, number: usize, bounds: Bounds) -> bool {
+        match bounds {
+            Bounds::Dissipation => !self.shared().contains(&number),
+            Bounds::DissipationAndMasses => !self.strengths().contains(&number),
+        }
+    }
+
+    /// Raises numbers below their bound to it.
+    pub fn keep_bounds<T: PartialOrd + Default>(self, values: &mut [T], bounds: Bounds) {
+        for (number, value) in values.iter_mut().enumerate() {
+            if *value < T::default() && self.is_bounded(number, bounds) {
+                *value = T::default();
+            }
+        }
+    }
+}
+
+/// The numbers of a robot that must be at least 0.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Bounds {
+    /// Dampings and frictions. A particle is not a body of its own, so its mass may be negative and
+    /// correct that of the others.
+    Dissipation,
+    /// Masses, too.
+    DissipationAndMasses,
+}
 
 /// The prior distribution of a robot's numbers: independent and normal.
 #[derive(Clone, Debug)]
@@ -56,7 +119,7 @@ pub(super) struct Equation<'a> {
 impl Equation<'_> {
     /// The residual torque with these numbers, N·m.
     #[expect(clippy::cast_possible_truncation, reason = "torques are in f32")]
-    pub fn left_over(&self, of: Numbers, numbers: &[f64]) -> f32 {
+    pub fn residual_torque(&self, of: Numbers, numbers: &[f64]) -> f32 {
         let shared = self.shared.iter().zip(numbers);
         let expected: f64 = shared.map(|(&torque, number)| f64::from(torque) * number).sum();
         let damping = numbers[of.dampings().start + self.joint] * f64::from(self.velocity);
@@ -158,11 +221,11 @@ impl Regression {
         self.solve(prior, noise, &vec![false; self.numbers.count()])
     }
 
-    /// [`Regression::posterior`] within bounds: numbers below their bound are held at it and the
+    /// [`Regression::posterior`] within bounds. Numbers below their bound are held at it and the
     /// others are fitted again.
-    pub fn of_possible(&self, prior: &Prior, noise: &[f64], bounds: Bounds) -> Posterior {
+    pub fn bounded_posterior(&self, prior: &Prior, noise: &[f64], bounds: Bounds) -> Posterior {
         let mut held = vec![false; self.numbers.count()];
-        let mut found = Posterior::of(prior);
+        let mut found = Posterior::from_prior(prior);
         for _ in 0..ROUNDS {
             let Some(posterior) = self.solve(prior, noise, &held) else { break };
             found = posterior;
@@ -182,7 +245,7 @@ impl Regression {
     }
 
     /// The root mean square of a joint's residual torque with `numbers`, N·m.
-    pub fn left_over(&self, joint: usize, numbers: &[f64]) -> f64 {
+    pub fn residual_torque(&self, joint: usize, numbers: &[f64]) -> f64 {
         let sums = &self.joints[joint];
         let width = self.factors.len();
         let value = |place: usize| numbers[self.number(joint, place)];
@@ -232,8 +295,8 @@ impl Regression {
         let right = DVector::from_fn(count, |number, _| match held[number] {
             true => 0.0,
             false => {
-                let known = prior.mean[number] / prior.spread[number];
-                prior.spread[number] * products[number] + known
+                let expected = prior.mean[number] / prior.spread[number];
+                prior.spread[number] * products[number] + expected
             }
         });
         let factor = precision.cholesky()?;
@@ -241,7 +304,7 @@ impl Regression {
         let mean: Vec<f64> = (0..count).map(|number| spread(number) * scaled[number]).collect();
         let finite = mean.iter().all(|value| value.is_finite());
         let spread = (0..count).map(spread).collect();
-        finite.then_some(Posterior { mean, bounds: Bounds::Own, spread, factor })
+        finite.then_some(Posterior { mean, bounds: Bounds::Dissipation, spread, factor })
     }
 }
 
@@ -259,11 +322,11 @@ pub(super) struct Posterior {
 
 impl Posterior {
     /// The prior, for a robot without data.
-    fn of(prior: &Prior) -> Self {
+    fn from_prior(prior: &Prior) -> Self {
         let count = prior.mean.len();
         let factor = Cholesky::pack_dirty(DMatrix::identity(count, count));
         let (mean, spread) = (prior.mean.clone(), prior.spread.clone());
-        Self { mean, bounds: Bounds::Own, spread, factor }
+        Self { mean, bounds: Bounds::Dissipation, spread, factor }
     }
 
     /// A draw of the difference to the mean, from one standard normal number for each number.
@@ -286,7 +349,7 @@ impl Posterior {
     }
 
     /// The information gain over the prior: half the logarithm of the ratio of both determinants.
-    pub fn told(&self) -> f64 {
+    pub fn information_gain(&self) -> f64 {
         self.factor.l_dirty().diagonal().iter().map(|entry| entry.ln()).sum()
     }
 }

@@ -1,17 +1,21 @@
-//! The horizons of robots in lanes, with one step of the equation per sample.
+//! Rollouts of robots over their horizons, with one step of the equation per sample. Robots lie in
+//! lanes.
 
 #![expect(
     clippy::needless_range_loop,
     reason = "closures do not inline into functions compiled for other instructions; loops over indices do"
 )]
 
-use simd::{Lanes, MAX_LANES};
+use kernels::Interrupt;
+use rayon::prelude::*;
+use simd::{InstructionSet, Kernel, Lanes, MAX_LANES, with_f32_lanes};
 use spec::MAX_JOINTS;
 
-use super::dense::bounded;
-use super::factored::Factored;
-use super::law::{LEAST_PIVOT, Law, Start};
+use super::fitting::State;
+use super::law::{LEAST_PIVOT, Law};
+use super::linear_algebra::{Factored, bounded};
 use super::pose::Pose;
+use super::recorded::Recorded;
 
 /// Times that friction is linearized within a sampling time, each time at the velocity of the last
 /// result.
@@ -21,53 +25,94 @@ const SWEEPS: usize = 2;
 /// products of velocities could otherwise grow without end.
 const FASTEST: f32 = 50.0;
 
-/// The horizons of robots.
+/// A robot at the beginning of its horizon.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Start<'a> {
+    pub recorded: Recorded<'a>,
+    /// Its numbers in the order of [`super::regression::Numbers`].
+    pub numbers: &'a [f32],
+}
+
+impl<'a> Start<'a> {
+    /// Starts from the state at the end of a context. `u` are the torques from the last sample but
+    /// one of the context on.
+    pub fn new(recorded: &Recorded<'_>, u: &'a [f32], state: &'a State) -> Self {
+        let Recorded { joints, rate_hz, .. } = *recorded;
+        Self { recorded: Recorded { u, y: &state.y, joints, rate_hz }, numbers: &state.numbers }
+    }
+}
+
+/// The rollouts of robots.
 #[derive(Debug, Default)]
-pub(super) struct Rolled {
+pub(super) struct Rollouts {
     /// `[robot, sample, joint]`, rad.
     pub positions: Vec<f32>,
     /// Whether each robot had enough inertia in all its poses.
-    pub solid: Vec<bool>,
+    pub enough_inertia: Vec<bool>,
 }
 
-impl Rolled {
+impl Rollouts {
     /// The robots that reached a pose of too little inertia.
-    pub fn lost(&self) -> Vec<usize> {
-        (0..self.solid.len()).filter(|&robot| !self.solid[robot]).collect()
+    pub fn with_too_little_inertia(&self) -> Vec<usize> {
+        (0..self.enough_inertia.len()).filter(|&robot| !self.enough_inertia[robot]).collect()
     }
 
     /// Gives a robot the positions of another.
     pub fn replace(&mut self, robot: usize, others: &Self, other: usize) {
-        let horizon = self.positions.len() / self.solid.len();
+        let horizon = self.positions.len() / self.enough_inertia.len();
         let other = &others.positions[other * horizon..][..horizon];
         self.positions[robot * horizon..][..horizon].copy_from_slice(other);
     }
 
-    pub fn append(&mut self, mut other: Self) {
+    fn append(&mut self, mut other: Self) {
         self.positions.append(&mut other.positions);
-        self.solid.append(&mut other.solid);
+        self.enough_inertia.append(&mut other.enough_inertia);
     }
 }
 
 impl Law {
+    /// The rollouts of fitted robots.
+    pub fn roll_out(&self, instructions: InstructionSet, starts: &[Start<'_>]) -> Rollouts {
+        let interrupt = Interrupt::current();
+        let groups: Vec<Rollouts> = starts
+            .par_chunks(MAX_LANES)
+            .inspect(|_| interrupt.leave_if_raised())
+            .map(|robots| with_f32_lanes!(instructions, L => L::run(RollOut { law: self, robots })))
+            .collect();
+        let mut rollouts = Rollouts::default();
+        groups.into_iter().for_each(|group| rollouts.append(group));
+        rollouts
+    }
+}
+
+/// The rollouts of robots with horizons of one length.
+struct RollOut<'a> {
+    law: &'a Law,
+    robots: &'a [Start<'a>],
+}
+
+impl<L: Lanes> Kernel<L> for RollOut<'_> {
+    type Output = Rollouts;
+
     #[inline(always)]
-    pub(super) fn roll<L: Lanes>(&self, robots: &[Start<'_>]) -> Rolled {
-        let joints = self.numbers.joints;
-        let Some(Start { recorded, .. }) = robots.first() else { return Rolled::default() };
+    fn run(self) -> Rollouts {
+        let Self { law, robots } = self;
+        let joints = law.numbers.joints;
+        let Some(Start { recorded, .. }) = robots.first() else { return Rollouts::default() };
         let (context, samples) = (recorded.samples(), recorded.u.len() / joints);
         let horizon = samples - context;
         let rate = L::splat(f64::from(recorded.rate_hz));
         let period = rate.recip();
         let mut answer = vec![0.0; robots.len() * horizon * joints];
-        let mut solid = Vec::with_capacity(robots.len());
-        let mut pose = Pose::<L>::new(self);
+        let mut enough_inertia = Vec::with_capacity(robots.len());
+        let mut pose = Pose::<L>::new(law);
         for (group, answer) in
             robots.chunks(L::LANES).zip(answer.chunks_mut(L::LANES * horizon * joints))
         {
             let mut starts = [[[0.0; MAX_LANES]; MAX_JOINTS]; 2];
             // Torques begin with the sample before the context's last one.
             let mut torques = vec![[[0.0; MAX_LANES]; MAX_JOINTS]; horizon + 1];
-            let mut numbers = vec![[0.0; MAX_LANES]; self.numbers.count()];
+            let mut numbers = vec![[0.0; MAX_LANES]; law.numbers.count()];
             for (lane, Start { recorded, numbers: fitted }) in group.iter().enumerate() {
                 for (number, fitted) in numbers.iter_mut().zip(fitted.iter()) {
                     number[lane] = *fitted;
@@ -82,12 +127,12 @@ impl Law {
                 }
             }
             let numbers: Vec<L> = numbers.iter().map(|number| L::load(number)).collect();
-            let dampings = &numbers[self.numbers.dampings()];
-            let frictions = &numbers[self.numbers.frictions()];
+            let dampings = &numbers[law.numbers.dampings()];
+            let frictions = &numbers[law.numbers.frictions()];
             // Inertias of the joints alone, and the same times the rate.
             let [mut armatures, mut least] = [[L::splat(0.0); MAX_JOINTS]; 2];
             for joint in 0..joints {
-                armatures[joint] = L::splat(f64::from(self.joints[joint].armature));
+                armatures[joint] = L::splat(f64::from(law.joints[joint].armature));
                 least[joint] = armatures[joint] * rate;
             }
             // The least pivot of the mass matrix so far, as a ratio to the inertia of the joint
@@ -105,14 +150,14 @@ impl Law {
                 for joint in 0..joints {
                     middle[joint] = L::splat(0.5).mul_add(change[joint], velocity[joint]);
                 }
-                pose.look(self, &q, &middle);
-                let bias = pose.bias(self, &numbers);
-                let mut inertia = pose.inertia(self, &numbers);
+                pose.update(law, &q, &middle);
+                let bias = pose.bias_torques(law, &numbers);
+                let mut inertia = pose.inertia(law, &numbers);
                 let factored = Factored::new(joints, inertia, &armatures);
                 negative_pivot = negative_pivot.max(-factored.least);
                 let mut driving = [L::splat(0.0); MAX_JOINTS];
                 for joint in 0..joints {
-                    let share = L::splat(f64::from(self.joints[joint].share));
+                    let share = L::splat(f64::from(law.joints[joint].share));
                     let before = L::load(&torques[step][joint]);
                     let after = L::load(&torques[step + 1][joint]);
                     let torque = share.mul_add(after - before, before);
@@ -126,10 +171,10 @@ impl Law {
                 for _ in 0..SWEEPS {
                     let (mut matrix, mut torques) = (inertia, driving);
                     for joint in 0..joints {
-                        let law = &self.joints[joint];
-                        let share = L::splat(f64::from(law.share));
+                        let constants = &law.joints[joint];
+                        let share = L::splat(f64::from(constants.share));
                         let moved = share * change[joint];
-                        let [shape, slope] = law.friction(velocity[joint] + moved);
+                        let [shape, slope] = constants.friction(velocity[joint] + moved);
                         let (shape, slope) = (frictions[joint] * shape, frictions[joint] * slope);
                         torques[joint] = slope.mul_add(moved, torques[joint] - shape);
                         matrix[joint][joint] = share.mul_add(slope, matrix[joint][joint]);
@@ -153,8 +198,9 @@ impl Law {
             }
             let mut negative_pivots = [0.0; MAX_LANES];
             negative_pivot.store(&mut negative_pivots);
-            solid.extend(negative_pivots[..group.len()].iter().map(|pivot| *pivot <= -LEAST_PIVOT));
+            enough_inertia
+                .extend(negative_pivots[..group.len()].iter().map(|pivot| *pivot <= -LEAST_PIVOT));
         }
-        Rolled { positions: answer, solid }
+        Rollouts { positions: answer, enough_inertia }
     }
 }

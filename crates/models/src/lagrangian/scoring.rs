@@ -1,7 +1,7 @@
 //! How training learns the spread of draws: by a proper score of their horizons.
 //!
 //! The score is the fair continuous ranked probability score (Ferro 2014) of a few draws. Its unit
-//! is the spread of draws without [`Doubt`] at that sample and joint, so that errors of large and
+//! is the spread of draws before their [`Calibration`] at that sample and joint, so that errors of large and
 //! of small motions count alike. Around the most likely robot, answers are linear in its numbers
 //! and in torques. So a draw is rolled out twice, once with its numbers and once with its torques,
 //! and only the scales of both are learned. A step does this for a few of its robots.
@@ -14,12 +14,12 @@ use rayon::prelude::*;
 use simd::InstructionSet;
 
 use super::batch::HostBatch;
-use super::known::Doubt;
-use super::law::{Law, Start};
-use super::leftover;
-use super::motion::Recorded;
-use super::numbers::Bounds;
-use super::{DOUBT_PACE, Lagrangian, values};
+use super::draws::STRETCH;
+use super::law::{Calibration, Law};
+use super::recorded::Recorded;
+use super::regression::Bounds;
+use super::rollout::Start;
+use super::{CALIBRATION_PACE, Lagrangian, values};
 use crate::randomness::Noise;
 
 /// Draws of a robot. The most likely robot, the draws' numbers and the draws' torques fill the
@@ -38,21 +38,21 @@ struct Score {
     /// The derivative of the score by the logarithm of the share of torques.
     slope_of_torque: f32,
     /// The standard normal number behind the scale of each draw.
-    tails: Vec<f32>,
+    normals: Vec<f32>,
 }
 
 impl Score {
     /// The score of draws. Their numbers change the answer by `of_numbers`, and their torques
     /// change it by `of_torques`, `[draw, entry]` each, in the units of `error`.
     fn new(
-        doubt: Doubt,
-        tails: Vec<f32>,
+        calibration: Calibration,
+        normals: Vec<f32>,
         (of_numbers, of_torques): (&[f32], &[f32]),
         error: &[f32],
     ) -> Self {
         let entries = error.len();
-        let share = doubt.torque.exp();
-        let scales: Vec<f32> = tails.iter().map(|&tail| doubt.scale(tail)).collect();
+        let share = calibration.log_torque.exp();
+        let scales: Vec<f32> = normals.iter().map(|&normal| calibration.scale(normal)).collect();
         let each = of_numbers.iter().zip(of_torques);
         let together: Vec<f32> =
             each.map(|(numbers, torques)| share.mul_add(*torques, *numbers)).collect();
@@ -67,13 +67,13 @@ impl Score {
         let by_torques = along(of_torques);
         let slope_of_torque = by_torques.iter().zip(&scales).map(|(by, scale)| share * by * scale);
         let (slope_of_torque, slopes) = (slope_of_torque.sum(), along(&together));
-        Self { value, slopes, slope_of_torque, tails }
+        Self { value, slopes, slope_of_torque, normals }
     }
 }
 
 impl Lagrangian {
     /// The mean score over the batch `[1, 1, 1]`. It is estimated from a random choice of robots,
-    /// one in [`Lagrangian::points`], and is 0 where none is chosen. Only [`Doubt`] has a gradient.
+    /// one in [`Lagrangian::points`], and is 0 where none is chosen. Only [`Calibration`] has a gradient.
     pub(super) fn score(
         &self,
         batch: &HostBatch,
@@ -81,15 +81,15 @@ impl Lagrangian {
         noise: &mut Noise,
     ) -> Tensor<3> {
         let [robots, horizon, joints] = target.dims();
-        let doubt = self.doubt.val() * DOUBT_PACE;
-        let device = doubt.device();
+        let calibration = self.doubt.val() * CALIBRATION_PACE;
+        let device = calibration.device();
         let chosen = noise.below(self.points);
         let chosen: Vec<usize> = (0..robots).filter(|&robot| chosen[robot] == 0).collect();
         if chosen.is_empty() || horizon < 3 {
             // The optimizer needs a gradient at every step.
-            return (doubt * 0.0).sum().unsqueeze();
+            return (calibration * 0.0).sum().unsqueeze();
         }
-        let width = self.numbers.count() + 1 + leftover::NORMALS;
+        let width = self.numbers.count() + 1 + STRETCH;
         let normals = values(noise.normal([DRAWS, width], &device));
         let (target, law) = (values(target), self.law());
         let scores: Vec<Score> = chosen
@@ -104,8 +104,8 @@ impl Lagrangian {
             let all: Vec<f32> = scores.iter().flat_map(part).copied().collect();
             Tensor::<3>::from_data(TensorData::new(all, [scores.len(), DRAWS, 1]), &device)
         };
-        let of = |place: usize| doubt.clone().narrow(0, place, 1).unsqueeze::<3>();
-        let scales = (each(|score| &score.tails) * of(1) + of(0)).exp();
+        let of = |place: usize| calibration.clone().narrow(0, place, 1).unsqueeze::<3>();
+        let scales = (each(|score| &score.normals) * of(1) + of(0)).exp();
         // The chosen robots stand for all robots of the batch.
         let share = self.points as f64 / robots as f64;
         let value: f64 = scores.iter().map(|score| f64::from(score.value)).sum();
@@ -156,25 +156,27 @@ impl Law {
         let (start, ahead) = y.split_at(2 * joints);
         let u = &robot.u[robot.samples() * joints..];
         let recorded = Recorded { u, y: start, ..*robot };
-        let draws = normals.chunks_exact(count + 1 + leftover::NORMALS);
-        let follow = |bounds| {
-            let known = self.known(instructions, robot, bounds);
-            let left_over = self.left_over(instructions, robot, &known);
-            let deviated: Vec<Vec<f32>> = draws
+        let draws = normals.chunks_exact(count + 1 + STRETCH);
+        let roll_out = |bounds| {
+            let posterior = self.identify(instructions, robot, bounds);
+            let residuals = self.residual_torques(instructions, robot, &posterior);
+            let drawn: Vec<Vec<f32>> = draws
                 .clone()
-                .map(|normals| self.deviate(instructions, robot, &known, 1.0, &normals[..count]))
+                .map(|normals| {
+                    self.draw_numbers(instructions, robot, &posterior, 1.0, &normals[..count])
+                })
                 .collect();
             let disturbed: Vec<Vec<f32>> = draws
                 .clone()
                 .map(|normals| {
                     let mut u = u.to_vec();
-                    left_over.add(1.0, &normals[count + 1..], &mut u);
+                    residuals.add(1.0, &normals[count + 1..], &mut u);
                     u
                 })
                 .collect();
-            let likely = Start { recorded, numbers: &known.state.numbers };
+            let likely = Start { recorded, numbers: &posterior.most_likely.numbers };
             let starts: Vec<Start<'_>> = std::iter::once(likely)
-                .chain(deviated.iter().map(|numbers| Start { numbers, ..likely }))
+                .chain(drawn.iter().map(|numbers| Start { numbers, ..likely }))
                 .chain(
                     disturbed
                         .iter()
@@ -183,11 +185,11 @@ impl Law {
                 .collect();
             self.roll_out(instructions, &starts)
         };
-        let mut answers = follow(Bounds::Own);
-        let lost = answers.lost();
-        if !lost.is_empty() {
-            let without = follow(Bounds::Masses);
-            lost.into_iter().for_each(|robot| answers.replace(robot, &without, robot));
+        let mut answers = roll_out(Bounds::Dissipation);
+        let redone = answers.with_too_little_inertia();
+        if !redone.is_empty() {
+            let without = roll_out(Bounds::DissipationAndMasses);
+            redone.into_iter().for_each(|robot| answers.replace(robot, &without, robot));
         }
         let entries = ahead.len();
         let (mean, drawn) = answers.positions.split_at(entries);
@@ -203,8 +205,8 @@ impl Law {
             *error /= unit;
             each().for_each(|at| differences[at] /= unit);
         }
-        let tails = draws.map(|normals| normals[count]).collect();
-        Score::new(self.doubt, tails, differences.split_at(DRAWS * entries), &error)
+        let normals = draws.map(|normals| normals[count]).collect();
+        Score::new(self.calibration, normals, differences.split_at(DRAWS * entries), &error)
     }
 }
 
@@ -213,7 +215,7 @@ mod tests {
     use random::{ChaCha8Rng, SeedableRng};
 
     use super::{DRAWS, Score, fair_crps};
-    use crate::lagrangian::known::Doubt;
+    use crate::lagrangian::law::Calibration;
 
     #[test]
     fn the_score_and_its_slopes_are_those_of_the_definition() {
@@ -239,7 +241,7 @@ mod tests {
     #[test]
     fn the_scales_by_which_robots_differ_are_found() {
         const ROBOTS: usize = 10_000;
-        let truth = Doubt { median: 0.7, tail: 0.5, torque: -0.4 };
+        let truth = Calibration { log_median: 0.7, log_spread: 0.5, log_torque: -0.4 };
         let mut generator = ChaCha8Rng::seed_from_u64(5);
         let mut normal = |count: usize| {
             let mut values = vec![0.0; count];
@@ -258,29 +260,29 @@ mod tests {
         let errors: Vec<[f32; 2]> = scales
             .zip(numbers.chunks_exact(2).zip(torques.chunks_exact(2)))
             .map(|(scale, (n, t))| {
-                [0, 1].map(|entry| scale * (n[entry] + truth.torque.exp() * t[entry]))
+                [0, 1].map(|entry| scale * (n[entry] + truth.log_torque.exp() * t[entry]))
             })
             .collect();
         let [numbers, torques] = changed(&normal(2 * ROBOTS * DRAWS));
-        let tails = normal(ROBOTS * DRAWS);
-        let mut doubt = Doubt { median: 0.0, tail: 0.2, torque: 0.0 };
+        let normals = normal(ROBOTS * DRAWS);
+        let mut calibration = Calibration { log_median: 0.0, log_spread: 0.2, log_torque: 0.0 };
         for _ in 0..200 {
             let mut gradient = [0.0; 3];
             let draws = numbers.chunks_exact(2 * DRAWS).zip(torques.chunks_exact(2 * DRAWS));
-            for ((changed, tails), error) in draws.zip(tails.chunks_exact(DRAWS)).zip(&errors) {
-                let score = Score::new(doubt, tails.to_vec(), changed, error);
-                for (slope, &tail) in score.slopes.iter().zip(tails) {
-                    gradient[0] += slope * doubt.scale(tail) / ROBOTS as f32;
-                    gradient[1] += slope * doubt.scale(tail) * tail / ROBOTS as f32;
+            for ((changed, normals), error) in draws.zip(normals.chunks_exact(DRAWS)).zip(&errors) {
+                let score = Score::new(calibration, normals.to_vec(), changed, error);
+                for (slope, &tail) in score.slopes.iter().zip(normals) {
+                    gradient[0] += slope * calibration.scale(tail) / ROBOTS as f32;
+                    gradient[1] += slope * calibration.scale(tail) * tail / ROBOTS as f32;
                 }
                 gradient[2] += score.slope_of_torque / ROBOTS as f32;
             }
-            doubt.median -= 1.5 * gradient[0];
-            doubt.tail -= 1.5 * gradient[1];
-            doubt.torque -= 1.5 * gradient[2];
+            calibration.log_median -= 1.5 * gradient[0];
+            calibration.log_spread -= 1.5 * gradient[1];
+            calibration.log_torque -= 1.5 * gradient[2];
         }
-        assert!((doubt.median - truth.median).abs() < 0.05, "{doubt:?}");
-        assert!((doubt.tail - truth.tail).abs() < 0.1, "{doubt:?}");
-        assert!((doubt.torque - truth.torque).abs() < 0.1, "{doubt:?}");
+        assert!((calibration.log_median - truth.log_median).abs() < 0.05, "{calibration:?}");
+        assert!((calibration.log_spread - truth.log_spread).abs() < 0.1, "{calibration:?}");
+        assert!((calibration.log_torque - truth.log_torque).abs() < 0.1, "{calibration:?}");
     }
 }

@@ -15,7 +15,7 @@ import torch
 from safetensors.torch import save_file
 from torqued import FORMAT_VERSION, TrainedModel
 from torqued.checkpoint import network_of, wanted
-from torqued.frame import frames, told
+from torqued.frame import frames, known_series
 from torqued.lagrangian import DRAWS, STRETCH
 
 from randomness import CUT, TRAINING, below, normals, words
@@ -99,9 +99,9 @@ def main(folder: Path, model: dict) -> None:
             "path": ((center - y_mean) / y_std).double(),
             "unit": (scale / y_std).double(),
         }
-        u_told = told(network, u_normal, known["path"], known["unit"])
+        known_inputs = known_series(network, u_normal, known["path"], known["unit"])
         drawn = draws_of_step(network, step) if hasattr(network, "draws") else {}
-        loss = network.loss(u_told, **wanted(network.loss, known), **drawn)
+        loss = network.loss(known_inputs, **wanted(network.loss, known), **drawn)
         loss.backward()
         return loss
 

@@ -47,7 +47,7 @@ def quantiles(times: list[float]) -> dict:
 
 def inputs(network: torch.nn.Module, config: dict, batch: int) -> list[torch.Tensor]:
     samples, context = config["samples"], config["context"]
-    known = 7 * network.told
+    known = 7 * network.series_per_joint
     if config["model"]["architecture"] == "robomorph":
         return [torch.randn(batch, context, known + 7), torch.randn(batch, samples - context, known)]
     levels = torch.randint(config["model"]["diffusion"]["steps"], (batch,))

@@ -129,8 +129,8 @@ impl Baseline {
         Self::all().into_iter().any(is_named)
     }
 
-    /// Its knowledge about the arms before it sees a context.
-    pub const fn told(self) -> &'static str {
+    /// Its knowledge about the arms before it sees a context. Reports call it `told`.
+    pub const fn prior_knowledge(self) -> &'static str {
         match self {
             Self::HoldLast | Self::FittedDamping | Self::LeastSquares | Self::Arx => "nothing",
             Self::DampedIntegrator => "the nominal damping",

@@ -7,26 +7,28 @@ use simd::InstructionSet;
 use super::{
     CONTEXT, EXACT, JOINT, LONG, Motions, NOISE, Noisy, RATE_HZ, SAMPLES, model, predict, separate,
 };
-use crate::lagrangian::known::Doubt;
-use crate::lagrangian::law::{JointLaw, Law};
-use crate::lagrangian::motion::Recorded;
-use crate::lagrangian::numbers::Bounds;
+use crate::lagrangian::law::{Calibration, JointLaw, Law};
+use crate::lagrangian::recorded::Recorded;
+use crate::lagrangian::regression::Bounds;
 
 /// Standard normal numbers for each of `rows` draws.
 fn normals(law: &Law, rows: usize) -> Vec<f32> {
-    let mut values = vec![0.0; rows * law.normals_of_draw()];
+    let mut values = vec![0.0; rows * law.normals_per_draw()];
     random::fill_normal(&mut values, &mut ChaCha8Rng::seed_from_u64(11));
     values
 }
 
 #[test]
 fn draws_have_the_same_bits_on_every_processor_and_in_every_company() {
-    let law = Law { doubt: Doubt { median: 0.3, tail: 0.4, torque: 0.2 }, ..model(7).law() };
+    let law = Law {
+        calibration: Calibration { log_median: 0.3, log_spread: 0.4, log_torque: 0.2 },
+        ..model(7).law()
+    };
     let motions = Motions::new(3, 7);
     let robots: Vec<Recorded<'_>> =
         motions.robots().into_iter().flat_map(|robot| [robot; 4]).collect();
     let normals = normals(&law, robots.len());
-    let draws: Vec<&[f32]> = normals.chunks_exact(law.normals_of_draw()).collect();
+    let draws: Vec<&[f32]> = normals.chunks_exact(law.normals_per_draw()).collect();
     for noise in [EXACT, NOISE] {
         let together = law.predict(InstructionSet::best(), &robots, noise, &draws);
         for instructions in InstructionSet::available() {
@@ -44,7 +46,7 @@ fn draws_have_the_same_bits_on_every_processor_and_in_every_company() {
 /// Mean and standard deviation of each joint at the last sample of the horizon, over `count` draws of one robot.
 fn spread(law: &Law, robot: &Recorded<'_>, noise: MeasurementNoise, count: usize) -> Vec<[f64; 2]> {
     let normals = normals(law, count);
-    let draws: Vec<&[f32]> = normals.chunks_exact(law.normals_of_draw()).collect();
+    let draws: Vec<&[f32]> = normals.chunks_exact(law.normals_per_draw()).collect();
     let robots = vec![*robot; count];
     let answers = law.predict(InstructionSet::best(), &robots, noise, &draws);
     let horizon = answers.len() / count;
@@ -85,34 +87,36 @@ fn draws_lie_around_the_most_likely_robot_and_closer_the_more_was_seen() {
 }
 
 #[test]
-fn doubt_widens_draws() {
+fn a_larger_scale_widens_draws() {
     let robot = Noisy::new(4);
     let recorded = Recorded { y: &robot.truth[..40 * 2], u: &robot.u[..100 * 2], ..robot.robot() };
-    let width = |doubt| {
-        let law = Law { doubt, ..separate(&[1.2, 0.02], JOINT, [10.0, 1.0]) };
+    let width = |calibration| {
+        let law = Law { calibration, ..separate(&[1.2, 0.02], JOINT, [10.0, 1.0]) };
         spread(&law, &recorded, EXACT, 400).iter().map(|[_, deviation]| *deviation).sum::<f64>()
     };
-    let plain = width(Doubt { median: 0.0, tail: 0.0, torque: 0.0 });
-    let twice = width(Doubt { median: 2_f32.ln(), tail: 0.0, torque: 0.0 });
+    let plain = width(Calibration { log_median: 0.0, log_spread: 0.0, log_torque: 0.0 });
+    let twice = width(Calibration { log_median: 2_f32.ln(), log_spread: 0.0, log_torque: 0.0 });
     assert!((twice / plain - 2.0).abs() < 0.1, "{plain} {twice}");
-    assert!(width(Doubt { median: 0.0, tail: 0.8, torque: 0.0 }) > 1.3 * plain);
+    assert!(width(Calibration { log_median: 0.0, log_spread: 0.8, log_torque: 0.0 }) > 1.3 * plain);
 }
 
 /// The law does not know a slow torque at the second joint. Draws must differ more there, in
 /// proportion to the torque of the context.
 #[test]
-fn draws_have_torques_that_the_law_left_over() {
+fn draws_have_the_residual_torques_of_the_law() {
     let robot = Noisy::new(5);
-    let doubt = Doubt { median: 0.0, tail: 0.0, torque: 0.0 };
-    let width = |amplitude: f32, torque: f32| {
+    let calibration = Calibration { log_median: 0.0, log_spread: 0.0, log_torque: 0.0 };
+    let width = |amplitude: f32, log_torque: f32| {
         let mut u = robot.u.clone();
         // It was recorded as a torque of the motor, but it moved nothing.
         for sample in 0..LONG {
             u[sample * 2 + 1] += amplitude * (0.05 * sample as f32).cos();
         }
         let recorded = Recorded { u: &u, y: &robot.truth[..LONG * 2], ..robot.robot() };
-        let mut law =
-            Law { doubt: Doubt { torque, ..doubt }, ..separate(&[1.2, 0.02], JOINT, [10.0, 1.0]) };
+        let mut law = Law {
+            calibration: Calibration { log_torque, ..calibration },
+            ..separate(&[1.2, 0.02], JOINT, [10.0, 1.0])
+        };
         law.prior.spread.fill(1e-6);
         law.prior.mean[law.numbers.dampings()].copy_from_slice(&[9.0, 11.5]);
         let found = spread(&law, &recorded, EXACT, 300);
@@ -142,7 +146,7 @@ fn masses_are_negative_only_where_poses_keep_their_inertia() {
             y[sample] = y[sample - 1] + velocity / RATE_HZ;
         }
         let robot = Recorded { u: &u, y: &y, joints: 1, rate_hz: RATE_HZ };
-        let found = law.fit(InstructionSet::best(), &robot, Bounds::Own).mean[0];
+        let found = law.fit(InstructionSet::best(), &robot, Bounds::Dissipation).mean[0];
         assert!((found - expected).abs() < 0.05, "{inertia}: {found}");
         for [mean, deviation] in spread(&law, &robot, EXACT, 50) {
             assert!(mean.is_finite() && deviation.is_finite() && deviation < 1.0, "{deviation}");

@@ -7,14 +7,12 @@ use series::MeasurementNoise;
 use simd::InstructionSet;
 use spec::LagrangianSpec;
 
-use super::dense::Dense;
-use super::features::{DIRECTIONS, Samples};
-use super::known::Doubt;
-use super::law::{JointLaw, Law};
-use super::motion::Recorded;
-use super::numbers::{Bounds, Numbers};
-use super::points::Points;
-use super::regression::Prior;
+use super::batch::Points;
+use super::features::Samples;
+use super::law::{Calibration, DIRECTIONS, JointLaw, Law};
+use super::linear_algebra::Dense;
+use super::recorded::Recorded;
+use super::regression::{Bounds, Numbers, Prior};
 use super::{Lagrangian, PACE, values};
 use crate::architecture::{Architecture, Extents};
 use crate::initialization::InitialWeights;
@@ -138,11 +136,11 @@ fn prediction_fits_the_numbers_that_training_fits() {
         let law = Law { points: CONTEXT, ..model.law() };
         for (robot, expected) in robots.iter().zip(fitted.mean.chunks_exact(model.numbers.count()))
         {
-            let found = law.fit(InstructionSet::best(), robot, Bounds::Own).mean;
+            let found = law.fit(InstructionSet::best(), robot, Bounds::Dissipation).mean;
             let each = found.iter().zip(expected).zip(&prior.mean);
             for (number, ((found, expected), &mean)) in each.enumerate() {
                 assert!(
-                    !model.numbers.is_bounded(number, Bounds::Own) || *expected > 0.0,
+                    !model.numbers.is_bounded(number, Bounds::Dissipation) || *expected > 0.0,
                     "{expected}"
                 );
                 let learned = (f64::from(*expected) - mean).abs();
@@ -242,7 +240,7 @@ fn separate(masses: &[f32], joint: JointLaw, damping: [f64; 2]) -> Law {
         forces: None,
         joints: vec![joint; joints],
         prior,
-        doubt: Doubt { median: 0.0, tail: 0.0, torque: 0.0 },
+        calibration: Calibration { log_median: 0.0, log_spread: 0.0, log_torque: 0.0 },
         numbers,
         first: 0,
         points: 1000,
@@ -269,7 +267,7 @@ fn dampings_are_found_and_the_horizon_follows() {
     }
     let law = separate(&masses, JOINT, [10.0, 1.0]);
     let robot = Recorded { u: &u, y: &y[..CONTEXT * 2], joints: 2, rate_hz: RATE_HZ };
-    let found = law.fit(InstructionSet::best(), &robot, Bounds::Own).mean;
+    let found = law.fit(InstructionSet::best(), &robot, Bounds::Dissipation).mean;
     let found = &found[law.numbers.dampings()];
     for joint in 0..2 {
         assert!((found[joint] - f64::from(dampings[joint])).abs() < 1e-2, "{found:?}");
@@ -286,7 +284,7 @@ fn a_robot_that_stands_still_or_was_hardly_seen_has_the_mean_damping() {
     for context in [1, 2, 3, 30] {
         let y = vec![0.4; context * 3];
         let robot = Recorded { u: &u, y: &y, joints: 3, rate_hz: RATE_HZ };
-        let found = law.fit(InstructionSet::best(), &robot, Bounds::Own).mean;
+        let found = law.fit(InstructionSet::best(), &robot, Bounds::Dissipation).mean;
         assert_eq!(found[law.numbers.dampings()], [3.0; 3]);
         let answer = predict(&law, &[robot], EXACT);
         assert_eq!(answer.len(), (40 - context) * 3);

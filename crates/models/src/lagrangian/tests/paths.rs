@@ -3,10 +3,11 @@
 use simd::InstructionSet;
 
 use super::{EXACT, JOINT, NOISE, RATE_HZ, predict, separate};
-use crate::lagrangian::dense::Dense;
-use crate::lagrangian::law::{JointLaw, Law, Start};
-use crate::lagrangian::motion::Recorded;
-use crate::lagrangian::numbers::Bounds;
+use crate::lagrangian::law::{JointLaw, Law};
+use crate::lagrangian::linear_algebra::Dense;
+use crate::lagrangian::recorded::Recorded;
+use crate::lagrangian::regression::Bounds;
+use crate::lagrangian::rollout::Start;
 
 const CONTEXT: usize = 30;
 const HORIZON: usize = 60;
@@ -36,17 +37,17 @@ fn a_robot_that_comes_to_a_pose_of_too_little_inertia_has_no_negative_mass() {
     let (near, far) = (torques(0.1), torques(8.0));
     let [near, far] = [&near, &far].map(|u| Recorded { u, y: &y, joints: 1, rate_hz: RATE_HZ });
     // Nothing moves in the context, so it identifies nothing: robots have the mean numbers.
-    let rolled = |robot: &Recorded<'_>, bounds| {
-        let numbers = law.known(InstructionSet::best(), robot, bounds).state.numbers;
+    let rollout = |robot: &Recorded<'_>, bounds| {
+        let numbers = law.identify(InstructionSet::best(), robot, bounds).most_likely.numbers;
         let recorded = Recorded { u: &robot.u[CONTEXT - 2..], y: &y[..2], ..*robot };
         let start = Start { recorded, numbers: &numbers };
         (law.roll_out(InstructionSet::best(), &[start]), numbers[0])
     };
-    let (free, mass) = rolled(&near, Bounds::Own);
-    assert!(free.solid[0] && (mass + 0.5).abs() < 1e-4, "{mass}");
-    assert!(!rolled(&far, Bounds::Own).0.solid[0]);
-    let (without, mass) = rolled(&far, Bounds::Masses);
-    assert!(without.solid[0] && mass == 0.0, "{mass}");
+    let (free, mass) = rollout(&near, Bounds::Dissipation);
+    assert!(free.enough_inertia[0] && (mass + 0.5).abs() < 1e-4, "{mass}");
+    assert!(!rollout(&far, Bounds::Dissipation).0.enough_inertia[0]);
+    let (without, mass) = rollout(&far, Bounds::DissipationAndMasses);
+    assert!(without.enough_inertia[0] && mass == 0.0, "{mass}");
     assert!(without.positions.last().is_some_and(|q| *q > 1.0), "{:?}", without.positions);
 
     let expected = [&free.positions[..], &without.positions, &free.positions].concat();
@@ -55,7 +56,7 @@ fn a_robot_that_comes_to_a_pose_of_too_little_inertia_has_no_negative_mass() {
         assert_eq!(law.predict(instructions, &[near, far, near], EXACT, &[]), expected);
     }
     // The same holds for a draw, and for the robot of the filter.
-    let normals = vec![0.0; law.normals_of_draw()];
+    let normals = vec![0.0; law.normals_per_draw()];
     let drawn = law.predict(InstructionSet::best(), &[near, far], EXACT, &[&normals, &normals]);
     assert_eq!(drawn, expected[..2 * HORIZON]);
     let filtered = predict(&law, &[near, far], NOISE);
