@@ -6,12 +6,12 @@
 
 use std::ops::ControlFlow;
 
-use simd::MAX_LANES;
+use simd::{Lanes, MAX_LANES};
 use spec::{Gravity, Rejection};
 
 use crate::forward_dynamics::Dynamics;
 use crate::integrators::{Scheme, Scratch, State, advance};
-use crate::kernels::Kernels;
+use crate::kernels::MassMatrixAndBias;
 use crate::kinematics::POSE;
 use crate::model::Model;
 use crate::rejection::Clearance;
@@ -53,7 +53,7 @@ enum LaneState {
 
 /// Fills the block's series. Returns early when `finished` says so.
 #[inline(always)]
-pub(crate) fn simulate<L: Kernels, S: Structure<N>, const N: usize>(
+pub(crate) fn simulate<L: Lanes, S: Structure<N>, const N: usize>(
     structure: S,
     block: &mut Block<'_>,
 ) -> Result<(), DynamicsError> {
@@ -176,14 +176,14 @@ pub(crate) fn simulate<L: Kernels, S: Structure<N>, const N: usize>(
 
 /// 0 where the recorded f32 value is finite, and NaN where it is not.
 #[inline(always)]
-fn times_zero<L: Kernels>(recorded: &[f32; MAX_LANES]) -> L {
+fn times_zero<L: Lanes>(recorded: &[f32; MAX_LANES]) -> L {
     L::load(recorded) * L::splat(0.0)
 }
 
 /// Adds g(q) of each lane's robot to the torques in f32, so that the recorded torques are those
 /// that act.
 #[inline(always)]
-fn add_gravity_torques<L: Kernels, S: Structure<N>, const N: usize>(
+fn add_gravity_torques<L: Lanes, S: Structure<N>, const N: usize>(
     structure: S,
     model: &Model<L, N>,
     q: &[L; N],
@@ -192,13 +192,14 @@ fn add_gravity_torques<L: Kernels, S: Structure<N>, const N: usize>(
     let mut at_rest = Dynamics::zero();
     let mut at_q = [Turn::none(); N];
     structure.turns(q, &mut at_q);
-    L::mass_matrix_and_bias(structure, model, &at_q, &[L::splat(0.0); N], &mut at_rest);
+    let (turns, qd, dynamics) = (&at_q, &[L::splat(0.0); N], &mut at_rest);
+    L::run(MassMatrixAndBias { structure, model, turns, qd, dynamics });
     for joint in 0..structure.joints() {
         (L::load(&torques[joint]) + at_rest.bias[joint]).store(&mut torques[joint]);
     }
 }
 
-impl<L: Kernels, const N: usize> State<L, N> {
+impl<L: Lanes, const N: usize> State<L, N> {
     #[inline(always)]
     pub(crate) fn set_lane(&mut self, lane: usize, q: &Joints<f64>, qd: &Joints<f64>) {
         self.set_position(lane, q);

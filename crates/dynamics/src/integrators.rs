@@ -4,10 +4,11 @@
 //! position that is kept with the rounding error of the last addition. In f32 this makes the result
 //! as accurate as f64, because the increments and their rounding errors are small.
 
+use simd::Lanes;
 use spec::Integrator;
 
 use crate::forward_dynamics::Dynamics;
-use crate::kernels::Kernels;
+use crate::kernels::{Accelerations, AccelerationsAt, MassMatrixAndBias};
 use crate::model::Model;
 use crate::spatial::Turn;
 use crate::structure::Structure;
@@ -50,7 +51,7 @@ struct Increment<L, const N: usize> {
     qd: [L; N],
 }
 
-impl<L: Kernels, const N: usize> State<L, N> {
+impl<L: Lanes, const N: usize> State<L, N> {
     #[inline(always)]
     pub(crate) fn zero() -> Self {
         let zero = [L::splat(0.0); N];
@@ -76,7 +77,7 @@ impl<L: Kernels, const N: usize> State<L, N> {
     }
 }
 
-impl<L: Kernels, const N: usize> Increment<L, N> {
+impl<L: Lanes, const N: usize> Increment<L, N> {
     #[inline(always)]
     fn set_zero(&mut self, joints: usize) {
         for joint in 0..joints {
@@ -116,7 +117,7 @@ pub(crate) struct Scratch<L, const N: usize> {
     qdd: [L; N],
 }
 
-impl<L: Kernels, const N: usize> Scratch<L, N> {
+impl<L: Lanes, const N: usize> Scratch<L, N> {
     #[inline(always)]
     pub(crate) fn new() -> Self {
         let zero = [L::splat(0.0); N];
@@ -133,7 +134,7 @@ impl<L: Kernels, const N: usize> Scratch<L, N> {
 
 /// Advances `state` by `period` seconds under `torque` (N·m).
 #[inline(always)]
-pub(crate) fn advance<L: Kernels, S: Structure<N>, const N: usize>(
+pub(crate) fn advance<L: Lanes, S: Structure<N>, const N: usize>(
     structure: S,
     scheme: Scheme,
     period: f64,
@@ -162,7 +163,7 @@ pub(crate) fn advance<L: Kernels, S: Structure<N>, const N: usize>(
 /// "Solving Ordinary Differential Equations I", section II.9, harmonic sequence): order `order`
 /// from order · (order + 1) / 2 evaluations, however stiff the damping.
 #[inline(always)]
-fn extrapolated_step<L: Kernels, S: Structure<N>, const N: usize>(
+fn extrapolated_step<L: Lanes, S: Structure<N>, const N: usize>(
     structure: S,
     order: usize,
     step: f64,
@@ -177,11 +178,25 @@ fn extrapolated_step<L: Kernels, S: Structure<N>, const N: usize>(
     // Every sequence starts from the same state, so its dynamics are computed once. The first steps
     // of all sequences come first, because they do not depend on each other.
     structure.turns(&state.q, start_turns);
-    L::mass_matrix_and_bias(structure, model, start_turns, &state.qd, start);
+    L::run(MassMatrixAndBias {
+        structure,
+        model,
+        turns: start_turns,
+        qd: &state.qd,
+        dynamics: start,
+    });
     for steps in 1..=order {
         let h = L::splat(step / steps as f64);
         let increment = &mut table[steps - 1];
-        L::accelerations(structure, model, start, &state.qd, torque, h, qdd);
+        L::run(Accelerations {
+            structure,
+            model,
+            dynamics: start,
+            qd: &state.qd,
+            torque,
+            step: h,
+            qdd,
+        });
         increment.set_zero(joints);
         increment.euler_step(joints, state, h, qdd);
     }
@@ -191,7 +206,8 @@ fn extrapolated_step<L: Kernels, S: Structure<N>, const N: usize>(
         for _ in 1..steps {
             state.velocity_after(joints, increment, qd);
             structure.later_turns(start_turns, &increment.q, later_turns);
-            L::accelerations_at(structure, model, later_turns, qd, torque, h, qdd);
+            let turns = &*later_turns;
+            L::run(AccelerationsAt { structure, model, turns, qd, torque, step: h, qdd });
             increment.euler_step(joints, state, h, qdd);
         }
     }
@@ -213,7 +229,7 @@ fn extrapolated_step<L: Kernels, S: Structure<N>, const N: usize>(
 }
 
 #[inline(always)]
-fn runge_kutta_step<L: Kernels, S: Structure<N>, const N: usize>(
+fn runge_kutta_step<L: Lanes, S: Structure<N>, const N: usize>(
     structure: S,
     step: f64,
     model: &Model<L, N>,
@@ -233,7 +249,8 @@ fn runge_kutta_step<L: Kernels, S: Structure<N>, const N: usize>(
     for (weight, reach) in STAGES {
         state.velocity_after(joints, stage, qd);
         structure.later_turns(start_turns, &stage.q, later_turns);
-        L::accelerations_at(structure, model, later_turns, qd, torque, L::splat(0.0), qdd);
+        let (turns, step_ahead) = (&*later_turns, L::splat(0.0));
+        L::run(AccelerationsAt { structure, model, turns, qd, torque, step: step_ahead, qdd });
         total.add_scaled(joints, L::splat(step * weight), qd, qdd);
         stage.set_zero(joints);
         stage.add_scaled(joints, L::splat(step * reach), qd, qdd);
@@ -243,7 +260,7 @@ fn runge_kutta_step<L: Kernels, S: Structure<N>, const N: usize>(
 
 #[cfg(test)]
 mod tests {
-    use simd::{F64Array, Lanes};
+    use simd::F64Array;
 
     use super::*;
     use crate::compiled::Compiled;

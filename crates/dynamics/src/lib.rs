@@ -34,6 +34,7 @@ mod kinematics;
 mod measurement;
 mod model;
 mod nominal;
+#[cfg(test)]
 mod operations;
 #[cfg(test)]
 mod pinocchio;
@@ -57,7 +58,6 @@ pub use inertia::RigidBody;
 pub use joints::Joints;
 pub use kinematics::{Kinematics, Pose};
 pub use measurement::add_position_noise;
-pub use operations::operations_per_evaluation;
 pub use replay::{Anchor, ArmState, Motion, Replay};
 pub use robot::{Payload, Robot};
 pub use scenario::{Scenario, Scenarios};

@@ -4,7 +4,7 @@
 use std::ops::ControlFlow;
 
 use serde::Deserialize;
-use simd::{F32Array, F64Array, InstructionSet};
+use simd::{F32Array, F64Array, InstructionSet, Lanes};
 use spec::{
     Family, Gravity, Integrator, JobSpec, MAX_JOINTS, Precision, Rejection, RobotSpec, SimulateSpec,
 };
@@ -14,7 +14,7 @@ use crate::compiled::{Compiled, JOINTS};
 use crate::dispatch;
 use crate::forward_dynamics::Dynamics;
 use crate::general::General;
-use crate::kernels::Kernels;
+use crate::kernels::{Accelerations, AccelerationsAt, MassMatrixAndBias};
 use crate::model::Model;
 use crate::nominal::{Hand, Nominal};
 use crate::robot::Parts;
@@ -296,12 +296,12 @@ fn single_robots_have_the_dynamics_of_the_reference() {
 }
 
 /// Tests different robots side by side, as in a simulation.
-fn check_lanes<L: Kernels>(tolerance: f64) {
+fn check_lanes<L: Lanes>(tolerance: f64) {
     check_structure::<L, Compiled, JOINTS>(Compiled, tolerance);
     check_structure::<L, General, MAX_JOINTS>(General::new(JOINTS), tolerance);
 }
 
-fn check_structure<L: Kernels, S: Structure<N>, const N: usize>(structure: S, tolerance: f64) {
+fn check_structure<L: Lanes, S: Structure<N>, const N: usize>(structure: S, tolerance: f64) {
     for cases in random_robots().chunks_exact(L::LANES) {
         let zero = [L::splat(0.0); N];
         let mut model = Model::<L, N>::splat(structure, &Robot::panda());
@@ -317,11 +317,13 @@ fn check_structure<L: Kernels, S: Structure<N>, const N: usize>(structure: S, to
         let mut dynamics = Dynamics::zero();
         let mut at_q = [Turn::none(); N];
         structure.turns(&q, &mut at_q);
-        L::mass_matrix_and_bias(structure, &model, &at_q, &qd, &mut dynamics);
+        let (model, turns, qd, torque) = (&model, &at_q, &qd, &torque);
+        L::run(MassMatrixAndBias { structure, model, turns, qd, dynamics: &mut dynamics });
         for step in [1.0 / 60.0, 0.0].map(L::splat) {
             let mut at_once = zero;
-            L::accelerations(structure, &model, &dynamics, &qd, &torque, step, &mut qdd);
-            L::accelerations_at(structure, &model, &at_q, &qd, &torque, step, &mut at_once);
+            let (dynamics, together) = (&dynamics, &mut at_once);
+            L::run(Accelerations { structure, model, dynamics, qd, torque, step, qdd: &mut qdd });
+            L::run(AccelerationsAt { structure, model, turns, qd, torque, step, qdd: together });
             let bits = |qdd: &[L; N]| -> Vec<u64> {
                 let lanes = (0..L::LANES)
                     .flat_map(|lane| qdd.iter().map(move |acceleration| acceleration.lane(lane)));

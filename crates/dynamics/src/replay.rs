@@ -4,12 +4,11 @@
 //! rejected or compensated.
 
 use rayon::prelude::*;
-use simd::{InstructionSet, MAX_LANES};
+use simd::{InstructionSet, Lanes, MAX_LANES};
 use spec::{Integrator, Precision, SimulateSpec};
 
 use crate::dispatch;
 use crate::integrators::{Scheme, Scratch, State, advance};
-use crate::kernels::Kernels;
 use crate::model::Model;
 use crate::structure::{Kind, Structure};
 use crate::{Joints, Robot};
@@ -121,7 +120,7 @@ impl Replay {
 
 /// Computes the positions of at most as many motions as there are lanes.
 #[inline(always)]
-pub(crate) fn replay<L: Kernels, S: Structure<N>, const N: usize>(
+pub(crate) fn replay<L: Lanes, S: Structure<N>, const N: usize>(
     structure: S,
     together: &mut MotionBatch<'_>,
 ) {

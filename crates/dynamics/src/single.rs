@@ -5,7 +5,7 @@
 use simd::{F64Array, Lanes};
 
 use crate::forward_dynamics::Dynamics;
-use crate::kernels::Kernels;
+use crate::kernels::{Accelerations, MassMatrixAndBias};
 use crate::model::Model;
 use crate::spatial::Turn;
 use crate::structure::{Kind, Structure, with_structure};
@@ -54,10 +54,16 @@ pub fn forward_dynamics(
     with_structure!(Kind::of([robot]), |structure| {
         let dynamics = dynamics(structure, robot, &q, &qd);
         let qd = lanes(&qd);
-        let explicit = Lane::splat(0.0);
         let mut qdd = qd;
-        let model = Model::splat(structure, robot);
-        Lane::accelerations(structure, &model, &dynamics, &qd, &lanes(&torque), explicit, &mut qdd);
+        Lane::run(Accelerations {
+            structure,
+            model: &Model::splat(structure, robot),
+            dynamics: &dynamics,
+            qd: &qd,
+            torque: &lanes(&torque),
+            step: Lane::splat(0.0),
+            qdd: &mut qdd,
+        });
         Joints::from_fn(q.len(), |joint| qdd[joint].lane(0))
     })
 }
@@ -71,8 +77,9 @@ fn dynamics<S: Structure<N>, const N: usize>(
     let mut dynamics = Dynamics::zero();
     let mut at_q = [Turn::none(); N];
     structure.turns(&lanes(q), &mut at_q);
-    let model = Model::splat(structure, robot);
-    Lane::mass_matrix_and_bias(structure, &model, &at_q, &lanes(qd), &mut dynamics);
+    let model = &Model::splat(structure, robot);
+    let (turns, qd) = (&at_q, &lanes(qd));
+    Lane::run(MassMatrixAndBias { structure, model, turns, qd, dynamics: &mut dynamics });
     dynamics
 }
 
