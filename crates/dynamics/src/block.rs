@@ -7,14 +7,13 @@
 use std::ops::ControlFlow;
 
 use simd::{Lanes, MAX_LANES};
-use spec::{Gravity, Rejection};
+use spec::{Gravity, Rejection, SimulateSpec};
 
 use crate::forward_dynamics::Dynamics;
 use crate::integrators::{Scheme, Scratch, State, advance};
 use crate::kernels::MassMatrixAndBias;
 use crate::kinematics::POSE;
 use crate::model::Model;
-use crate::rejection::Clearance;
 use crate::spatial::Turn;
 use crate::structure::Structure;
 use crate::{ArmState, DynamicsError, Joints, Scenario, Scenarios};
@@ -249,4 +248,37 @@ fn redraw(
 #[cold]
 fn not_finite(scenario: &Scenario, seed: u64, sample: usize) -> DynamicsError {
     DynamicsError::NotFinite { index: scenario.index, seed, draw: scenario.draws, sample }
+}
+
+/// The bounds that every sample of a trajectory must keep.
+pub(crate) struct Clearance<L, const N: usize> {
+    lower: [L; N],
+    upper: [L; N],
+}
+
+impl<L: Lanes, const N: usize> Clearance<L, N> {
+    #[inline(always)]
+    pub(crate) fn new(spec: &SimulateSpec) -> Self {
+        let unlimited = L::splat(f64::INFINITY);
+        let mut clearance = Self { lower: [-unlimited; N], upper: [unlimited; N] };
+        if let Some(margin) = spec.rejection.position_margin_rad {
+            for (joint, description) in spec.robot.description().joints.iter().enumerate() {
+                let limits = description.position_rad;
+                clearance.lower[joint] = L::splat(limits.min + margin);
+                clearance.upper[joint] = L::splat(limits.max - margin);
+            }
+        }
+        clearance
+    }
+
+    /// The largest distance of a joint beyond its bounds, in rad. It is negative if all are inside.
+    #[inline(always)]
+    pub(crate) fn excess(&self, joints: usize, q: &[L; N]) -> L {
+        let mut excess = (q[0] - self.upper[0]).max(self.lower[0] - q[0]);
+        for joint in 1..joints {
+            let beyond = (q[joint] - self.upper[joint]).max(self.lower[joint] - q[joint]);
+            excess = excess.max(beyond);
+        }
+        excess
+    }
 }

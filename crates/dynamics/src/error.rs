@@ -1,3 +1,5 @@
+//! The errors of simulations.
+
 use std::ops::Range;
 
 /// The reason why a simulation has no result.

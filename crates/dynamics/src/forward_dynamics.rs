@@ -4,13 +4,12 @@
 //! link frames and in one pass outwards and one inwards, then a factorization L D Lᵀ from the tip
 //! (Featherstone 2008, "Rigid Body Dynamics Algorithms", chapters 5 and 6). With seven joints this
 //! takes fewer operations than the articulated-body algorithm, and most of them are independent. Links
-//! come with their inertias regrouped, see [`crate::regrouping`], which leaves many of them zero.
+//! come with their inertias regrouped, see [`crate::model`], which leaves many of them zero.
 
 use simd::Lanes;
 
 use crate::compiled::{JOINTS, shifted};
-use crate::model::Model;
-use crate::regrouping::Link;
+use crate::model::{Link, Model};
 use crate::spatial::{
     Symmetric, Turn, Vector, add_cross, add_matrix_origin, add_origin_cross, shifted_inertia, sum,
 };

@@ -1,3 +1,5 @@
+//! One value per joint.
+
 use std::fmt;
 use std::ops::{Deref, DerefMut};
 

@@ -15,7 +15,6 @@
     reason = "closures do not inline into functions compiled for other instructions; loops over indices do"
 )]
 
-mod angle;
 mod block;
 mod compiled;
 mod dispatch;
@@ -26,21 +25,17 @@ mod forward_dynamics;
 mod friction;
 mod general;
 mod inertia;
-mod initial_state;
 mod integrators;
 mod joints;
 mod kernels;
 mod kinematics;
 mod measurement;
 mod model;
-mod nominal;
 #[cfg(test)]
 mod operations;
 #[cfg(test)]
 mod pinocchio;
 mod randomization;
-mod regrouping;
-mod rejection;
 mod replay;
 mod robot;
 mod scenario;
@@ -50,12 +45,12 @@ mod spatial;
 mod structure;
 mod sweep;
 
-pub use angle::Angle;
 pub use error::DynamicsError;
 pub use excitation::{Chirp, Multisine, Steps, Torques};
 pub use friction::Friction;
 pub use inertia::RigidBody;
 pub use joints::Joints;
+pub use kinematics::Angle;
 pub use kinematics::{Kinematics, Pose};
 pub use measurement::add_position_noise;
 pub use replay::{Anchor, ArmState, Motion, Replay};

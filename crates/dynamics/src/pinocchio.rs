@@ -11,18 +11,16 @@ use spec::{
 
 use crate::block::Block;
 use crate::compiled::{Compiled, JOINTS};
-use crate::dispatch;
 use crate::forward_dynamics::Dynamics;
 use crate::general::General;
 use crate::kernels::{Accelerations, AccelerationsAt, MassMatrixAndBias};
 use crate::model::Model;
-use crate::nominal::{Hand, Nominal};
-use crate::robot::Parts;
+use crate::robot::{Hand, Nominal, Parts};
 use crate::spatial::Turn;
 use crate::structure::Structure;
 use crate::{
     Chirp, Friction, Joints, Kinematics, Multisine, Payload, RigidBody, Robot, Scenario, Scenarios,
-    Torques,
+    Torques, dispatch,
 };
 
 #[derive(Deserialize)]

@@ -3,8 +3,7 @@
 use spec::{InertiaScheme, RobotSpec};
 
 use crate::draws::{Draws, Purpose};
-use crate::nominal::{Hand, Nominal};
-use crate::robot::Parts;
+use crate::robot::{Hand, Nominal, Parts};
 use crate::{Friction, Joints, Kinematics, Payload, RigidBody, Robot};
 
 /// Draws one robot. `draws` has the sequence of random numbers of each purpose.

@@ -1,3 +1,5 @@
+//! Simulation of trajectories on all threads, in blocks of consecutive indices.
+
 use std::ops::{ControlFlow, Range};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 

@@ -2,11 +2,10 @@
 
 use simd::Lanes;
 
-use crate::Robot;
-use crate::compiled;
 use crate::forward_dynamics::{Dynamics, accelerations};
 use crate::model::Model;
 use crate::spatial::Turn;
+use crate::{Robot, compiled};
 
 /// The kernels for arms of one structure, or for all arms. `N` is the length of their arrays. Every
 /// method is `#[inline(always)]`, like those of [`Lanes`].
