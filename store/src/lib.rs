@@ -49,7 +49,7 @@ pub use identifiers::{
 };
 pub use lists::census::Census;
 pub use lists::labels::{Labels, MAX_TAGS, Thing};
-pub use lists::listing::{Direction, Key, Listed, Listing, Position, Sort};
+pub use lists::listing::{Direction, Key, Listed, Listing, Position};
 pub use objects::{
     Fingerprint, ObjectBytes, ObjectWriter, ObjectsUrl, Patience, RemoteObjects, S3Options,
     SignedFor, StoredObject, measure_file, path as object_path,
@@ -103,7 +103,7 @@ pub use trash::retention::{Outdated, Retention};
 pub use trash::{Deleted, Deletion, DeletionOrder, Item, Respect, TrashPlace, Trashed};
 pub use wire::{
     AttemptOutcome, DatasetState, EventKind, ItemKind, JobState, LabelChange, PlacementState,
-    Relation, Scope, TaskState, TextChange,
+    Relation, Scope, Sort, TaskState, TextChange,
 };
 pub use workers::demand::{Demand, Wait};
 pub use workers::duties::{Duty, DutyClaim};

@@ -1,11 +1,13 @@
 //! The list on the front page: jobs that somebody asked for, without those that a pipeline made for
 //! itself.
 
-use wire::Jobs;
+use wire::{Job, Jobs, List, Listed};
 
 use crate::app::App;
-use crate::app::listing::{EXPERIMENTS, ListRequest};
+use crate::app::listing::ListRequest;
 use crate::error::ApiError;
+
+static EXPERIMENTS: List = List { name: "experiments", ..Job::LIST };
 
 impl App {
     /// Pipelines, and jobs that do not belong to one; newest first unless the parameters say
@@ -16,6 +18,7 @@ impl App {
         limit: u32,
     ) -> Result<Jobs, ApiError> {
         let mut request = ListRequest::read(&EXPERIMENTS, parameters)?;
+        request.listing.experiments_alone = true;
         request.listing.limit = limit;
         self.jobs(&request).await
     }

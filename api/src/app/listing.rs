@@ -6,76 +6,14 @@ use base64::Engine as _;
 use base64::engine::general_purpose::URL_SAFE_NO_PAD;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use spec::{JobKind, Moment};
-use store::{Direction, Key, Position, Sort, Thing, Timestamp};
-use wire::{DatasetState, JobState};
+use spec::Moment;
+use store::{Direction, Key, Position, Timestamp};
+use wire::{List, Sort};
 
 use crate::app::labels;
 use crate::app::paging;
 use crate::error::ApiError;
 use crate::limits::{PAGE_BYTES, SEARCH_CHARACTERS, TAGS};
-
-/// A list of the API or of the page.
-pub struct List {
-    /// The name in its path.
-    pub name: &'static str,
-    pub thing: Thing,
-    /// The kinds that it can be filtered by. Empty if all items have the same kind.
-    pub kinds: fn() -> Vec<&'static str>,
-    /// Restricts the list to this kind.
-    only: Option<JobKind>,
-    pub states: fn() -> Vec<&'static str>,
-    experiments_alone: bool,
-}
-
-const OF_JOBS: List = List {
-    name: "jobs",
-    thing: Thing::Job,
-    kinds: all_kinds,
-    only: None,
-    states: job_states,
-    experiments_alone: false,
-};
-
-pub static JOBS: List = OF_JOBS;
-
-/// The list on the front page.
-pub static EXPERIMENTS: List = List { name: "experiments", experiments_alone: true, ..OF_JOBS };
-
-pub static EVALUATIONS: List =
-    List { name: "evaluations", kinds: none, only: Some(JobKind::Evaluate), ..OF_JOBS };
-
-pub static RUNS: List = List { name: "runs", thing: Thing::Run, ..OF_JOBS };
-
-pub static DATASETS: List =
-    List { name: "datasets", thing: Thing::Dataset, states: dataset_states, ..OF_JOBS };
-
-pub static CHECKPOINTS: List =
-    List { name: "checkpoints", thing: Thing::Checkpoint, kinds: none, states: none, ..OF_JOBS };
-
-fn all_kinds() -> Vec<&'static str> {
-    JobKind::ALL.iter().map(|kind| kind.as_str()).collect()
-}
-
-fn job_states() -> Vec<&'static str> {
-    JobState::ALL.map(JobState::as_str).to_vec()
-}
-
-fn dataset_states() -> Vec<&'static str> {
-    DatasetState::ALL.map(DatasetState::as_str).to_vec()
-}
-
-fn none() -> Vec<&'static str> {
-    Vec::new()
-}
-
-impl List {
-    /// The allowed orders, each in both directions.
-    pub fn orders(&self) -> Vec<String> {
-        let sorts = Sort::of(self.thing).iter();
-        sorts.flat_map(|sort| [sort.as_str().to_owned(), format!("-{}", sort.as_str())]).collect()
-    }
-}
 
 /// A request for a page of a list.
 #[derive(Debug)]
@@ -100,7 +38,6 @@ impl ListRequest {
     pub fn read(list: &'static List, parameters: &[(String, String)]) -> Result<Self, ApiError> {
         let mut listing = store::Listing {
             kind: list.only.map(|kind| kind.as_str().to_owned()),
-            experiments_alone: list.experiments_alone,
             limit: paging::checked(None)?,
             ..store::Listing::default()
         };
@@ -113,8 +50,8 @@ impl ListRequest {
             match name {
                 "limit" => listing.limit = limit(value)?,
                 "before" => listing.before = Some(id(value)?),
-                "kind" => listing.kind = Some(one_of(name, value, &(list.kinds)())?),
-                "state" => listing.state = Some(one_of(name, value, &(list.states)())?),
+                "kind" => listing.kind = Some(one_of(name, value, list.kinds)?),
+                "state" => listing.state = Some(one_of(name, value, list.states)?),
                 "tag" => listing.tags.push(tag(value)?),
                 "text" => listing.text = Some(text(value)?),
                 "since" => listing.since = Some(moment(name, value)?),
@@ -171,7 +108,8 @@ impl ListRequest {
         let is_key = match &after.key {
             // No name contains NUL, and PostgreSQL does not accept it.
             Key::Text(name) => self.listing.sort == Sort::Name && !name.contains('\0'),
-            Key::Integer(_) => self.listing.sort != Sort::Name,
+            Key::Number(_) => self.listing.sort == Sort::Rmse,
+            Key::Integer(_) => !matches!(self.listing.sort, Sort::Name | Sort::Rmse),
         };
         if !is_key {
             return refused("the next of a page before, or left out".to_owned());
@@ -234,14 +172,21 @@ fn order(list: &List, value: &str) -> Result<(Sort, Direction), ApiError> {
         Some(name) => (name, Direction::Descending),
         None => (value, Direction::Ascending),
     };
-    let known = Sort::of(list.thing).iter().find(|sort| sort.as_str() == name);
+    let known = list.sorts.iter().find(|sort| sort.as_str() == name);
     let refused = || ApiError::parameter("sort", value, list.orders().join(", "));
     known.map(|sort| (*sort, direction)).ok_or_else(refused)
 }
 
 #[cfg(test)]
 mod tests {
+    use wire::{Checkpoint, Dataset, Job, Listed, Run};
+
     use super::*;
+
+    static JOBS: List = Job::LIST;
+    static RUNS: List = Run::LIST;
+    static DATASETS: List = Dataset::LIST;
+    static CHECKPOINTS: List = Checkpoint::LIST;
 
     fn read(list: &'static List, query: &[(&str, &str)]) -> Result<ListRequest, String> {
         let own = |(name, value): &(&str, &str)| ((*name).to_owned(), (*value).to_owned());
@@ -266,7 +211,7 @@ mod tests {
             let error = read(&JOBS, &[("cursor", broken)]).unwrap_err();
             assert!(error.ends_with("allowed: the next of a page before, or left out"), "{error}");
         }
-        for key in ["7", r#""\u0000""#] {
+        for key in ["7", "7.5", r#""\u0000""#] {
             let json = format!(
                 r#"{{"list": "jobs", "sort": "name", "after": {{"key": {key}, "id": 7}}}}"#
             );
@@ -286,7 +231,7 @@ mod tests {
             (&RUNS, "tag", "a b", labels::TAG),
             (&RUNS, "text", "a\nb", "1 to 200 characters in one line"),
             (&RUNS, "since", "yesterday", "a moment with its zone"),
-            (&CHECKPOINTS, "sort", "name", "created, -created, step, -step"),
+            (&CHECKPOINTS, "sort", "name", "created, -created, step, -step, rmse, -rmse"),
         ] {
             let error = read(list, &[(name, value)]).unwrap_err();
             assert!(error.starts_with(&format!("{name} is {value:?}, allowed: ")), "{error}");

@@ -4,10 +4,10 @@ use askama::Template;
 use axum::extract::State;
 use axum::response::Response;
 use spec::ValidationMetric;
-use wire::{Checkpoint, Dataset, DatasetState, Evaluation, Job, JobState, Run};
+use wire::{Checkpoint, Dataset, DatasetState, Evaluation, Job, JobState, List, Listed as _, Run};
 
 use crate::app::App;
-use crate::app::listing::{CHECKPOINTS, DATASETS, EVALUATIONS, List, ListRequest, RUNS};
+use crate::app::listing::ListRequest;
 use crate::error::ApiError;
 use crate::extract::QueryPairs;
 use crate::page::answer::{PageError, html};
@@ -108,7 +108,7 @@ enum ListCell {
 
 pub async fn datasets(State(app): State<App>, pairs: QueryPairs) -> Result<Response, PageError> {
     let asked = FilterQuery::new("/datasets", pairs);
-    let found = app.datasets(&asked.request(&DATASETS)?).await?;
+    let found = app.datasets(&asked.request(&Dataset::LIST)?).await?;
     let abandoned =
         found.datasets.iter().filter(|dataset| dataset.state == DatasetState::Abandoned);
     let jobs = app.jobs_by_id(&abandoned.map(|dataset| dataset.job).collect::<Vec<_>>()).await?;
@@ -119,13 +119,13 @@ pub async fn datasets(State(app): State<App>, pairs: QueryPairs) -> Result<Respo
 
 pub async fn runs(State(app): State<App>, pairs: QueryPairs) -> Result<Response, PageError> {
     let asked = FilterQuery::new("/runs", pairs);
-    let found = app.runs(&asked.request(&RUNS)?).await?;
+    let found = app.runs(&asked.request(&Run::LIST)?).await?;
     answer(&OF_RUNS, &asked, found.runs.iter().map(of_run).collect(), found.next)
 }
 
 pub async fn checkpoints(State(app): State<App>, pairs: QueryPairs) -> Result<Response, PageError> {
     let asked = FilterQuery::new("/checkpoints", pairs);
-    let found = app.checkpoints(&asked.request(&CHECKPOINTS)?).await?;
+    let found = app.checkpoints(&asked.request(&Checkpoint::LIST)?).await?;
     let jobs: Vec<i64> = found.checkpoints.iter().map(|checkpoint| checkpoint.job).collect();
     let jobs = app.jobs_by_id(&jobs).await?;
     let row = |checkpoint: &Checkpoint| {
@@ -138,7 +138,7 @@ pub async fn checkpoints(State(app): State<App>, pairs: QueryPairs) -> Result<Re
 
 pub async fn evaluations(State(app): State<App>, pairs: QueryPairs) -> Result<Response, PageError> {
     let asked = FilterQuery::new("/evaluations", pairs);
-    let found = app.evaluations(&asked.request(&EVALUATIONS)?).await?;
+    let found = app.evaluations(&asked.request(&Evaluation::LIST)?).await?;
     let listed: Vec<(i64, i64)> =
         found.evaluations.iter().map(|evaluation| (evaluation.id, evaluation.run)).collect();
     let headlines = evaluation_headlines(&app, &listed).await?;

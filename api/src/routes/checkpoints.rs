@@ -5,28 +5,28 @@ use axum::extract::State;
 use axum::http::{HeaderMap, Method};
 use axum::response::Response;
 use store::Thing;
-use wire::{Checkpoint, Checkpoints, LabelChange};
+use wire::{Checkpoint, Checkpoints, LabelChange, Listed};
 
 use crate::app::App;
-use crate::app::listing::{CHECKPOINTS, ListRequest};
+use crate::app::listing::ListRequest;
 use crate::error::ApiError;
 use crate::extract::{PatchBytes, Path, Query, QueryPairs};
 use crate::routes::files::{CheckpointFile, FileParameters, TarFile, send, send_or_redirect};
-use crate::routes::lists::CheckpointsParameters;
+use crate::routes::lists::Parameters;
 
 /// List checkpoints, newest first unless `sort` says otherwise.
 #[utoipa::path(
     get,
     path = "/v1/checkpoints",
     tag = "checkpoints",
-    params(CheckpointsParameters),
+    params(Parameters<Checkpoint>),
     responses((status = 200, body = Checkpoints)),
 )]
 pub async fn list(
     State(app): State<App>,
     pairs: QueryPairs,
 ) -> Result<Json<Checkpoints>, ApiError> {
-    Ok(Json(app.checkpoints(&ListRequest::read(&CHECKPOINTS, &pairs.0)?).await?))
+    Ok(Json(app.checkpoints(&ListRequest::read(&Checkpoint::LIST, &pairs.0)?).await?))
 }
 
 /// Get a checkpoint with its files.

@@ -6,25 +6,25 @@ use axum::http::header::LOCATION;
 use axum::http::{HeaderMap, Method, StatusCode};
 use axum::response::{IntoResponse, Response};
 use store::Thing;
-use wire::{Dataset, Datasets, Job, LabelChange};
+use wire::{Dataset, Datasets, Job, LabelChange, Listed};
 
 use crate::app::App;
-use crate::app::listing::{DATASETS, ListRequest};
+use crate::app::listing::ListRequest;
 use crate::error::ApiError;
 use crate::extract::{PatchBytes, Path, Query, QueryPairs};
 use crate::routes::files::{DatasetFile, FileParameters, TarFile, send, send_or_redirect};
-use crate::routes::lists::DatasetsParameters;
+use crate::routes::lists::Parameters;
 
 /// List datasets, newest first unless `sort` says otherwise.
 #[utoipa::path(
     get,
     path = "/v1/datasets",
     tag = "datasets",
-    params(DatasetsParameters),
+    params(Parameters<Dataset>),
     responses((status = 200, body = Datasets)),
 )]
 pub async fn list(State(app): State<App>, pairs: QueryPairs) -> Result<Json<Datasets>, ApiError> {
-    Ok(Json(app.datasets(&ListRequest::read(&DATASETS, &pairs.0)?).await?))
+    Ok(Json(app.datasets(&ListRequest::read(&Dataset::LIST, &pairs.0)?).await?))
 }
 
 /// Get a dataset with the files that exist so far.

@@ -2,27 +2,27 @@
 
 use axum::Json;
 use axum::extract::State;
-use wire::{Evaluation, Evaluations};
+use wire::{Evaluation, Evaluations, Listed};
 
 use crate::app::App;
-use crate::app::listing::{EVALUATIONS, ListRequest};
+use crate::app::listing::ListRequest;
 use crate::error::ApiError;
 use crate::extract::{Path, QueryPairs};
-use crate::routes::lists::EvaluationsParameters;
+use crate::routes::lists::Parameters;
 
 /// List evaluations, newest first unless `sort` says otherwise.
 #[utoipa::path(
     get,
     path = "/v1/evaluations",
     tag = "evaluations",
-    params(EvaluationsParameters),
+    params(Parameters<Evaluation>),
     responses((status = 200, body = Evaluations)),
 )]
 pub async fn list(
     State(app): State<App>,
     pairs: QueryPairs,
 ) -> Result<Json<Evaluations>, ApiError> {
-    Ok(Json(app.evaluations(&ListRequest::read(&EVALUATIONS, &pairs.0)?).await?))
+    Ok(Json(app.evaluations(&ListRequest::read(&Evaluation::LIST, &pairs.0)?).await?))
 }
 
 /// Get an evaluation by the id of its job. It has a `report` when all its cells are evaluated.

@@ -9,15 +9,15 @@ use serde::Deserialize;
 use spec::JobSpec;
 use store::Thing;
 use utoipa::IntoParams;
-use wire::{Attempts, Job, Jobs, LabelChange, Tasks};
+use wire::{Attempts, Job, Jobs, LabelChange, Listed, Tasks};
 
-use crate::app::listing::{JOBS, ListRequest};
+use crate::app::listing::ListRequest;
 use crate::app::paging::TaskPaging;
 use crate::app::submission::{Reuse, Submitted};
 use crate::app::{App, labels};
 use crate::error::ApiError;
 use crate::extract::{IdempotencyKey, JsonBytes, PatchBytes, Path, Query, QueryPairs};
-use crate::routes::lists::{JobsParameters, ListParameters, TagParameters};
+use crate::routes::lists::{ListParameters, Parameters, TagParameters};
 
 #[derive(Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
@@ -100,11 +100,11 @@ pub async fn retry(State(app): State<App>, Path(id): Path<i64>) -> Result<Respon
     get,
     path = "/v1/jobs",
     tag = "jobs",
-    params(JobsParameters),
+    params(Parameters<Job>),
     responses((status = 200, body = Jobs)),
 )]
 pub async fn list(State(app): State<App>, pairs: QueryPairs) -> Result<Json<Jobs>, ApiError> {
-    Ok(Json(app.jobs(&ListRequest::read(&JOBS, &pairs.0)?).await?))
+    Ok(Json(app.jobs(&ListRequest::read(&Job::LIST, &pairs.0)?).await?))
 }
 
 /// Get a job with its progress and its results.

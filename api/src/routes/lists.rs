@@ -1,14 +1,16 @@
 //! The parameters of lists.
 
+use std::marker::PhantomData;
+
 use serde::Deserialize;
 use utoipa::IntoParams;
 use utoipa::openapi::path::{Parameter, ParameterBuilder, ParameterIn};
 use utoipa::openapi::schema::{ArrayBuilder, KnownFormat, ObjectBuilder, SchemaFormat, Type};
 use utoipa::openapi::{RefOr, Required, Schema};
+use wire::{List, Listed};
 
 use crate::app::Paging;
 use crate::app::labels::TAG_PATTERN;
-use crate::app::listing::{CHECKPOINTS, DATASETS, EVALUATIONS, JOBS, List, RUNS};
 use crate::error::ApiError;
 use crate::limits::{PAGE_DEFAULT, PAGE_MAXIMUM, SEARCH_CHARACTERS, TAGS};
 
@@ -28,25 +30,13 @@ impl ListParameters {
     }
 }
 
-/// Documents the parameters of a list with the same limits that are checked.
-macro_rules! documented {
-    ($($name:ident = $list:ident,)+) => {$(
-        pub struct $name;
+/// Documents the parameters of the list of `T` with the same limits that are checked.
+pub struct Parameters<T>(PhantomData<T>);
 
-        impl IntoParams for $name {
-            fn into_params(_: impl Fn() -> Option<ParameterIn>) -> Vec<Parameter> {
-                parameters(&$list)
-            }
-        }
-    )+};
-}
-
-documented! {
-    JobsParameters = JOBS,
-    RunsParameters = RUNS,
-    DatasetsParameters = DATASETS,
-    CheckpointsParameters = CHECKPOINTS,
-    EvaluationsParameters = EVALUATIONS,
+impl<T: Listed> IntoParams for Parameters<T> {
+    fn into_params(_: impl Fn() -> Option<ParameterIn>) -> Vec<Parameter> {
+        parameters(&T::LIST)
+    }
 }
 
 /// The tags for a submitted job.
@@ -79,16 +69,16 @@ fn parameters(list: &List) -> Vec<Parameter> {
     let text = || ObjectBuilder::new().schema_type(Type::String);
     let number = || ObjectBuilder::new().schema_type(Type::Integer);
     let moment = || text().format(Some(SchemaFormat::KnownFormat(KnownFormat::DateTime))).into();
-    let one_of = |values: Vec<&'static str>| text().enum_values(Some(values)).into();
+    let one_of = |values: &[&'static str]| text().enum_values(Some(values.to_vec())).into();
     let mut parameters = Vec::new();
     let mut add = |name: &str, description: &str, schema: RefOr<Schema>| {
         parameters.push(parameter(name, description, schema));
     };
-    if !(list.kinds)().is_empty() {
-        add("kind", "Only items of jobs of this kind.", one_of((list.kinds)()));
+    if !list.kinds.is_empty() {
+        add("kind", "Only items of jobs of this kind.", one_of(list.kinds));
     }
-    if !(list.states)().is_empty() {
-        add("state", "Only items in this state.", one_of((list.states)()));
+    if !list.states.is_empty() {
+        add("state", "Only items in this state.", one_of(list.states));
     }
     let about =
         "Only items with this tag, on the item or on its job. With several tags, with all of them.";

@@ -8,15 +8,15 @@ use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
 use store::Thing;
 use utoipa::IntoParams;
-use wire::{LabelChange, Metric, Run, Runs};
+use wire::{LabelChange, Listed, Metric, Run, Runs};
 
 use crate::app::App;
-use crate::app::listing::{ListRequest, RUNS};
+use crate::app::listing::ListRequest;
 use crate::error::ApiError;
 use crate::extract::{PatchBytes, Path, Query, QueryPairs};
 use crate::limits::{POINTS_DEFAULT, POINTS_MAXIMUM};
 use crate::routes::files::{ArtifactFile, FileParameters, send_or_redirect};
-use crate::routes::lists::RunsParameters;
+use crate::routes::lists::Parameters;
 
 #[derive(Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
@@ -41,11 +41,11 @@ impl MetricParameters {
     get,
     path = "/v1/runs",
     tag = "runs",
-    params(RunsParameters),
+    params(Parameters<Run>),
     responses((status = 200, body = Runs)),
 )]
 pub async fn list(State(app): State<App>, pairs: QueryPairs) -> Result<Json<Runs>, ApiError> {
-    Ok(Json(app.runs(&ListRequest::read(&RUNS, &pairs.0)?).await?))
+    Ok(Json(app.runs(&ListRequest::read(&Run::LIST, &pairs.0)?).await?))
 }
 
 /// Get a run with the latest value of every metric and its artifacts.

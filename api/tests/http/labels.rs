@@ -5,7 +5,7 @@ use axum::http::header::{CONTENT_TYPE, HOST};
 use axum::http::{Method, Request};
 use serde_json::{Value, json};
 
-use crate::fixture::{Server, TestResponse, small_simulation};
+use crate::fixture::{Server, TestResponse, small_simulation, small_training};
 
 const MERGE_PATCH: &str = "application/merge-patch+json";
 
@@ -170,6 +170,32 @@ async fn every_list_is_read_through_by_its_cursor_in_every_order() {
             assert!(detail.contains(&format!("this one is of {list}")), "{detail}");
         }
     }
+}
+
+/// A list has the best first, and last the items without an error.
+#[tokio::test]
+async fn lists_are_sorted_by_quality() {
+    let server = Server::with_small_pipeline().await;
+    let mut trainings = Vec::new();
+    for (seed, steps) in [(1, 60), (2, 20)] {
+        let mut spec = small_training(&json!({"dataset": 1}));
+        spec["seed"] = json!(seed);
+        trainings.push(server.submitted(&spec).await["run"].as_i64().unwrap());
+        let task = server.claim().await.unwrap();
+        server.train_to(&task, steps, false).await;
+    }
+    let first = server.json("/v1/runs?kind=train&sort=created&limit=1").await;
+    let (pipelines, [longer, shorter]) = (ids(&first, "runs")[0], [trainings[0], trainings[1]]);
+    let best_first = server.json("/v1/runs?sort=rmse").await;
+    assert_eq!(ids(&best_first, "runs")[..3], [pipelines, longer, shorter]);
+    let worst_first = server.json("/v1/runs?sort=-rmse").await;
+    assert_eq!(ids(&worst_first, "runs")[..3], [shorter, longer, pipelines]);
+    for unmeasured in [&best_first, &worst_first] {
+        assert_eq!(unmeasured["runs"][3]["kind"], "evaluate");
+    }
+    let answer = server.get("/v1/datasets?sort=rmse").await;
+    let detail = answer.problem(400)["detail"].to_string();
+    assert!(detail.contains("sort is \\\"rmse\\\", allowed: created, -created, name,"), "{detail}");
 }
 
 #[tokio::test]

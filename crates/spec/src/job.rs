@@ -55,6 +55,9 @@ macro_rules! job_specs {
         impl JobKind {
             pub const ALL: &[Self] = &[$(Self::$Kind,)* Self::Pipeline];
 
+            /// Their words, in the same order.
+            pub const WORDS: &[&'static str] = &[$(stringify!($name),)* "pipeline"];
+
             pub const fn as_str(self) -> &'static str {
                 match self {
                     $(Self::$Kind => stringify!($name),)*

@@ -6,6 +6,8 @@ use serde::{Deserialize, Serialize};
 use spec::Digest;
 use utoipa::ToSchema;
 
+use crate::{List, Listed, Sort};
+
 /// The weights of a model after some steps of training, with everything that is needed to resume.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Checkpoint {
@@ -45,6 +47,16 @@ pub struct Checkpoint {
     pub architecture: String,
     pub files: Vec<StoredFile>,
     pub created_at: String,
+}
+
+impl Listed for Checkpoint {
+    const LIST: List = List {
+        name: "checkpoints",
+        kinds: &[],
+        only: None,
+        states: &[],
+        sorts: &[Sort::Created, Sort::Step, Sort::Rmse],
+    };
 }
 
 /// A page of checkpoints.

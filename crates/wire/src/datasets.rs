@@ -2,10 +2,10 @@
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use spec::{Digest, JobSpec};
+use spec::{Digest, JobKind, JobSpec};
 use utoipa::ToSchema;
 
-use crate::{DatasetState, Verification};
+use crate::{DatasetState, List, Listed, Sort, Verification};
 
 /// Trajectories of robots, simulated or recorded, as Parquet files.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -72,6 +72,16 @@ pub enum FileKind {
     Trajectories,
     /// A table with one row per trajectory.
     Robots,
+}
+
+impl Listed for Dataset {
+    const LIST: List = List {
+        name: "datasets",
+        kinds: JobKind::WORDS,
+        only: None,
+        states: &DatasetState::WORDS,
+        sorts: &[Sort::Created, Sort::Name, Sort::Trajectories],
+    };
 }
 
 /// A page of datasets.

@@ -2,10 +2,10 @@
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use spec::{Digest, JobSpec};
+use spec::{Digest, JobKind, JobSpec};
 use utoipa::ToSchema;
 
-use crate::{Artifact, JobState, Report, TaskState};
+use crate::{Artifact, JobState, List, Listed, Report, Sort, TaskState};
 
 /// A comparison of predictors. It has the id of its job.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -44,6 +44,16 @@ pub struct CellTask {
     pub state: TaskState,
     /// Why the task or its last attempt failed.
     pub error: Option<String>,
+}
+
+impl Listed for Evaluation {
+    const LIST: List = List {
+        name: "evaluations",
+        kinds: &[],
+        only: Some(JobKind::Evaluate),
+        states: &JobState::WORDS,
+        sorts: &[Sort::Created, Sort::Finished, Sort::Name, Sort::Priority, Sort::Rmse],
+    };
 }
 
 /// A page of evaluations.

@@ -5,7 +5,7 @@ use serde_json::Value;
 use spec::{Digest, JobKind, JobSpec, Resources};
 use utoipa::ToSchema;
 
-use crate::JobState;
+use crate::{JobState, List, Listed, Sort};
 
 /// A job, with its progress and its results.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -95,6 +95,16 @@ pub struct Member {
     pub waits_for: Option<String>,
     /// Whether the job existed before the pipeline was submitted.
     pub reused: bool,
+}
+
+impl Listed for Job {
+    const LIST: List = List {
+        name: "jobs",
+        kinds: JobKind::WORDS,
+        only: None,
+        states: &JobState::WORDS,
+        sorts: &[Sort::Created, Sort::Finished, Sort::Name, Sort::Priority],
+    };
 }
 
 /// A page of jobs.

@@ -23,6 +23,7 @@ mod health;
 mod imports;
 mod jobs;
 mod labels;
+mod lists;
 mod logs;
 mod predictions;
 mod presets;
@@ -58,6 +59,7 @@ pub use health::{Health, Readiness};
 pub use imports::ImportCounts;
 pub use jobs::{Job, Jobs, Member, Progress};
 pub use labels::{LabelChange, TextChange};
+pub use lists::{List, Listed};
 pub use logs::{LogChunk, Logs, left_out};
 pub use predictions::{
     ObservedScenario, PredictedQuantile, PredictedScenario, PredictingModel, Prediction,
@@ -75,7 +77,7 @@ pub use report::{
 pub use runs::{Artifact, LatestMetric, Metric, MetricPoint, Run, Runs};
 pub use states::{
     AttemptOutcome, DatasetState, DeletionChange, EventKind, ItemKind, JobState, PlacementState,
-    Relation, Scope, TaskState, UnknownState,
+    Relation, Scope, Sort, TaskState, UnknownState,
 };
 pub use streams::{
     FilledContext, Nothing, StreamLatency, StreamMessage, StreamOpened, StreamReply,

@@ -7,7 +7,7 @@ use serde_json::Value;
 use spec::{Digest, JobKind, JobSpec};
 use utoipa::ToSchema;
 
-use crate::JobState;
+use crate::{JobState, List, Listed, Sort};
 
 /// The record of a training, an evaluation or a control job.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -56,6 +56,16 @@ pub struct Artifact {
     pub sha256: Digest,
     /// Path of the download.
     pub url: String,
+}
+
+impl Listed for Run {
+    const LIST: List = List {
+        name: "runs",
+        kinds: JobKind::WORDS,
+        only: None,
+        states: &JobState::WORDS,
+        sorts: &[Sort::Created, Sort::Finished, Sort::Name, Sort::Rmse],
+    };
 }
 
 /// A page of runs.

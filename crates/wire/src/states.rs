@@ -1,5 +1,5 @@
-//! The states of jobs, tasks and datasets, and the scopes of tokens. JSON, SQL and the page use the
-//! same words.
+//! Words that JSON, SQL, the page and the command line share: the states of jobs, tasks and datasets,
+//! the scopes of tokens, and the sort keys of lists.
 
 use std::error::Error;
 use std::fmt;
@@ -19,6 +19,9 @@ macro_rules! states {
 
         impl $name {
             pub const ALL: [Self; [$($word),+].len()] = [$(Self::$state,)+];
+
+            /// Their words, in the same order.
+            pub const WORDS: [&'static str; Self::ALL.len()] = [$($word),+];
 
             pub const fn as_str(self) -> &'static str {
                 match self {
@@ -157,6 +160,24 @@ states! {
         Continues = "continues",
         /// It is a pipeline with the job as a member.
         Holds = "holds",
+    }
+}
+
+states! {
+    /// The sort key of a list. Items with equal keys are sorted by id.
+    Sort {
+        /// The time of creation, which is the order of ids.
+        Created = "created",
+        /// The time at which the job ended. Jobs that have not ended come after all others.
+        Finished = "finished",
+        /// The name, compared by bytes.
+        Name = "name",
+        Priority = "priority",
+        Trajectories = "trajectories",
+        Step = "step",
+        /// The error: of a training's or a checkpoint's latest validation, or the first one in the
+        /// headline of an evaluation. Items without one come last in both directions.
+        Rmse = "rmse",
     }
 }
 

@@ -97,7 +97,9 @@ mod workers;
 
 use std::time::Duration;
 
-use super::dialect::{BY_BYTES, Db, DbRow, FIND, IS_EXPERIMENT, LISTED_IDS, LISTED_TEXTS};
+use super::dialect::{
+    BY_BYTES, Db, DbRow, FIND, IS_EXPERIMENT, LISTED_IDS, LISTED_TEXTS, number_in,
+};
 use super::{Database, Transaction};
 
 /// A count as SQL's integer. Counts come from checked specs and from sizes of files, and are far

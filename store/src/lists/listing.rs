@@ -2,6 +2,7 @@
 //! each page begins where the one before ended.
 
 use serde::{Deserialize, Serialize};
+use wire::Sort;
 
 use crate::boxed;
 use crate::database::sql;
@@ -74,43 +75,6 @@ impl Listing {
     }
 }
 
-/// The sort key of a list. Rows with equal keys are sorted by id.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Sort {
-    /// The time of creation, which is the order of ids.
-    Created,
-    /// The time at which the job ended. Jobs that have not ended come last.
-    Finished,
-    /// The name, compared by bytes.
-    Name,
-    Priority,
-    Trajectories,
-    Step,
-}
-
-impl Sort {
-    pub const fn as_str(self) -> &'static str {
-        match self {
-            Self::Created => "created",
-            Self::Finished => "finished",
-            Self::Name => "name",
-            Self::Priority => "priority",
-            Self::Trajectories => "trajectories",
-            Self::Step => "step",
-        }
-    }
-
-    /// The sort keys that lists of these things have.
-    pub const fn of(thing: Thing) -> &'static [Self] {
-        match thing {
-            Thing::Job => &[Self::Created, Self::Finished, Self::Name, Self::Priority],
-            Thing::Run => &[Self::Created, Self::Finished, Self::Name],
-            Thing::Dataset => &[Self::Created, Self::Name, Self::Trajectories],
-            Thing::Checkpoint => &[Self::Created, Self::Step],
-        }
-    }
-}
-
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Direction {
     Ascending,
@@ -118,16 +82,17 @@ pub enum Direction {
 }
 
 /// The position of a row in a list: its sort key, and then its id.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Position {
     pub key: Key,
     pub id: i64,
 }
 
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum Key {
     Integer(i64),
+    Number(f64),
     Text(String),
 }
 

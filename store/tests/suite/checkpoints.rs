@@ -11,6 +11,14 @@ pub async fn commit(f: &Fixture, task: &ClaimedTask, step: u64, is_final: bool) 
     commit_as(f, task, NewCheckpoint { is_final, ..unmarked(step) }).await
 }
 
+pub async fn commit_measured(
+    f: &Fixture,
+    task: &ClaimedTask,
+    metrics: BTreeMap<String, f64>,
+) -> CheckpointId {
+    commit_as(f, task, NewCheckpoint { metrics, ..unmarked(100) }).await
+}
+
 fn unmarked(step: u64) -> NewCheckpoint {
     let (metrics, files) = (BTreeMap::new(), Vec::new());
     NewCheckpoint { step, is_final: false, is_best: false, metrics, files }

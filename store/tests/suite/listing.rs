@@ -1,12 +1,15 @@
 use std::time::Duration;
 
+use serde_json::json;
 use store::{
-    Direction, JobId, LabelChange, Labels, Listing, NewJob, Position, Retry, Sort, Submission,
-    TextChange, Thing, Timestamp,
+    Direction, JobId, LabelChange, Labels, Listing, Metric, NewJob, Position, Retry, Sort,
+    Submission, TextChange, Thing, Timestamp,
 };
+use wire::Listed as _;
 
 use super::labels::{labels, naming, one_of_each, tagging};
-use super::{Fixture, alone, checkpoints::commit, pipeline, simulate, train, with_execution};
+use super::checkpoints::{commit, commit_measured};
+use super::{Fixture, alone, evaluate, pipeline, simulate, train, with_execution};
 
 /// The ids of a page, and the position of its end.
 async fn page(f: &Fixture, thing: Thing, listing: &Listing) -> (Vec<i64>, Option<Position>) {
@@ -178,11 +181,17 @@ pub async fn every_order_reads_all_of_a_list_once_in_both_directions(f: Fixture)
             }
         }
     }
-    for thing in [Thing::Job, Thing::Run, Thing::Dataset, Thing::Checkpoint] {
+    let orders = [
+        (Thing::Job, wire::Evaluation::LIST.sorts),
+        (Thing::Run, wire::Run::LIST.sorts),
+        (Thing::Dataset, wire::Dataset::LIST.sorts),
+        (Thing::Checkpoint, wire::Checkpoint::LIST.sorts),
+    ];
+    for (thing, sorts) in orders {
         let mut all = page(&f, thing, &Listing { limit: 500, ..Listing::default() }).await.0;
         assert!(all.len() >= 4, "{thing:?}: {all:?}");
         all.sort_unstable();
-        for sort in Sort::of(thing) {
+        for sort in sorts {
             let mut readings = Vec::new();
             for direction in [Direction::Ascending, Direction::Descending] {
                 let whole = Listing { sort: *sort, direction, limit: 500, ..Listing::default() };
@@ -220,6 +229,60 @@ pub async fn orders_are_those_of_their_fields(f: Fixture) {
     tokio::time::sleep(Duration::from_millis(3)).await;
     f.store.cancel(JobId(ids[1])).await.unwrap();
     assert_eq!(order(Sort::Finished).await, at([3, 1, 0, 2, 4]));
+}
+
+/// The ids in the order of their errors, ascending and descending, as pages of every length give them.
+async fn by_error(f: &Fixture, thing: Thing, kind: &str) -> [Vec<i64>; 2] {
+    let mut orders = [Vec::new(), Vec::new()];
+    let directions = [Direction::Ascending, Direction::Descending];
+    for (order, direction) in orders.iter_mut().zip(directions) {
+        let kind = Some(kind.to_owned());
+        let whole = Listing { kind, sort: Sort::Rmse, direction, ..Listing::default() };
+        *order = page(f, thing, &whole).await.0;
+        for limit in [1, 2, 3] {
+            let listing = Listing { limit, ..whole.clone() };
+            assert_eq!(read_through(f, thing, &listing).await, *order, "{thing:?} {limit}");
+        }
+    }
+    orders
+}
+
+pub async fn things_are_sorted_by_their_errors_and_those_without_one_come_last(f: Fixture) {
+    // One has no error, and the error of another is not finite.
+    let errors = [2.5, 0.1, f64::INFINITY, 0.1, f64::NAN, 1e-7];
+    let (mut runs, mut checkpoints, mut evaluations) = (Vec::new(), Vec::new(), Vec::new());
+    for (seed, error) in (1..).zip(errors) {
+        let trained = train(&simulate(seed), vec![]);
+        let training = f.submit_one(trained.clone()).await;
+        let task = f.must_claim().await;
+        let metric = Metric { key: "validation/rmse_deg".to_owned(), step: 100, value: error };
+        f.store.record_metrics(task.fence, &[metric]).await.unwrap();
+        runs.push(f.store.run_of_job(training).await.unwrap().id.0);
+        let known = Some(error).filter(|error| error.is_finite());
+        let metrics = known.map(|error| ("validation/rmse_deg".to_owned(), error));
+        checkpoints.push(commit_measured(&f, &task, metrics.into_iter().collect()).await.0);
+        f.store.complete(task.fence, None).await.unwrap();
+
+        let evaluation = f.submit_one(evaluate(&simulate(seed), &trained, vec![])).await;
+        evaluations.push(evaluation.0);
+        while let Some(task) = f.claim().await {
+            let best = json!([{"predictor": "a", "rmse_deg": known}, {"predictor": "b", "rmse_deg": 0.0}]);
+            let result = json!({"headline": {"group": "g", "best": best}});
+            let result = known.filter(|_| task.stage == 1).map(|_| &result);
+            f.store.complete(task.fence, result).await.unwrap();
+        }
+    }
+    let things = [
+        (Thing::Run, "train", runs),
+        (Thing::Checkpoint, "train", checkpoints),
+        (Thing::Job, "evaluate", evaluations),
+    ];
+    for (thing, kind, ids) in things {
+        let [ascending, descending] = by_error(&f, thing, kind).await;
+        let at = |places: [usize; 6]| places.map(|place| ids[place]).to_vec();
+        assert_eq!(ascending, at([5, 1, 3, 0, 2, 4]), "{thing:?}");
+        assert_eq!(descending, at([0, 3, 1, 5, 4, 2]), "{thing:?}");
+    }
 }
 
 /// Rows that appear between two pages neither repeat nor hide others.

@@ -61,6 +61,12 @@ macro_rules! field {
     };
 }
 
+/// The number at a path of names and indexes in a JSON column; `NULL` if there is none.
+pub(super) fn number_in(column: &str, path: &[&str]) -> String {
+    let steps = path.join(",");
+    format!("CAST(CAST({column} AS json) #>> '{{{steps}}}' AS DOUBLE PRECISION)")
+}
+
 /// 32 hexadecimal digits that are unique.
 macro_rules! unique_digits {
     () => {

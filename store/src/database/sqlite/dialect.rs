@@ -55,6 +55,15 @@ macro_rules! field {
     };
 }
 
+/// The number at a path of names and indexes in a JSON column; `NULL` if there is none.
+pub(super) fn number_in(column: &str, path: &[&str]) -> String {
+    let steps = path.iter().map(|step| match step.parse::<usize>() {
+        Ok(index) => format!("[{index}]"),
+        Err(_) => format!(".\"{step}\""),
+    });
+    format!("CAST({column} ->> '${}' AS REAL)", steps.collect::<String>())
+}
+
 /// 32 hexadecimal digits that are unique.
 macro_rules! unique_digits {
     () => {

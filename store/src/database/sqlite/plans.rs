@@ -35,6 +35,26 @@ async fn steps(database: &Database, thing: Thing, listing: &Listing) -> Vec<Stri
     plan.iter().map(|row| row.get("detail")).collect()
 }
 
+/// The errors of things are not in an index, but nothing but the things themselves is read for them.
+#[tokio::test]
+async fn an_order_by_error_looks_up_one_row_per_thing() {
+    let folder = tempfile::tempdir().unwrap();
+    let dir = DataDir::new(folder.path());
+    dir.create().unwrap();
+    let database = Database::open(&dir, Access::Server).await.unwrap();
+    for (thing, found, looked_up) in [
+        (Thing::Job, "SEARCH job USING INDEX job_by_kind", "SEARCH task USING INDEX sqlite_autoindex_task_1 (job=?)"),
+        (Thing::Run, "SCAN run", "SEARCH metric_latest USING PRIMARY KEY (run=? AND key=?)"),
+        (Thing::Checkpoint, "SCAN checkpoint", "SEARCH job USING INTEGER PRIMARY KEY"),
+    ] {
+        let kind = (thing == Thing::Job).then(|| "evaluate".to_owned());
+        let listing = Listing { kind, sort: Sort::Rmse, ..Listing::default() };
+        let steps = steps(&database, thing, &listing).await;
+        assert!(steps[0].starts_with(found), "{steps:?}");
+        assert!(steps.iter().any(|step| step.starts_with(looked_up)), "{steps:?}");
+    }
+}
+
 /// These orders have an index, so a page costs the same however long the list is.
 #[tokio::test]
 async fn a_page_behind_another_is_read_from_an_index_of_its_order() {

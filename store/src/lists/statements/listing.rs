@@ -1,7 +1,8 @@
+use spec::ValidationMetric;
 use sqlx::{QueryBuilder, Row};
 
 use super::datasets::standing;
-use super::{BY_BYTES, Database, Db, DbRow, FIND, IS_EXPERIMENT};
+use super::{BY_BYTES, Database, Db, DbRow, FIND, IS_EXPERIMENT, number_in};
 use crate::{Direction, Key, Listing, Position, Sort, Thing};
 
 impl Database {
@@ -15,6 +16,7 @@ impl Database {
         let place = |row: &DbRow| {
             let key = match listing.sort {
                 Sort::Name => Key::Text(row.try_get("sort_key")?),
+                Sort::Rmse => Key::Number(row.try_get("sort_key")?),
                 _ => Key::Integer(row.try_get("sort_key")?),
             };
             Ok(Position { key, id: row.try_get("id")? })
@@ -32,7 +34,7 @@ pub(crate) fn page(start: &str, thing: Thing, listing: &Listing) -> QueryBuilder
         Thing::Dataset => "dataset JOIN job ON job.id = dataset.job",
         Thing::Checkpoint => "checkpoint JOIN job ON job.id = checkpoint.job",
     };
-    let key = key(thing, listing.sort);
+    let key = key(thing, listing);
     let select = format!(
         "{start}SELECT {table}.id AS id, {key} AS sort_key FROM {source} WHERE {table}.deleted_at IS NULL"
     );
@@ -59,10 +61,10 @@ pub(crate) fn page(start: &str, thing: Thing, listing: &Listing) -> QueryBuilder
     query
 }
 
-/// The SQL expression of a sort key. It must be the same as in the index.
-fn key(thing: Thing, sort: Sort) -> String {
+/// The SQL expression of a sort key. If there is an index of the key, it must be the same.
+fn key(thing: Thing, listing: &Listing) -> String {
     let table = thing.as_str();
-    match (sort, thing) {
+    match (listing.sort, thing) {
         (Sort::Created, _) => format!("{table}.id"),
         (Sort::Finished, _) => "COALESCE(job.finished_at, 9223372036854775807)".to_owned(),
         (Sort::Name, Thing::Job) => format!("COALESCE(job.given_name, job.name){BY_BYTES}"),
@@ -73,12 +75,45 @@ fn key(thing: Thing, sort: Sort) -> String {
         (Sort::Trajectories, Thing::Dataset) => "dataset.trajectories".to_owned(),
         (Sort::Step, Thing::Checkpoint) => "checkpoint.step".to_owned(),
         (Sort::Trajectories | Sort::Step, _) => format!("{table}.id"),
+        (Sort::Rmse, _) => missing_last(&rmse(thing), listing.direction),
     }
+}
+
+/// The error of a thing in degrees; `NULL` if it has none. No index has it: a page reads the error
+/// of every thing that the filters leave.
+fn rmse(thing: Thing) -> String {
+    let validation = ValidationMetric::RmseDeg.key();
+    match thing {
+        // The result of an evaluation's last task is a `wire::EvaluationResult`.
+        Thing::Job => {
+            let error = number_in("result", &["headline", "best", "0", "rmse_deg"]);
+            format!(
+                "(SELECT {error} FROM task WHERE task.job = job.id \
+                  ORDER BY stage DESC, ordinal DESC LIMIT 1)"
+            )
+        }
+        Thing::Run => format!(
+            "(SELECT value FROM metric_latest WHERE metric_latest.run = run.id AND key = '{validation}')"
+        ),
+        Thing::Checkpoint => number_in("checkpoint.metrics", &[validation]),
+        Thing::Dataset => "NULL".to_owned(),
+    }
+}
+
+/// A number of at least 0 as a sort key. `NULL` and infinity, which a cursor cannot hold, come last
+/// in both directions.
+fn missing_last(number: &str, direction: Direction) -> String {
+    let last = match direction {
+        Direction::Ascending => "1e308",
+        Direction::Descending => "-1.0",
+    };
+    format!("COALESCE(CASE WHEN {number} < 1e308 THEN {number} END, CAST({last} AS DOUBLE PRECISION))")
 }
 
 fn push_key(query: &mut QueryBuilder<Db>, key: &Key) {
     match key {
         Key::Integer(number) => query.push_bind(*number),
+        Key::Number(number) => query.push_bind(*number),
         Key::Text(text) => query.push_bind(text.clone()),
     };
 }
