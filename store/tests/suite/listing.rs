@@ -7,8 +7,8 @@ use store::{
 };
 use wire::Listed as _;
 
-use super::labels::{labels, naming, one_of_each, tagging};
 use super::checkpoints::{commit, commit_measured};
+use super::labels::{labels, naming, one_of_each, tagging};
 use super::{Fixture, alone, evaluate, pipeline, simulate, train, with_execution};
 
 /// The ids of a page, and the position of its end.
@@ -266,7 +266,8 @@ pub async fn things_are_sorted_by_their_errors_and_those_without_one_come_last(f
         let evaluation = f.submit_one(evaluate(&simulate(seed), &trained, vec![])).await;
         evaluations.push(evaluation.0);
         while let Some(task) = f.claim().await {
-            let best = json!([{"predictor": "a", "rmse_deg": known}, {"predictor": "b", "rmse_deg": 0.0}]);
+            let best =
+                json!([{"predictor": "a", "rmse_deg": known}, {"predictor": "b", "rmse_deg": 0.0}]);
             let result = json!({"headline": {"group": "g", "best": best}});
             let result = known.filter(|_| task.stage == 1).map(|_| &result);
             f.store.complete(task.fence, result).await.unwrap();

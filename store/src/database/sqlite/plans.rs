@@ -43,7 +43,11 @@ async fn an_order_by_error_looks_up_one_row_per_thing() {
     dir.create().unwrap();
     let database = Database::open(&dir, Access::Server).await.unwrap();
     for (thing, found, looked_up) in [
-        (Thing::Job, "SEARCH job USING INDEX job_by_kind", "SEARCH task USING INDEX sqlite_autoindex_task_1 (job=?)"),
+        (
+            Thing::Job,
+            "SEARCH job USING INDEX job_by_kind",
+            "SEARCH task USING INDEX sqlite_autoindex_task_1 (job=?)",
+        ),
         (Thing::Run, "SCAN run", "SEARCH metric_latest USING PRIMARY KEY (run=? AND key=?)"),
         (Thing::Checkpoint, "SCAN checkpoint", "SEARCH job USING INTEGER PRIMARY KEY"),
     ] {

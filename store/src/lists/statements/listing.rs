@@ -107,7 +107,9 @@ fn missing_last(number: &str, direction: Direction) -> String {
         Direction::Ascending => "1e308",
         Direction::Descending => "-1.0",
     };
-    format!("COALESCE(CASE WHEN {number} < 1e308 THEN {number} END, CAST({last} AS DOUBLE PRECISION))")
+    format!(
+        "COALESCE(CASE WHEN {number} < 1e308 THEN {number} END, CAST({last} AS DOUBLE PRECISION))"
+    )
 }
 
 fn push_key(query: &mut QueryBuilder<Db>, key: &Key) {
