@@ -35,17 +35,21 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    let result = match Cli::parse().command {
-        Command::Test(arguments) => test::run(&arguments),
-        Command::Bench(arguments) => bench::run(&arguments),
-        Command::Peers(arguments) => peers::run(&arguments),
-        Command::Dist(arguments) => dist::run(&arguments),
-    };
+    let result = bench::instead_of_rustc().and_then(|done| done.map_or_else(developer_command, Ok));
     match result {
         Ok(code) => code,
         Err(error) => {
             eprintln!("error: {error:#}");
             ExitCode::FAILURE
         }
+    }
+}
+
+fn developer_command() -> anyhow::Result<ExitCode> {
+    match Cli::parse().command {
+        Command::Test(arguments) => test::run(&arguments),
+        Command::Bench(arguments) => bench::run(&arguments),
+        Command::Peers(arguments) => peers::run(&arguments),
+        Command::Dist(arguments) => dist::run(&arguments),
     }
 }

@@ -143,7 +143,7 @@ fn one(words: &mut Words<'_>) -> bool {
 /// The features of each package in a build.
 fn features(what: &[&str]) -> BTreeMap<String, BTreeSet<String>> {
     let output = Command::new(env!("CARGO"))
-        .args(["tree", "--offline", "--locked", "--target", "x86_64-unknown-linux-gnu"])
+        .args(["tree", "--offline", "--target", "x86_64-unknown-linux-gnu"])
         .args(["--prefix", "none", "--format", "{p}|{f}"])
         .args(what)
         .current_dir(env!("CARGO_MANIFEST_DIR"))
@@ -162,19 +162,61 @@ fn features(what: &[&str]) -> BTreeMap<String, BTreeSet<String>> {
 }
 
 /// If a dependency of tests enables a feature that the program does not use, arrow, parquet or burn
-/// are built a second time. Such features are listed among the dependencies of `torqued`.
+/// are built a second time. So the manifest of `torqued` asks for such features, too. With
+/// `UPDATE=1`, this test writes its lines.
 #[test]
 fn the_program_and_its_tests_are_made_from_one_build() {
+    if std::env::var_os("UPDATE").is_some() {
+        let mut shared = BTreeMap::new();
+        write_shared_features(&shared);
+        // A feature of one package may ask for packages that the program did not have before.
+        for (package, features) in
+            std::iter::repeat_with(missing_features).take_while(|more| !more.is_empty()).flatten()
+        {
+            shared.entry(package).or_insert_with(BTreeSet::new).extend(features);
+            write_shared_features(&shared);
+        }
+    }
+    let missing = missing_features();
+    assert!(missing.is_empty(), "with UPDATE=1 this test adds these features: {missing:#?}");
+}
+
+/// The features that tests enable in packages of the program and the program does not.
+fn missing_features() -> BTreeMap<String, BTreeSet<String>> {
     let tests = features(&["--workspace", "--edges", "all"]);
     let program = features(&["--package", "torqued", "--edges", "normal,build"]);
-    let differ: Vec<String> = program
-        .iter()
+    program
+        .into_iter()
         .filter_map(|(package, features)| {
-            let more: Vec<_> = tests.get(package)?.difference(features).collect();
-            (!more.is_empty()).then(|| format!("{package}: {more:?}"))
+            let more: BTreeSet<_> = tests.get(&package)?.difference(&features).cloned().collect();
+            (!more.is_empty()).then_some((package, more))
         })
-        .collect();
-    assert!(differ.is_empty(), "tests ask these for more features: {differ:#?}");
+        .collect()
+}
+
+/// Replaces the lines between the markers of the root manifest. Packages are `NAME vVERSION`.
+fn write_shared_features(packages: &BTreeMap<String, BTreeSet<String>>) {
+    const BEGIN: &str = "# BEGIN shared features\n";
+    const END: &str = "# END shared features\n";
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../Cargo.toml");
+    let manifest = std::fs::read_to_string(&path).unwrap();
+    let (before, rest) = manifest.split_once(BEGIN).unwrap();
+    let (_, after) = rest.split_once(END).unwrap();
+    let lines: String =
+        packages.iter().map(|(package, features)| line(package, features)).collect();
+    std::fs::write(path, format!("{before}{BEGIN}{lines}{END}{after}")).unwrap();
+}
+
+/// The line of a manifest that asks a package, with any compatible version, for more features.
+fn line(package: &str, features: &BTreeSet<String>) -> String {
+    let (name, version) = package.split_once(" v").unwrap();
+    let parts: Vec<&str> = version.splitn(3, '.').collect();
+    let compatible = if parts[0] == "0" { parts[..2].join(".") } else { parts[0].to_owned() };
+    let features: Vec<String> = features.iter().map(|feature| format!("{feature:?}")).collect();
+    let features = features.join(", ");
+    format!(
+        "{name} = {{ version = \"{compatible}\", default-features = false, features = [{features}] }}\n"
+    )
 }
 
 /// Rust calls the generic code of an unoptimised dependency instead of compiling it again. With the

@@ -1,5 +1,6 @@
 //! `cargo xtask bench NAME`: the command for every benchmark.
 
+mod build;
 mod control;
 mod dynamics;
 mod inference;
@@ -28,6 +29,7 @@ use clap::builder::PossibleValuesParser;
 use simd::InstructionSet;
 
 use crate::machine;
+pub use build::instead_of_rustc;
 use wanted::{BenchmarkResults, Peers, Size, Wanted};
 
 #[derive(Debug, Args)]
@@ -63,7 +65,12 @@ struct Benchmark {
     run: fn(Wanted) -> anyhow::Result<BenchmarkResults>,
 }
 
-const ALL: [Benchmark; 10] = [
+const ALL: [Benchmark; 11] = [
+    Benchmark {
+        name: "build",
+        about: "seconds and processor time of a first build, and of the crates that take longest",
+        run: build::run,
+    },
     Benchmark {
         name: "control",
         about: "milliseconds from a measured sample to the prediction, over a WebSocket",

@@ -3,6 +3,7 @@
 mod counts;
 mod failures;
 mod install;
+mod one_crate;
 
 use std::num::NonZeroUsize;
 use std::process::{Command, ExitCode};
@@ -24,6 +25,14 @@ pub struct Arguments {
     /// `ndarray` and takes as long as everything else together
     #[arg(long)]
     devices: bool,
+
+    /// Run only the tests of this crate, from the build that all crates share
+    #[arg(long, short, value_name = "CRATE", conflicts_with_all = ["quick", "devices"])]
+    package: Option<String>,
+
+    /// With `--package`: arguments for the runner, such as `-E 'test(name)'` for nextest
+    #[arg(trailing_var_arg = true, allow_hyphen_values = true, requires = "package")]
+    further: Vec<String>,
 }
 
 /// One part of the test run. A failing one does not hide those after it.
@@ -35,6 +44,9 @@ struct Step {
 }
 
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    if let Some(package) = &arguments.package {
+        return one_crate::run(package, &arguments.further);
+    }
     let mut total = Counts::default();
     let mut failed = Vec::new();
     let mut record = |name: &'static str, counts: Counts, text: &str| {
@@ -111,7 +123,7 @@ fn take(mut step: Step) -> (Counts, String) {
     (counts, text)
 }
 
-fn steps(Arguments { quick, devices }: &Arguments) -> Vec<Step> {
+fn steps(Arguments { quick, devices, .. }: &Arguments) -> Vec<Step> {
     let mut steps = vec![
         Step {
             name: "formatting",
