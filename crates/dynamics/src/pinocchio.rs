@@ -169,7 +169,7 @@ impl Trajectory {
                     })
                     .collect(),
             ),
-            Family::Steps => unreachable!("the peer has no steps"),
+            family => unreachable!("the peer has no {family}"),
         };
         let robot = Robot {
             links: self.links.map(body).into(),

@@ -10,7 +10,7 @@ use evaluation::{
 use models::context_warnings;
 use serde::{Deserialize, Serialize};
 use series::{Observed, Series, SeriesView};
-use spec::{DataSpec, EvaluateSpec, Family, ScenarioCell};
+use spec::{DataSpec, EvaluateSpec, ScenarioCell};
 use wire::Warning;
 
 use super::checkpoints::LoadedCheckpoint;
@@ -145,12 +145,10 @@ fn band_edge(
     known: usize,
 ) -> Option<f64> {
     let (recorded, rate_hz) = (scenarios.samples(), scenarios.rate_hz());
-    let highest = match (data.simulation(), cell.excitation) {
-        (Some(spec), Some((family, frequency_hz))) if family != Family::Steps => {
-            let duration_s = recorded as f64 / rate_hz;
-            highest_component_hz(&spec.excitation, family, frequency_hz, duration_s)
-        }
-        _ => occupied_band_hz(scenarios),
-    };
+    let of_family = data.simulation().zip(cell.excitation).and_then(|(spec, (family, frequency_hz))| {
+        let duration_s = recorded as f64 / rate_hz;
+        highest_component_hz(&spec.excitation, family, frequency_hz, duration_s)
+    });
+    let highest = of_family.or_else(|| occupied_band_hz(scenarios));
     band_edge_hz(highest?, recorded - known, rate_hz)
 }
