@@ -1,6 +1,8 @@
 //! The configuration file of a server. It is TOML with the flags of `serve` as keys. The command
 //! itself defines which keys there are, and which values each allows. Other commands with the flag
 //! `--config` read the same file, and take the flags that they have from it.
+//!
+//! Flags and variables override the file. There is no list of keys, and none of commands.
 
 use std::ffi::OsString;
 use std::path::Path;

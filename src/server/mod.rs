@@ -1,4 +1,7 @@
 //! A server: store, HTTP, reaper and executor, which are started and stopped together.
+//!
+//! It has no other work: it answers HTTP, computes live predictions, reaps leases, sweeps orphans,
+//! and has an executor run the workers.
 
 mod executor;
 mod housekeeping;

@@ -11,6 +11,27 @@
 //!   the task was given to another worker meanwhile.
 //! - *Moments are those of the database's clock*, and nothing ends because that clock jumps.
 //! - Counts are `u64` here and 64-bit integers in SQL.
+//! - *Attempts count at claim.* A task that kills its worker ends `failed` after `max_attempts`. A
+//!   checkpoint of a later step begins the count anew.
+//! - *A list asks the database as often for many items as for one*, and reads no files. Rows of
+//!   other tables are read for all items at once. Only the last task of a job reads the results of
+//!   all others.
+//! - *Bytes that leave the store were compared with the digest of their row.* A whole object is
+//!   digested while it is sent, and its last piece waits for the verdict. A range starts a check in
+//!   the background, and a damaged object is refused from then on.
+//! - What the scheduler of a cluster knows of its workers is stored nowhere else; `Placed` is for
+//!   people to read. Secrets of workers are in environments, never in arguments, scripts, comments
+//!   or Jobs.
+//! - Asynchronous functions of the store are `boxed`. Otherwise every crate that awaits one would
+//!   compile it again.
+//!
+//! # Floors
+//!
+//! *Rules* decide what happens to a task, a job and a pipeline: plain functions of plain values.
+//! *Statements* read and write rows and decide nothing. *Objects* are bytes. The operations between
+//! them read rows, ask the rules and write their answers, in one transaction. A random walk of a
+//! million steps checks the laws of the rules on a queue in memory, and repeats the walk through a
+//! store.
 
 #![expect(
     clippy::duplicate_mod,

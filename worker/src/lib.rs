@@ -4,6 +4,22 @@
 //! blocking code on its own thread, while heartbeats continue. After a stop signal, it ends at the
 //! next point where no work is lost. If it does not end in time, the worker ends the attempt, and
 //! then its own process.
+//!
+//! # Stopping
+//!
+//! Each heartbeat, once a second, says whether the worker may go on. Predictors, laws and reports
+//! end within a second of being told to: their loops check `kernels::Interrupt`, and unwind to
+//! where the computation began. Work that does not end has a deadline, which depends on the reason
+//! (`stop`). After it the worker ends the attempt in the database, under its fence, and then
+//! itself, with a code that its parent does not take for a crash. Nothing else ends a thread that
+//! waits for a disk.
+//!
+//! # Logs
+//!
+//! The log of an attempt has everything that its process logs meanwhile. A process has one task at
+//! a time, so lines of all threads belong to it. Writing a line adds it to memory with a limit and
+//! waits for nothing. Heartbeats send the lines so far, and the work sends the rest before the
+//! transaction that ends the attempt.
 
 mod attempt;
 mod attempt_log;

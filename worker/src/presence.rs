@@ -1,4 +1,7 @@
 //! Presence: shows that a worker is alive, and why it claims no tasks.
+//!
+//! A worker reports every ten seconds. It claims nothing while its disk is nearly full, or while a
+//! database file is not the one that it opened.
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;

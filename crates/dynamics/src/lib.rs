@@ -9,6 +9,14 @@
 //! Symbols are those of the manipulator equation
 //! `(M(q) + A) q̈ + C(q, q̇) q̇ + g(q) + D q̇ + τ_f(q̇) = u`, in SI units, with armature `A`, damping `D`
 //! and friction `τ_f`.
+//!
+//! A robot is data: an arm comes from its description (`spec::RobotDescription`), never from code.
+//! There are kernels compiled for one structure of twists and lengths, chosen by a description's
+//! structure, and general ones for all others. Both have the same bits as the separate functions.
+//!
+//! An option that a spec leaves off draws nothing, and every option has its own purpose. So a
+//! payload or measurement noise, for example, changes nothing else of any robot. A robot that is
+//! given again moves to the same bits.
 
 #![expect(
     clippy::needless_range_loop,

@@ -5,6 +5,15 @@
 //! [`plan`], a pure function of these, decides what to do. Everything about workers that the engine
 //! can be asked for is not stored: their names and labels say which store they belong to and what
 //! they offer, so the next server finds them.
+//!
+//! A worker's name is chosen before the request and contains the store's own, so a restarted server
+//! finds its workers, and a request whose answer was lost is not repeated. Several servers may
+//! share a store; one of them looks. A refusal holds for the refused offer, so a task that no node
+//! can do holds up no other. The task of a worker that the scheduler reports as ended is taken
+//! back.
+//!
+//! Local workers are child processes whose standard input the server holds. When the server dies,
+//! however it dies, they read the end of it and stop.
 
 mod backoff;
 mod control;

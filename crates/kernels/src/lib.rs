@@ -12,6 +12,13 @@
 //! Most of a step's time is spent in this crate, so this is also where an [`Interrupt`] ends it.
 //!
 //! The fused forms give the same bits for every number of threads, because no sum crosses a task.
+//!
+//! Instructions (AVX-512, AVX2 with fused multiply-adds, or neither) are chosen at run time and may
+//! change the last bits. A kernel recomputes the values that it does not keep for its derivative. A
+//! product reads f32, or pairs of bf16: one loop over tiles serves both.
+//!
+//! The device is named wherever tensors are made. burn's default is never used, because it depends
+//! on the features of a build.
 
 mod adam_w;
 mod affine;

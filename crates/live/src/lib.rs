@@ -1,4 +1,9 @@
 //! Predictions for waiting clients: models that stay loaded, and the threads that compute.
+//!
+//! A question, or a step of a stream, is computed in the server and never queued as a job. A model
+//! is loaded once for any number of askers, and stays while there is room or a stream holds it.
+//! Questions and streams each have a queue and a pool of threads, with one prediction at a time. A
+//! panic fails that prediction alone, and a dropped request interrupts it.
 
 mod cache;
 mod loaded;

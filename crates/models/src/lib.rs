@@ -7,6 +7,29 @@
 //! bit for bit, however often training was interrupted.
 //!
 //! Answers are row-major `[trajectory, sample, joint]`, in rad, like [`series::Series`].
+//!
+//! # Noise
+//!
+//! Noise of a training step is keyed by (seed, step, trajectory), noise of a sample by (seed,
+//! scenario, sample), and dropout by (seed, step, trajectory, place, element). A table of
+//! coefficients, known before the first pass of a network, says how noise is removed. Results do
+//! not depend on batches, parts of batches and threads.
+//!
+//! # Micro-batches
+//!
+//! The processor computes a batch in micro-batches of up to 16 or 32 trajectories, whose
+//! activations fit into a core's caches. Each thread computes another one, with a copy of the model
+//! that shares its weights, because burn locks all operations on the same parameters. Of a large
+//! model, all threads compute one micro-batch after the other. Gradients are added in the order of
+//! the micro-batches, so that threads do not change the result. An interrupt unwinds a step out of
+//! the operation it is in, and a trainer changes only when all gradients of a step are there.
+//!
+//! # Architectures
+//!
+//! `SequenceModel` is an enum with an arm for each entry of the list `spec::architectures`; all
+//! share training, normalization and checkpoints. A network over a path gets the path and its unit
+//! as inputs, because its answers contain neither. The reference of a model's positions is made
+//! from what it observes alone.
 
 mod activations;
 #[cfg(test)]

@@ -5,6 +5,43 @@
 //!
 //! Units are SI and named in the field (`_hz`, `_rad`, `_nm`). Angles are in radians, and torques
 //! in N·m.
+//!
+//! # Presets
+//!
+//! `"preset": NAME` is replaced by that preset, with the other fields merged over it. The merge
+//! goes into objects field by field. Every other value replaces the preset's value, `null` as well,
+//! which removes nothing. Fields with one of several choices (`frequency_hz`, `data`, `integrator`,
+//! `checkpoints`, `path`, `residual`) are replaced as a whole. A preset is a JSON file of
+//! `presets/`; the number in its file name is its place in lists.
+//!
+//! # Checks
+//!
+//! A spec is compared with its schema before it is deserialized, so wrong types, unknown fields and
+//! missing fields are all reported. A violation is (field, value, allowed). The first hundred are
+//! listed and the others counted, texts in them are cut, and a check takes time in proportion to
+//! the text. No bound is written twice: the schemas get their bounds from the checks, which note
+//! them while they check the specs of `specimens/`.
+//!
+//! # Digests and references
+//!
+//! A job refers to another's output in one of three ways: `{"job": NAME}` inside a pipeline,
+//! `{"dataset": ID}` or `{"checkpoint": ID}`, and `{"digest": HEX}`. Submission resolves the first
+//! two into the third, the digest of the spec that produces the data. A checkpoint that is not the
+//! final one is the digest of its training with `best` or a step. So a stored spec contains no
+//! database ids and means the same on every machine, and the digest of a job covers everything
+//! upstream of it, like a Merkle tree.
+//!
+//! The digest is SHA-256 over RFC 8785 canonical JSON of the resolved spec without `execution`
+//! (priority, attempts, time limit, resources, moment), which cannot change any result. Labels are
+//! parameters of the request that submits a job, and no part of its spec.
+//!
+//! # Kinds
+//!
+//! `for_each_kind` is the one list of kinds. The enums here, the planner in `jobs` and the dispatch
+//! in `worker` are made from it. A kind has the name of its module in each of them.
+//!
+//! A training's spec says once which contexts and horizons the training answers (`Lengths`).
+//! Evaluations, models and planners ask there.
 
 mod canonical;
 mod check;

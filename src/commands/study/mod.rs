@@ -1,4 +1,8 @@
 //! The paper's study: runs its pipeline on a server of its own, and writes the report.
+//!
+//! The study is a pipeline preset and a reader of its results. It computes no number that is not in
+//! a job's report, except means of those over seeds. Before it runs, `worker::rehearsal` does a
+//! little of everything to predict the cost.
 
 mod estimate;
 mod gather;

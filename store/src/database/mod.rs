@@ -1,6 +1,27 @@
 //! The seam between the store and its databases. The functions of `statements` are everything that
 //! the store asks of a database. They are compiled for each database, and [`sql`] calls one of
 //! them.
+//!
+//! The databases are SQLite, in the data folder, and PostgreSQL, which servers and workers of many
+//! machines may share. Each has a `dialect` of macros and types for its differences, and says how
+//! it is opened, how a transaction begins and how workers wait for a task. Claims are written
+//! twice: SQLite reads the next task and leases it in one transaction, and PostgreSQL does both,
+//! and most completions, in one round trip. One suite (`tests/suite`) checks both databases.
+//!
+//! The authors of a third database should know:
+//!
+//! - SQLite lets one transaction write at a time, so what a transaction has read is still true when
+//!   it writes. In PostgreSQL a transaction declares what it may change (`Scope`).
+//! - SQLite syncs every commit except those of leases and reports of presence. A power cut that
+//!   loses them also ends all workers of the machine.
+//! - Moments are those of the database's clock: `now!` in statements, never a time from Rust.
+//! - States, contents of files and digests are text. JSON is text too, kept as it was written.
+//! - A transaction that queues tasks rings: PostgreSQL notifies, and with SQLite a file is closed
+//!   that workers watch. A worker that hears nothing looks once a second.
+//! - Workers wait for a database that goes away. For up to 10 minutes they try writes of results
+//!   again, and reads wait for a connection. A server answers 503 meanwhile.
+//! - Steps that a database cannot do alone are done before it: objects are published before a
+//!   transaction begins.
 
 pub(crate) mod columns;
 pub(crate) mod patience;

@@ -3,6 +3,11 @@
 //! Triggers of the database write the events of jobs and tasks, so every change of a state has its
 //! event. [`tell`] writes the others. An event is written in the same transaction as the change.
 //! Heartbeats write no events.
+//!
+//! Nobody is notified of an event: one tail in each server looks for them, five times a second,
+//! while somebody listens. In PostgreSQL a row may come after one with a larger id. So a tail reads
+//! ids up to a mark once all transactions that were open at the mark have ended. Events stay with
+//! their database when a store moves.
 
 use std::time::Duration;
 

@@ -1,5 +1,10 @@
 //! Lists of jobs, runs, datasets and checkpoints. They are filtered, sorted, and read page by page;
 //! each page begins where the one before ended.
+//!
+//! A list is read in two statements. The first finds ids in their order, by filters and by the
+//! place of the previous page's last row, and reads nothing large. The second reads those rows.
+//! Names and notes are folded to lower case in Rust, because databases and locales disagree about
+//! letters, and text is searched in the folded form.
 
 use serde::{Deserialize, Serialize};
 use wire::Sort;

@@ -9,6 +9,13 @@
 //! opened in place. Remote objects are written to a file first, which is published when it is
 //! whole, and they are copied to a file to be read. The cache keeps both kinds of files under their
 //! digests.
+//!
+//! Every request that makes an object appear carries `If-None-Match: *`, so an object is never
+//! replaced by another one in a store that honours conditions. After a refusal or a lost answer the
+//! object is read back. The clock of the store that holds an object gives its age.
+//!
+//! While a store is open, every write and deletion looks for its mark first (`mark`). A sweep
+//! deletes only names that `path` writes and reads, and only what an earlier sweep announced.
 
 mod access;
 mod answers;

@@ -2,6 +2,22 @@
 //!
 //! A claim raises the task's epoch. Every later write of the worker carries that epoch, and changes
 //! nothing if the task has a newer one. So a worker that was wrongly thought dead does no harm.
+//!
+//! A lease ends in one of seven ways:
+//!
+//! - *completed*: in the transaction that commits the results.
+//! - *failed*: the task is tried again if the reason may pass and attempts are left.
+//! - *released*: a worker that shuts down gives the task back. No attempt is counted.
+//! - *deferred*: there was no room for the results, or their place was gone. The task waits a
+//!   while, and no attempt is counted.
+//! - *stopped*: the task's job was cancelled.
+//! - *reaped*: there was no heartbeat. The task goes to the next worker.
+//! - *taken back*: the server saw its worker process end, or the scheduler that placed the worker
+//!   says so. After a preemption no attempt is counted.
+//!
+//! After its second failure a task may be claimed from a moment on (`run_at`). A moment farther
+//! ahead than any delay counts as passed. `not_before` is another column: its user chose it, so it
+//! is waited for whatever the clock does.
 
 use std::time::Duration;
 

@@ -1,5 +1,10 @@
 //! The logs of attempts. They are rows and not files, so every database has them wherever its
 //! workers run.
+//!
+//! A log is chunks of lines, with their positions among all bytes that the attempt has logged. The
+//! distance between two chunks shows what was left out, in memory or later. A reader goes on from
+//! the id of a chunk. In PostgreSQL transactions that insert chunks of one job take turns, so their
+//! ids appear in their order.
 
 use crate::boxed;
 use crate::database::{Scope, sql};

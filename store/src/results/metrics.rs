@@ -1,4 +1,8 @@
 //! Metrics: numbers of a run over its steps.
+//!
+//! A curve is drawn from the lowest and the highest point of every 64 steps (`metric_extremes`).
+//! They are written in the transaction that records, replaces or deletes points. So a curve of a
+//! million points costs its reader a few thousand rows.
 
 use std::collections::BTreeMap;
 

@@ -12,6 +12,10 @@
 //! A backup has the rows of one moment, which a read-only transaction holds. While objects are
 //! copied, only objects of checkpoints can vanish, because trainings delete outdated ones. Such a
 //! checkpoint is left out of the backup.
+//!
+//! Tables are listed in the order of their references, and the database is asked for their columns.
+//! A table that is not listed is refused. A test compares the catalogues of both databases and
+//! needs a value in every column, so none is forgotten.
 
 mod objects;
 mod place;

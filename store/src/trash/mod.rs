@@ -3,6 +3,15 @@
 //! A job owns the dataset and the run that it leaves. A run owns its checkpoints. A pipeline owns
 //! the members that were made for it alone. Owned items are deleted and restored together with
 //! their owner.
+//!
+//! A deletion writes its date into the rows that it covers. It has the queue's scope, as a
+//! submission has, so each sees what the other did. The table `job_input` says which jobs read a
+//! digest. Lists, references and reuse pass over deleted rows (`is_gone!` in statements).
+//!
+//! A purge deletes the rows of other tables that belong to a row, marks it, and then deletes the
+//! objects. It keeps the number of attempts. The marked row stays, so its job does not stand in for
+//! another. A job's row also stays while another job refers to it, because digests get their
+//! meaning there.
 
 pub(crate) mod dependents;
 pub(crate) mod found_objects;

@@ -1,5 +1,9 @@
 //! Closed loop: one task per robot, which every controller controls in turn. The last task makes
 //! the report.
+//!
+//! A robot's controllers all begin from the same moment. Random numbers of the planner are keyed by
+//! (seed, robot, sample, iteration), so all controllers draw the same. Simulated time stands still
+//! while a plan is made; the time that a plan took is recorded and decides nothing.
 
 mod report;
 mod table;

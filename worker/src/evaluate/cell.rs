@@ -145,10 +145,11 @@ fn band_edge(
     known: usize,
 ) -> Option<f64> {
     let (recorded, rate_hz) = (scenarios.samples(), scenarios.rate_hz());
-    let of_family = data.simulation().zip(cell.excitation).and_then(|(spec, (family, frequency_hz))| {
-        let duration_s = recorded as f64 / rate_hz;
-        highest_component_hz(&spec.excitation, family, frequency_hz, duration_s)
-    });
+    let of_family =
+        data.simulation().zip(cell.excitation).and_then(|(spec, (family, frequency_hz))| {
+            let duration_s = recorded as f64 / rate_hz;
+            highest_component_hz(&spec.excitation, family, frequency_hz, duration_s)
+        });
     let highest = of_family.or_else(|| occupied_band_hz(scenarios));
     band_edge_hz(highest?, recorded - known, rate_hz)
 }

@@ -1,4 +1,15 @@
 //! An evaluation: one task per cell, perhaps one for latencies, then the report over all of them.
+//!
+//! Each cell asks all predictors for the same scenarios. It keeps the errors of every scenario,
+//! joint by joint, in a table, and the rest as the task's result. The report task reads the tables
+//! back, so there is one form of the measurements, the one that people download. A predictor
+//! without an answer is part of it and stops no other. The errors of a scenario do not depend on
+//! the other scenarios of the question. Latencies are a separate task after the cells, because they
+//! depend on what else runs. Whether a cell is in or out of distribution is derived from the specs
+//! of the checkpoints' trainings, never typed in.
+//!
+//! A file of foreign predictions is an imported dataset, so it is kept, deleted and reindexed like
+//! any other. A cell finds its scenarios by the names of recordings and compares the torques.
 
 mod cell;
 mod checkpoints;

@@ -1,4 +1,8 @@
 //! Imports of recordings, which are written as a dataset like a simulation.
+//!
+//! A file becomes an upload, a row with its digest, before the job that names the digest is
+//! submitted. The number of trajectories is known only at the end, so the transaction that commits
+//! the shard writes it to the dataset. The result is a function of (file, spec).
 
 #[cfg(test)]
 mod tests;

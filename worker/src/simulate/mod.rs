@@ -1,4 +1,9 @@
 //! A simulation: one task per shard, which is simulated, written, published and committed.
+//!
+//! A shard is a function of (spec, index). It goes to one of three places through the same code:
+//! objects of the store, files of a folder, or only its digests. While a row group is encoded, the
+//! next is simulated, both on all threads, and a separate thread writes the one before. Memory does
+//! not grow with the shard.
 
 mod robots;
 mod series;

@@ -1,4 +1,18 @@
 //! Trainings: from the newest checkpoint, or from the beginning, to the last step.
+//!
+//! A thread reads ahead and assembles batches while `models` steps.
+//!
+//! - The batch of a step is a function of (seed, step) alone, so a resumed training needs no
+//!   cursor, only its step. On a stream, step `s` has trajectories `s·B` to `(s+1)·B`.
+//! - Validation uses the last trajectories, which are never trained on; on a stream those from 2^40
+//!   on, which no training reaches.
+//! - The state of an early stop is a function of the recorded validations, and is replayed on
+//!   resuming. Time decides only which checkpoints there are.
+//! - The ranges of all batches so far are part of a checkpoint. Least and largest values do not
+//!   depend on order, so a stream and a dataset of the same trajectories have the same ranges.
+//! - There are two copies between a decoded row group and a tensor: `series::Series::gather` takes
+//!   the robots of a batch out of the decoded columns, and `models` normalizes the batch into the
+//!   tensor.
 
 mod batches;
 mod course;

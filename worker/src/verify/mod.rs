@@ -1,5 +1,9 @@
 //! Verifications: one task per shard, which makes the shard again and compares it with the stored
 //! one.
+//!
+//! A shard is made again as digests alone, which are compared with those of the stored files and
+//! with the recorded ones. Only if they differ is anything decoded, to name the first trajectory,
+//! column and step. Files of another version may differ in bytes, but not in values.
 
 mod difference;
 mod place;

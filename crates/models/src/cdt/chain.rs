@@ -1,3 +1,6 @@
+//! A chain computes the part that does not depend on the noisy horizon for several levels at once,
+//! and once for all samples of a trajectory. Its answers equal those of whole passes, in any batch.
+
 use burn::tensor::Tensor;
 use kernels::Mask;
 

@@ -5,6 +5,9 @@
 //! transaction, and each of its statements sees everything that was committed before that statement
 //! began. Such a message has no parameters and would be planned each time, so each connection
 //! prepares both statements when it first needs one.
+//!
+//! A claim passes over tasks that others are claiming. If it begins a job, the job shows this after
+//! a second transaction, which waits for the queue's lock.
 
 use std::time::Duration;
 

@@ -1,4 +1,13 @@
 //! The order of the queue: the place of a task among the waiting tasks.
+//!
+//! A submission sets a task's place in line, which never changes: `waits_since` less an hour for
+//! each point of priority. So all tasks age at the same rate. While a job is open, `waits_since`
+//! follows no clock backwards. Among tasks of one priority those of the older job go first.
+//!
+//! A claim hands out the first task in line that asks for no more than the worker offers. Each
+//! combination of requested resources is one row of `resources`, and its first task is at the
+//! beginning of an index. So a claim passes over no task, however many wait that this worker cannot
+//! take.
 
 use spec::Moment;
 
