@@ -18,6 +18,8 @@
 //!   holds one. First and last point are always kept. The data table is never decimated.
 //! - Markers and error bars of a series with more than [`MARKERS_DRAWN`] points.
 
+#![warn(missing_docs)]
+
 mod coordinate;
 mod description;
 mod drawing;

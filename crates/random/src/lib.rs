@@ -5,6 +5,8 @@
 //! numbers: as easy as 1, 2, 3*). Datasets, trainings and intervals consist of these numbers, so
 //! none of their bits may change.
 
+#![warn(missing_docs)]
+
 pub use rand_chacha::{ChaCha8Rng, ChaCha12Rng};
 pub use rand_core::{Rng, SeedableRng};
 

@@ -49,14 +49,17 @@ impl<'a> Columns<'a> {
         Ok(self)
     }
 
+    /// Number of robots: the rows of a column, divided by the samples of a robot.
     pub fn robots(&self) -> usize {
         self.u.first().map_or(0, |column| column.len() / self.samples)
     }
 
+    /// Samples of each robot.
     pub fn samples(&self) -> usize {
         self.samples
     }
 
+    /// Joints of each robot, one column of u and one of y for each.
     pub fn joints(&self) -> usize {
         self.u.len()
     }

@@ -17,6 +17,8 @@
 //! robots of a batch out of [`Columns`], and a model normalizes the batch into the tensor. Views
 //! copy nothing.
 
+#![warn(missing_docs)]
+
 mod columns;
 mod noise;
 mod observed;

@@ -29,6 +29,7 @@ impl<'a> Observed<'a> {
         Shape { robots: self.robots(), samples: self.samples, joints: self.joints }
     }
 
+    /// Number of robots; each is predicted on its own.
     pub fn robots(&self) -> usize {
         self.u.len()
     }
@@ -53,10 +54,12 @@ impl<'a> Observed<'a> {
         self.pre_roll
     }
 
+    /// Joints of each robot.
     pub fn joints(&self) -> usize {
         self.joints
     }
 
+    /// Samples per second, Hz.
     pub fn rate_hz(&self) -> f64 {
         self.rate_hz
     }

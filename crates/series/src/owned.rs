@@ -134,10 +134,12 @@ impl Series {
         }
     }
 
+    /// The lengths of the dimensions of [`Series::u`]; those of [`Series::y`] have known samples only.
     pub fn shape(&self) -> Shape {
         self.shape
     }
 
+    /// Number of robots.
     pub fn robots(&self) -> usize {
         self.shape.robots
     }
@@ -147,10 +149,12 @@ impl Series {
         self.shape.samples
     }
 
+    /// Joints of each robot.
     pub fn joints(&self) -> usize {
         self.shape.joints
     }
 
+    /// Samples per second, Hz.
     pub fn rate_hz(&self) -> f64 {
         self.rate_hz
     }
@@ -182,10 +186,12 @@ impl Series {
         &self.y
     }
 
+    /// [`Series::u`], for writing.
     pub fn u_mut(&mut self) -> &mut [f32] {
         &mut self.u
     }
 
+    /// [`Series::y`], for writing.
     pub fn y_mut(&mut self) -> &mut [f32] {
         &mut self.y
     }

@@ -5,23 +5,31 @@ use thiserror::Error;
 /// Number of robots, samples of each robot, and joints of each robot.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Shape {
+    /// Number of robots; 0 for an empty series.
     pub robots: usize,
+    /// Samples of each robot.
     pub samples: usize,
+    /// Joints of each robot.
     pub joints: usize,
 }
 
-/// The reason why values are no series.
+/// The reason why values are no series. `name` says which values: u, y, or the true ones.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
+#[expect(missing_docs, reason = "the fields are the words of the message")]
 pub enum ShapeError {
+    /// Values in one slice, whose number does not fit the shape.
     #[error("{name} has {actual} values, expected {expected} for {shape}")]
     Values { name: &'static str, actual: usize, expected: usize, shape: Shape },
 
+    /// Columns, of which there must be one for each joint.
     #[error("{name} has {actual} columns, expected one for each of {joints} joints")]
     Columns { name: &'static str, actual: usize, joints: usize },
 
+    /// A column with a part of a robot: its rows are no multiple of the samples of a robot.
     #[error("column {column} of {name} has {actual} rows, expected a multiple of {samples}")]
     Rows { name: &'static str, column: usize, actual: usize, samples: usize },
 
+    /// More values than a `usize` can count.
     #[error("{shape} do not fit into memory")]
     TooLarge { shape: Shape },
 }

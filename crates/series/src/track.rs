@@ -12,10 +12,12 @@ impl<'a> Track<'a> {
         Self { values, joints }
     }
 
+    /// Number of samples.
     pub fn samples(&self) -> usize {
         self.values.len() / self.joints.max(1)
     }
 
+    /// Values of each sample, one per joint.
     pub fn joints(&self) -> usize {
         self.joints
     }

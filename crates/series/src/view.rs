@@ -19,10 +19,12 @@ pub struct SeriesView<'a> {
 }
 
 impl<'a> SeriesView<'a> {
+    /// The number of robots, their samples and their joints.
     pub fn shape(&self) -> Shape {
         Shape { robots: self.robots(), samples: self.samples, joints: self.joints }
     }
 
+    /// Number of robots in the view.
     pub fn robots(&self) -> usize {
         self.u.len()
     }
@@ -37,10 +39,12 @@ impl<'a> SeriesView<'a> {
         self.known
     }
 
+    /// Joints of each robot.
     pub fn joints(&self) -> usize {
         self.joints
     }
 
+    /// Samples per second, Hz.
     pub fn rate_hz(&self) -> f64 {
         self.rate_hz
     }
