@@ -19,6 +19,7 @@ use crate::{Action, Ask, Bounds, Cause, End, Engine, EngineError, Phase, PlacedW
 /// Options for requesting workers from an engine.
 #[derive(Clone, Debug)]
 pub struct Settings {
+    /// How many workers there may be.
     pub bounds: Bounds,
     /// The least that every worker offers.
     pub usual: Resources,

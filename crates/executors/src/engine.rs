@@ -26,14 +26,17 @@ pub struct Ask {
 /// A worker in the engine's view.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlacedWorker {
+    /// The name under which it reports to the store.
     pub name: String,
     /// The engine's name for it.
     pub identifier: String,
     /// The resources that it offers to tasks.
     pub resources: Resources,
+    /// Whether it keeps running when it finds no task.
     pub stays: bool,
     /// The node on which it runs or ran.
     pub node: Option<String>,
+    /// Whether it waits, runs or has ended.
     pub phase: Phase,
 }
 
@@ -42,15 +45,18 @@ pub struct PlacedWorker {
 pub enum Phase {
     /// It waits for its place, for this reason.
     Pending(Option<String>),
+    /// It runs, whether or not it has a task.
     Running,
     /// It was told to end, for this reason.
     Ending(Option<String>),
+    /// It is gone, and its task may go to another worker.
     Ended(End),
 }
 
 /// How a worker ended.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct End {
+    /// Whether its task is to blame.
     pub cause: Cause,
     /// The text completes "worker NAME ...".
     pub how: String,

@@ -17,8 +17,11 @@ pub const GAVE_UP: u8 = 75;
 /// Options of a server's own workers.
 #[derive(Clone, Debug)]
 pub struct WorkerProcesses {
+    /// The store whose leases are taken back when a worker ends.
     pub store: Store,
+    /// How each worker is started.
     pub command: WorkerCommand,
+    /// Number of workers that are kept running.
     pub count: usize,
     /// The prefix of each name, before its number.
     pub name: String,

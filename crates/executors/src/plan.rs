@@ -20,14 +20,18 @@ use crate::resources::rarity;
 pub struct Bounds {
     /// Number of workers that are kept even while nothing waits.
     pub min: usize,
+    /// Largest number of workers, those that wait for their place included.
     pub max: usize,
 }
 
 /// A worker, with the facts that matter to the plan.
 #[derive(Clone, Debug, PartialEq)]
 pub struct KnownWorker {
+    /// The name under which it reports to the store.
     pub name: String,
+    /// The resources that it offers to tasks.
     pub resources: Resources,
+    /// Whether it could take a task now.
     pub state: WorkerState,
     /// Whether it was requested from the engine. Others come and go by themselves.
     pub is_ours: bool,
@@ -37,25 +41,34 @@ pub struct KnownWorker {
     pub claims_nothing: Option<&'static str>,
 }
 
+/// What a worker does, as far as the plan can use it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum WorkerState {
     /// It has waited for its place for this long.
     Pending(Duration),
+    /// It has no task.
     Idle,
+    /// It has a task.
     Busy,
     /// It was told to end.
     Ending,
 }
 
+/// A step of the plan.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Action {
+    /// Request a worker from the engine.
     Ask {
+        /// What the worker must offer to tasks.
         resources: Resources,
         /// Whether the worker keeps running when it finds no task.
         stays: bool,
     },
+    /// End a worker that has no task.
     LetGo {
+        /// Its name.
         worker: String,
+        /// The text completes "it is let go: ...".
         why: &'static str,
     },
 }

@@ -24,6 +24,7 @@ pub struct WorkerCommand {
     pub device: String,
     /// The device that computes models in a worker to which an engine gives GPUs.
     pub gpu_device: String,
+    /// The length of its leases, s.
     pub lease_seconds: u64,
     /// The filter of its log.
     pub log: String,

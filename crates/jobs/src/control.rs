@@ -5,6 +5,7 @@ use store::{NewTask, Output};
 use crate::inputs::Inputs;
 use crate::kind::{Kind, task};
 
+/// The payload of a task in the closed loop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ControlTask {

@@ -5,12 +5,16 @@ use thiserror::Error;
 /// Why a submission was refused.
 #[derive(Debug, Error)]
 pub enum SubmissionError {
+    /// The text is no JSON.
     #[error("the spec is not valid JSON: {0}")]
     Json(spec::JsonFault),
+    /// The spec violates its rules, or refers to work that does not exist.
     #[error("{0}")]
     Spec(SpecError),
+    /// A job that cannot be tried again.
     #[error("job {id} is {state}; only failed and cancelled jobs can be retried")]
     NotFailed { id: JobId, state: JobState },
+    /// The store could not be read or written.
     #[error(transparent)]
     Store(#[from] StoreError),
 }

@@ -5,6 +5,7 @@ use store::{DatasetState, JobReuse, NewTask, Output, PartReuse};
 use crate::inputs::{FoundData, Inputs};
 use crate::kind::{Kind, task};
 
+/// The payload of a task of an evaluation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum EvaluateTask {

@@ -9,6 +9,7 @@ use crate::kind::{Kind, TASKS_PER_JOB, task};
 /// The payload of a task: one shard.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub struct ShardTask {
+    /// The index of the shard, from 0.
     pub shard: u32,
 }
 

@@ -9,7 +9,9 @@ use crate::kind::{Kind, task};
 /// digest.
 #[derive(Clone, Copy, Debug, Serialize, Deserialize)]
 pub struct VerifyTask {
+    /// The index of the shard, from 0.
     pub shard: u32,
+    /// The id of the dataset. `None` if the dataset is made by another job of the pipeline.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub dataset: Option<i64>,
 }

@@ -29,8 +29,10 @@ pub const LOADED_MODELS: usize = 8;
 /// Default limit of the weights that are kept loaded, in bytes.
 pub const LOADED_BYTES: u64 = 2 << 30;
 
+/// Where predictions are computed, and what they may take.
 #[derive(Clone, Debug)]
 pub struct Options {
+    /// The device of all loaded models.
     pub device: DeviceKind,
     /// Number of threads that compute one prediction.
     pub threads: NonZero<usize>,
@@ -51,6 +53,8 @@ pub struct Live {
 }
 
 impl Live {
+    /// Starts the threads. Models are loaded when they are first asked.
+    ///
     /// # Errors
     /// When the system cannot start the threads.
     pub fn new(store: Store, options: Options) -> Result<Self, rayon::ThreadPoolBuildError> {

@@ -16,6 +16,7 @@ use crate::rows::Rows;
 /// How to start a process that calls [`crate::decode_standard_input`] with its last argument.
 #[derive(Clone, Debug)]
 pub struct DecoderProgram {
+    /// The program: the product itself, or a small one in tests.
     pub program: PathBuf,
     /// The arguments before the spec.
     pub arguments: Vec<String>,

@@ -78,9 +78,13 @@ impl fmt::Display for Place {
 pub struct RowError {
     /// The recording, if the file names them.
     pub recording: Option<String>,
+    /// Where the row is in the file.
     pub place: Place,
+    /// The column, if the fault is in one.
     pub column: Option<String>,
+    /// The value, or what is wrong about it.
     pub found: String,
+    /// The allowed values.
     pub allowed: String,
 }
 

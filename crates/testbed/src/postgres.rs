@@ -176,6 +176,7 @@ impl TestDatabase {
         self.cluster.url("postgres", &self.name)
     }
 
+    /// The name within its cluster, which no other test uses.
     pub fn name(&self) -> &str {
         &self.name
     }

@@ -16,6 +16,7 @@ pub struct FoundObjects {
     /// The largest ids in paths.
     pub(super) last_job: i64,
     pub(super) last_run: i64,
+    /// Objects that describe no work.
     pub left_out: Vec<LeftOut>,
 }
 
@@ -53,20 +54,28 @@ pub(super) struct Written {
 /// An object that the new database does not name.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct LeftOut {
+    /// Its path in the store.
     pub path: String,
+    /// Why it is left out, for people.
     pub reason: String,
 }
 
 /// The contents of the new database.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Rebuilt {
+    /// Datasets, complete or not.
     pub datasets: u64,
+    /// Shards of all datasets.
     pub shards: u64,
+    /// Trainings, ended or not.
     pub trainings: u64,
+    /// Checkpoints of all trainings.
     pub checkpoints: u64,
+    /// Uploaded files.
     pub uploads: u64,
     /// Jobs with a missing part. Workers make it again.
     pub unfinished: Vec<JobId>,
+    /// Objects that the new database does not name.
     pub left_out: Vec<LeftOut>,
 }
 
