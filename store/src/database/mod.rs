@@ -3,7 +3,7 @@
 //! them.
 //!
 //! The databases are SQLite, in the data folder, and PostgreSQL, which servers and workers of many
-//! machines may share. Each has a `dialect` of macros and types for its differences, and says how
+//! machines may share. Each has a `dialect` for its differences, and says how
 //! it is opened, how a transaction begins and how workers wait for a task. Claims are written
 //! twice: SQLite reads the next task and leases it in one transaction, and PostgreSQL does both,
 //! and most completions, in one round trip. One suite (`tests/suite`) checks both databases.
@@ -14,7 +14,7 @@
 //!   it writes. In PostgreSQL a transaction declares what it may change (`Scope`).
 //! - SQLite syncs every commit except those of leases and reports of presence. A power cut that
 //!   loses them also ends all workers of the machine.
-//! - Moments are those of the database's clock: `now!` in statements, never a time from Rust.
+//! - Moments are those of the database's clock, never a time from Rust.
 //! - States, contents of files and digests are text. JSON is text too, kept as it was written.
 //! - A transaction that queues tasks rings: PostgreSQL notifies, and with SQLite a file is closed
 //!   that workers watch. A worker that hears nothing looks once a second.

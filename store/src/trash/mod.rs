@@ -6,7 +6,7 @@
 //!
 //! A deletion writes its date into the rows that it covers. It has the queue's scope, as a
 //! submission has, so each sees what the other did. The table `job_input` says which jobs read a
-//! digest. Lists, references and reuse pass over deleted rows (`is_gone!` in statements).
+//! digest. Lists, references and reuse pass over deleted rows.
 //!
 //! A purge deletes the rows of other tables that belong to a row, marks it, and then deletes the
 //! objects. It keeps the number of attempts. The marked row stays, so its job does not stand in for
