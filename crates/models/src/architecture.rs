@@ -1,14 +1,12 @@
 //! The traits of an architecture, for code that trains models, stores them or predicts with them.
 
 use std::fmt::Debug;
-use std::rc::Rc;
 
 use burn::module::{ModuleMapper, ModuleVisitor};
 use burn::tensor::Tensor;
 use series::MeasurementNoise;
 
 use crate::ModelError;
-use crate::activations::Tally;
 use crate::diffusion::{Process, Step};
 use crate::initialization::InitialWeights;
 use crate::loss::Loss;
@@ -67,8 +65,10 @@ pub(crate) trait Model: Clone + Debug {
     /// y of the horizon `[batch, horizon, joint]`, as the frame sees it.
     fn answer(&self, input: ModelInput, ask: Ask<'_>) -> Tensor<3>;
 
-    /// Runs [`Model::loss`] on the shapes of one trajectory. `tally` counts the numbers it keeps.
-    fn count(&self, extents: Extents, tally: &Rc<Tally>);
+    /// The number of values that [`Model::loss`] keeps of one trajectory for the backward pass: the
+    /// inputs of all operations whose derivative depends on them. It reads no weights. A test
+    /// compares it with the memory that a forward pass takes.
+    fn kept(&self, extents: Extents) -> usize;
 
     /// Whether the model can give several answers to the same question.
     fn is_generative(&self) -> bool;

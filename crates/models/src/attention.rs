@@ -2,7 +2,6 @@ use burn::module::Module;
 use burn::tensor::Tensor;
 use kernels::{Mask, PackedWeight};
 
-use crate::activations::Activations;
 use crate::dropout::Dropout;
 use crate::initialization::InitialWeights;
 use crate::layers::{LayerNorm, Linear};
@@ -23,9 +22,9 @@ pub(crate) struct Attention {
 
 /// Keys and values of tokens, `[batch, source, d_model]` each.
 #[derive(Clone, Debug)]
-pub(crate) struct Sources<A = Tensor<3>> {
-    keys: A,
-    values: A,
+pub(crate) struct Sources {
+    keys: Tensor<3>,
+    values: Tensor<3>,
 }
 
 impl Sources {
@@ -69,51 +68,48 @@ impl Attention {
     /// Self-attention: every token of the normed `x` `[batch, token, d_model]` attends to the
     /// tokens of `x` that `mask` lets it see. The result has the shape of `x`. Dropout applies to
     /// the attention weights and to the output.
-    pub fn forward<A: Activations>(
+    pub fn forward(
         &self,
-        x: A,
+        x: Tensor<3>,
         norm: &LayerNorm,
         mask: Mask,
         dropout: &mut Dropout,
-    ) -> A {
-        let shape = x.dims();
+    ) -> Tensor<3> {
         let maps = [&self.query, &self.key, &self.value];
         let projected = Linear::forward_three_normed(maps, x, norm, &self.packed);
-        let left_out = dropout.mask();
-        let mixed = A::operation([projected], [true], shape, |[projected]| {
-            kernels::self_attention(projected, self.heads, mask, left_out, self.packed.factors())
-        });
+        let (left_out, factors) = (dropout.mask(), self.packed.factors());
+        let mixed = kernels::self_attention(projected, self.heads, mask, left_out, factors);
         self.outcome(mixed, dropout)
     }
 
     /// Cross-attention: the tokens of `x` attend to those of `memory` `[batch, source, d_model]`,
     /// which is not normed.
-    pub fn forward_across<A: Activations>(
+    pub fn forward_across(
         &self,
-        x: A,
+        x: Tensor<3>,
         norm: &LayerNorm,
-        memory: A,
+        memory: Tensor<3>,
         mask: Mask,
         dropout: &mut Dropout,
-    ) -> A {
+    ) -> Tensor<3> {
         self.forward_to(&self.sources(memory), x, norm, mask, dropout)
     }
 
     /// Cross-attention to `sources`, which are the keys and values of tokens.
-    pub fn forward_to<A: Activations>(
+    pub fn forward_to(
         &self,
-        sources: &Sources<A>,
-        x: A,
+        sources: &Sources,
+        x: Tensor<3>,
         norm: &LayerNorm,
         mask: Mask,
         dropout: &mut Dropout,
-    ) -> A {
+    ) -> Tensor<3> {
         let query = self.query.forward_normed(x, norm);
         self.look(query, sources, mask, dropout)
     }
 
     /// The keys and values of the tokens of `memory`, which is not normed.
-    pub fn sources<A: Activations>(&self, memory: A) -> Sources<A> {
+    pub fn sources(&self, memory: Tensor<3>) -> Sources {
         let keys = self.key.forward(memory.clone());
         Sources { keys, values: self.value.forward(memory) }
     }
@@ -127,23 +123,20 @@ impl Attention {
     }
 
     /// The output of attention of `query` to `sources`.
-    pub fn look<A: Activations>(
+    pub fn look(
         &self,
-        query: A,
-        sources: &Sources<A>,
+        query: Tensor<3>,
+        sources: &Sources,
         mask: Mask,
         dropout: &mut Dropout,
-    ) -> A {
-        let shape = query.dims();
+    ) -> Tensor<3> {
         let Sources { keys, values } = sources.clone();
-        let left_out = dropout.mask();
-        let mixed = A::operation([query, keys, values], [true; 3], shape, |[q, k, v]| {
-            kernels::attention(q, k, v, self.heads, mask, left_out, self.packed.factors())
-        });
+        let (left_out, factors) = (dropout.mask(), self.packed.factors());
+        let mixed = kernels::attention(query, keys, values, self.heads, mask, left_out, factors);
         self.outcome(mixed, dropout)
     }
 
-    fn outcome<A: Activations>(&self, mixed: A, dropout: &mut Dropout) -> A {
+    fn outcome(&self, mixed: Tensor<3>, dropout: &mut Dropout) -> Tensor<3> {
         dropout.apply(self.output.forward(mixed))
     }
 }

@@ -1,11 +1,11 @@
 //! Conditional U-Net on y. A flow uses the same network.
 
 use burn::module::Module;
+use burn::tensor::Tensor;
 use kernels::DropoutKeys;
 use spec::{CdcnnSpec, Conditioning, GROUPS};
 
 use crate::ModelError;
-use crate::activations::Activations;
 use crate::architecture::{Architecture, Extents};
 use crate::denoiser::{Denoiser, Network, Task, Torques};
 use crate::diffusion::Process;
@@ -98,25 +98,33 @@ pub(crate) struct Cdcnn {
 }
 
 impl Network for Cdcnn {
-    fn forward<A: Activations>(
+    fn forward(
         &self,
-        noisy: A,
+        noisy: Tensor<3>,
         levels: &[usize],
-        known: A,
+        known: Tensor<3>,
         _keys: Option<DropoutKeys>,
-    ) -> A {
-        let level = self.embedding.forward(levels, &noisy);
+    ) -> Tensor<3> {
+        let level = self.embedding.forward(levels, &noisy.device());
         let [batch, samples, channels] = known.dims();
         let (condition, local) = match &self.local {
             Some(block) => {
-                let local = block.forward(known.transposed(), &level);
+                let local = block.forward(known.swap_dims(1, 2), &level);
                 (level, Some(local))
             }
             None => {
-                let known = known.reshaped([batch, 1, samples * channels]);
-                (level.and(known, 2), None)
+                let known = known.reshape([batch, 1, samples * channels]);
+                (Tensor::cat(vec![level, known], 2), None)
             }
         };
-        self.unet.forward(noisy.transposed(), &condition, local).transposed()
+        self.unet.forward(noisy.swap_dims(1, 2), &condition, local).swap_dims(1, 2)
+    }
+
+    fn kept(&self, extents: Extents) -> usize {
+        let samples = extents.samples() as usize;
+        let local = self.local.as_ref();
+        let local =
+            local.map_or(0, |block| block.kept_of_input(samples, true) + block.kept(samples));
+        self.embedding.kept() + local + self.unet.kept(samples)
     }
 }

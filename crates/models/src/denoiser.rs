@@ -1,14 +1,11 @@
 //! Models that make their answers from noise: a network and its task. The same network can be
 //! trained without noise, to answer in one pass.
 
-use std::rc::Rc;
-
 use burn::module::{Module, ModuleMapper, ModuleVisitor};
 use burn::tensor::{Device, Tensor, TensorData};
 use kernels::DropoutKeys;
 use spec::PointLoss;
 
-use crate::activations::{Activations, Tally};
 use crate::architecture::{Ask, Extents, Model, ModelInput};
 use crate::diffusion::{Painted, Process, Step};
 use crate::known_inputs::KnownInputs;
@@ -20,13 +17,16 @@ pub(crate) trait Network: Module {
     /// The answer at each row's noise level, in the shape of the noisy series `[batch, sample,
     /// channel]`. The network also sees `known`, the known part of each sample. In training, `keys`
     /// choose the values that dropout leaves out.
-    fn forward<A: Activations>(
+    fn forward(
         &self,
-        noisy: A,
+        noisy: Tensor<3>,
         levels: &[usize],
-        known: A,
+        known: Tensor<3>,
         keys: Option<DropoutKeys>,
-    ) -> A;
+    ) -> Tensor<3>;
+
+    /// The values that a training step keeps of a trajectory.
+    fn kept(&self, extents: Extents) -> usize;
 
     /// Gives answers at one level after the other, `steps` in all, about the same trajectories.
     /// `clean` `[batch, context, channel]` are the first samples of these.
@@ -152,16 +152,13 @@ impl<N: Network> Model for Denoiser<N> {
         series.slice([0..batch, context..samples, channels - joints..channels])
     }
 
-    fn count(&self, extents: Extents, tally: &Rc<Tally>) {
-        let (samples, joints) = (extents.samples() as usize, extents.joints);
-        let channels = match self.torques {
-            Torques::Apart => joints,
-            Torques::Clean { .. } | Torques::Noised { .. } => 2 * joints,
+    fn kept(&self, extents: Extents) -> usize {
+        let series = match self.torques {
+            Torques::Apart => 1,
+            Torques::Clean { .. } | Torques::Noised { .. } => 2,
         };
-        let noisy = tally.given([1, samples, channels]);
-        let known = tally.given([1, samples, self.known_inputs.channels(joints)]);
-        let [_, _, channels] = self.network.forward(noisy, &[0], known, None).dims();
-        tally.given([KEPT_BY_LOSS, samples, channels]).keep();
+        let answer = extents.samples() as usize * series * extents.joints;
+        self.network.kept(extents) + KEPT_BY_LOSS * answer
     }
 
     fn is_generative(&self) -> bool {

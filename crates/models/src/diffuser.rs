@@ -1,11 +1,11 @@
 //! Temporal U-Net on u and y of whole trajectories.
 
 use burn::module::Module;
+use burn::tensor::Tensor;
 use kernels::DropoutKeys;
 use spec::{DiffuserSpec, GROUPS, Known};
 
 use crate::ModelError;
-use crate::activations::Activations;
 use crate::architecture::{Architecture, Extents};
 use crate::denoiser::{Denoiser, Network, Task, Torques};
 use crate::diffusion::Process;
@@ -62,19 +62,26 @@ pub(crate) struct Diffuser {
 impl Network for Diffuser {
     /// The noisy series is u, then y, `[batch, sample, 2 · joint]`. So the known series leaves the
     /// torques out.
-    fn forward<A: Activations>(
+    fn forward(
         &self,
-        noisy: A,
+        noisy: Tensor<3>,
         levels: &[usize],
-        known: A,
+        known: Tensor<3>,
         _keys: Option<DropoutKeys>,
-    ) -> A {
-        let condition = self.embedding.forward(levels, &noisy);
-        let [_, _, channels] = known.dims();
+    ) -> Tensor<3> {
+        let condition = self.embedding.forward(levels, &noisy.device());
+        let [batch, samples, channels] = known.dims();
         let series = match self.beside {
             0 => noisy,
-            beside => noisy.and(known.part(2, channels - beside..channels), 2),
+            beside => {
+                let beside = known.slice([0..batch, 0..samples, channels - beside..channels]);
+                Tensor::cat(vec![noisy, beside], 2)
+            }
         };
-        self.unet.forward(series.transposed(), &condition, None).transposed()
+        self.unet.forward(series.swap_dims(1, 2), &condition, None).swap_dims(1, 2)
+    }
+
+    fn kept(&self, extents: Extents) -> usize {
+        self.embedding.kept() + self.unet.kept(extents.samples() as usize)
     }
 }

@@ -1,6 +1,5 @@
+use burn::tensor::Tensor;
 use kernels::{DropoutKeys, DropoutMask};
-
-use crate::activations::Activations;
 
 /// Gives each layer of a network its dropout mask, in the order of a pass.
 pub(crate) struct Dropout {
@@ -26,15 +25,14 @@ impl Dropout {
     }
 
     /// Applies dropout to `x` in the next layer of a block.
-    pub fn apply<A: Activations>(&mut self, x: A) -> A {
+    pub fn apply(&mut self, x: Tensor<3>) -> Tensor<3> {
         self.apply_at(self.rate, x)
     }
 
     /// Applies dropout to `x` in the next layer, at `rate`.
-    pub fn apply_at<A: Activations>(&mut self, rate: f64, x: A) -> A {
-        let Some(mask) = self.mask_at(rate) else { return x };
-        let shape = x.dims();
-        A::operation([x], [false], shape, |[x]| kernels::dropout(x, Some(mask)))
+    pub fn apply_at(&mut self, rate: f64, x: Tensor<3>) -> Tensor<3> {
+        let mask = self.mask_at(rate);
+        if mask.is_some() { kernels::dropout(x, mask) } else { x }
     }
 
     /// The mask of the next layer.

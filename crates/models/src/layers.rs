@@ -1,8 +1,9 @@
+//! Layers that several networks use.
+
 use burn::module::{Module, Param};
 use burn::tensor::Tensor;
 use kernels::{DropoutMask, Factors, PackedWeight};
 
-use crate::activations::Activations;
 use crate::initialization::InitialWeights;
 
 /// `y = x Wᵀ + b`, with parameter names, layout and initial weights of `torch.nn.Linear`.
@@ -60,75 +61,51 @@ impl Linear {
     }
 
     /// `[batch, token, input]` to `[batch, token, output]`.
-    pub fn forward<A: Activations>(&self, x: A) -> A {
-        let shape = self.shape_from(&x);
-        A::operation([x], [true], shape, |[x]| {
-            kernels::linear(x, self.weight.val(), self.bias.val(), &self.packed)
-        })
+    pub fn forward(&self, x: Tensor<3>) -> Tensor<3> {
+        kernels::linear(x, self.weight.val(), self.bias.val(), &self.packed)
     }
 
     /// The product with the weight alone. It maps rates of change of the input to those of the
     /// output.
-    pub fn forward_without_bias<A: Activations>(&self, x: A) -> A {
-        let shape = self.shape_from(&x);
-        A::operation([x], [true], shape, |[x]| {
-            let none = self.bias.val().inner().zeros_like();
-            let none = Tensor::from_inner(none);
-            kernels::linear(x, self.weight.val(), none, &self.packed)
-        })
+    pub fn forward_without_bias(&self, x: Tensor<3>) -> Tensor<3> {
+        let none = Tensor::from_inner(self.bias.val().inner().zeros_like());
+        kernels::linear(x, self.weight.val(), none, &self.packed)
     }
 
     /// The layer after `norm`.
-    pub fn forward_normed<A: Activations>(&self, x: A, norm: &LayerNorm) -> A {
-        let shape = self.shape_from(&x);
-        A::operation([x], [true], shape, |[x]| {
-            let LayerNorm { weight, bias } = norm;
-            let norm = [weight.val(), bias.val()];
-            kernels::norm_linear(x, norm, self.weight.val(), self.bias.val(), &self.packed)
-        })
+    pub fn forward_normed(&self, x: Tensor<3>, norm: &LayerNorm) -> Tensor<3> {
+        let norm = norm.parameters();
+        kernels::norm_linear(x, norm, self.weight.val(), self.bias.val(), &self.packed)
     }
 
     /// Three layers of the same normed `x`, with their outputs side by side. `packed` holds the
     /// weights of all three.
-    pub fn forward_three_normed<A: Activations>(
+    pub fn forward_three_normed(
         maps: [&Self; 3],
-        x: A,
+        x: Tensor<3>,
         norm: &LayerNorm,
         packed: &PackedWeight,
-    ) -> A {
-        let [batch, tokens, _] = x.dims();
-        let outputs = maps.map(Self::output).iter().sum();
-        A::operation([x], [true], [batch, tokens, outputs], |[x]| {
-            let norm = [norm.weight.val(), norm.bias.val()];
-            let (weights, biases) =
-                (maps.map(|map| map.weight.val()), maps.map(|map| map.bias.val()));
-            kernels::norm_linear_of_three(x, norm, weights, biases, packed)
-        })
+    ) -> Tensor<3> {
+        let (weights, biases) = (maps.map(|map| map.weight.val()), maps.map(|map| map.bias.val()));
+        kernels::norm_linear_of_three(x, norm.parameters(), weights, biases, packed)
     }
 
     /// `residual` plus this layer of GELU of `x`. `masks` apply dropout to the output of GELU and
     /// to that of this layer.
-    pub fn forward_gelu_onto<A: Activations>(
+    pub fn forward_gelu_onto(
         &self,
-        residual: A,
-        x: A,
+        residual: Tensor<3>,
+        x: Tensor<3>,
         masks: [Option<DropoutMask>; 2],
-    ) -> A {
-        let shape = self.shape_from(&x);
-        A::operation([residual, x], [true; 2], shape, |[residual, x]| {
-            let (weight, bias) = (self.weight.val(), self.bias.val());
-            kernels::gelu_linear_onto(residual, x, weight, bias, &self.packed, masks)
-        })
+    ) -> Tensor<3> {
+        let (weight, bias) = (self.weight.val(), self.bias.val());
+        kernels::gelu_linear_onto(residual, x, weight, bias, &self.packed, masks)
     }
 
-    fn output(&self) -> usize {
-        let [output, _] = self.weight.lazy_shape().dims();
-        output
-    }
-
-    fn shape_from(&self, x: &impl Activations) -> [usize; 3] {
-        let [batch, tokens, _] = x.dims();
-        [batch, tokens, self.output()]
+    /// The widths of input and output. They are known without the weights.
+    pub fn widths(&self) -> [usize; 2] {
+        let [output, input] = self.weight.lazy_shape().dims();
+        [input, output]
     }
 }
 
@@ -148,10 +125,18 @@ impl LayerNorm {
     }
 
     /// `[batch, token, width]` to the same shape.
-    pub fn forward<A: Activations>(&self, x: A) -> A {
-        let shape = x.dims();
-        A::operation([x], [true], shape, |[x]| {
-            kernels::layer_norm(x, self.weight.val(), self.bias.val())
-        })
+    pub fn forward(&self, x: Tensor<3>) -> Tensor<3> {
+        let [weight, bias] = self.parameters();
+        kernels::layer_norm(x, weight, bias)
     }
+
+    fn parameters(&self) -> [Tensor<1>; 2] {
+        [self.weight.val(), self.bias.val()]
+    }
+}
+
+/// `x` `[batch, token, width]` plus the learned embedding of each position, `[token, width]`.
+pub(crate) fn add_positions(x: Tensor<3>, positions: &Param<Tensor<2>>) -> Tensor<3> {
+    let [_, tokens, width] = x.dims();
+    x + positions.val().slice([0..tokens, 0..width]).unsqueeze()
 }

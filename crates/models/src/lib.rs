@@ -31,7 +31,6 @@
 //! as inputs, because its answers contain neither. The reference of a model's positions is made
 //! from what it observes alone.
 
-mod activations;
 #[cfg(test)]
 mod agreement_with_pytorch;
 #[cfg(test)]

@@ -1,10 +1,7 @@
 //! An estimate of the memory that a training needs, before it begins.
 
-use std::rc::Rc;
-
 use spec::{DataSpec, Doubt, ModelSpec, TrainSpec};
 
-use crate::activations::Tally;
 use crate::architecture::Extents;
 use crate::initialization::InitialWeights;
 use crate::micro_batches::{MicroBatches, MicroBatching};
@@ -66,23 +63,27 @@ impl TrainingMemory {
     }
 }
 
-/// The sizes of a model, counted along the layers that run.
+/// The sizes of a model.
 struct Counts {
     parameters: u64,
     /// Numbers that a step keeps of one trajectory for the backward pass.
     kept: u64,
-    /// The largest temporary buffer of a micro-batch, whatever its size.
-    worked_with: u64,
+    /// The largest temporary buffer of a micro-batch, whatever its size, in numbers.
+    scratch: u64,
 }
 
 impl Counts {
     fn of(spec: &TrainSpec, samples: u32, joints: usize) -> Result<Self, ModelError> {
         let extents = Extents::new(spec.context, samples, joints)?;
         let model = without_weights(&spec.model, extents)?;
-        let tally = Rc::new(Tally::default());
-        model.count(extents, &tally);
-        let (kept, worked_with) = (tally.kept(), tally.worked_with());
-        Ok(Self { parameters: parameters_of(&model), kept, worked_with })
+        let mut scratch = 0;
+        for_each_parameter(&model, |_, parameter| {
+            if let Ok(kernel) = parameter.shape().try_into() {
+                scratch = scratch.max(kernels::scratch_of_conv1d(kernel));
+            }
+        });
+        let (kept, scratch) = (model.kept(extents) as u64, scratch as u64);
+        Ok(Self { parameters: parameters_of(&model), kept, scratch })
     }
 
     /// The micro-batches of a batch with a `gradient_accumulation` of `accumulation`, on the processor.
@@ -103,7 +104,7 @@ impl Counts {
         let activation_bytes = at_once * self.kept * F32;
         let used = (state_bytes + activation_bytes)
             .max(of_parameters(COPIES_OF_A_CHECKPOINT + 3 * average))
-            + divided.at_once as u64 * self.worked_with * F32;
+            + divided.at_once as u64 * self.scratch * F32;
         TrainingMemory {
             parameters: self.parameters,
             state_bytes,
@@ -185,16 +186,26 @@ mod tests {
         }
     }
 
-    /// A model of every architecture, with every option that changes the computation.
+    /// A model of every architecture at two sizes, with every option that changes the computation.
     fn every_kind() -> Vec<(String, TrainSpec)> {
+        let transformer = json!({
+            "d_model": 48, "heads": 4, "encoder_layers": 3, "decoder_layers": 2, "mlp_ratio": 3,
+        });
         let options = [
             ("robomorph", json!({"head": "gaussian"})),
             ("robomorph", json!({"residual": "none", "output": "positions"})),
+            ("robomorph", transformer.clone()),
             ("diffuser", json!({"known": "joint-noise"})),
             ("diffuser", json!({"residual": "none"})),
+            ("diffuser", json!({"width": 24, "multipliers": [1, 3, 2]})),
             ("cdcnn", json!({"conditioning": "global"})),
+            ("cdcnn", json!({"widths": [24, 24, 64], "embedding": 20})),
+            ("flow", json!({"widths": [24, 40], "embedding": 20})),
             ("cdt", json!({"dropout": 0.1, "embedding_dropout": 0.1})),
             ("cdt", json!({"objective": "regression", "patch": 5})),
+            ("cdt", transformer),
+            ("prefix-transformer", json!({"d_model": 48, "heads": 4, "layers": 3, "patch": 8})),
+            ("lagrangian", json!({"width": 20, "layers": 3, "forces": 0, "turns_freely": false})),
         ];
         let plain = ModelSpec::ARCHITECTURES.iter().map(|name| (*name, json!({})));
         let all = plain.chain(options);

@@ -1,11 +1,8 @@
-use std::rc::Rc;
-
 use burn::module::{ModuleMapper, ModuleVisitor};
 use burn::tensor::Tensor;
 use spec::ModelSpec;
 
 use crate::ModelError;
-use crate::activations::Tally;
 use crate::architecture::{Architecture, Ask, Extents, Model, ModelInput};
 use crate::diffusion::Process;
 use crate::initialization::InitialWeights;
@@ -71,8 +68,8 @@ impl SequenceModel {
         of_any!(self, model => model.answer(input, ask))
     }
 
-    pub fn count(&self, extents: Extents, tally: &Rc<Tally>) {
-        of_any!(self, model => model.count(extents, tally));
+    pub fn kept(&self, extents: Extents) -> usize {
+        of_any!(self, model => model.kept(extents))
     }
 
     pub fn is_generative(&self) -> bool {

@@ -7,7 +7,6 @@ use burn::tensor::Tensor;
 use kernels::{Factors, Mask};
 use spec::MatmulPrecision;
 
-use crate::activations::Activations;
 use crate::attention::{Attention, Sources};
 use crate::dropout::Dropout;
 use crate::initialization::InitialWeights;
@@ -51,7 +50,7 @@ impl FeedForward {
     }
 
     /// `x` plus the layers' output for the normed `x`.
-    fn forward_onto<A: Activations>(&self, x: A, norm: &LayerNorm, dropout: &mut Dropout) -> A {
+    fn forward_onto(&self, x: Tensor<3>, norm: &LayerNorm, dropout: &mut Dropout) -> Tensor<3> {
         let hidden = self.expand.forward_normed(x.clone(), norm);
         self.contract.forward_gelu_onto(x, hidden, [dropout.mask(), dropout.mask()])
     }
@@ -77,11 +76,18 @@ impl EncoderBlock {
         }
     }
 
+    /// The values that a training step keeps of a trajectory of `tokens` tokens: the input, queries,
+    /// keys and values, what they mix to, and the input and the hidden values of the second part.
+    pub fn kept(&self, tokens: usize) -> usize {
+        let [d_model, hidden] = self.feed_forward.expand.widths();
+        tokens * (6 * d_model + hidden)
+    }
+
     /// The block's output for `x` `[batch, token, d_model]`, in the same shape. `mask` says which
     /// tokens attend to each other.
-    pub fn forward<A: Activations>(&self, x: A, mask: Mask, dropout: &mut Dropout) -> A {
+    pub fn forward(&self, x: Tensor<3>, mask: Mask, dropout: &mut Dropout) -> Tensor<3> {
         let norm = &self.attention_norm;
-        let x = x.clone().plus(self.attention.forward(x, norm, mask, dropout));
+        let x = x.clone() + self.attention.forward(x, norm, mask, dropout);
         self.feed_forward.forward_onto(x, &self.feed_forward_norm, dropout)
     }
 }
@@ -133,15 +139,29 @@ impl DecoderBlock {
         }
     }
 
+    /// The values that a training step keeps of a trajectory of `tokens` tokens. Three more than in an
+    /// [`EncoderBlock`] are kept of each token: the second attention's input, its queries and what it
+    /// mixes. Two are kept of each source, its keys and values.
+    pub fn kept(&self, tokens: usize, sources: usize) -> usize {
+        let [d_model, hidden] = self.feed_forward.expand.widths();
+        tokens * (9 * d_model + hidden) + sources * 2 * d_model
+    }
+
     /// The block's output for `x` `[batch, token, d_model]`, in the same shape. `mask` says which
     /// of the sources in `memory` `[batch, source, d_model]` a token sees.
-    pub fn forward<A: Activations>(&self, x: A, memory: A, mask: Mask, dropout: &mut Dropout) -> A {
+    pub fn forward(
+        &self,
+        x: Tensor<3>,
+        memory: Tensor<3>,
+        mask: Mask,
+        dropout: &mut Dropout,
+    ) -> Tensor<3> {
         let causal = Mask::Causal { ahead: 0 };
         let norm = &self.self_attention_norm;
-        let x = x.clone().plus(self.self_attention.forward(x, norm, causal, dropout));
+        let x = x.clone() + self.self_attention.forward(x, norm, causal, dropout);
         let norm = &self.cross_attention_norm;
         let seen = self.cross_attention.forward_across(x.clone(), norm, memory, mask, dropout);
-        let x = x.plus(seen);
+        let x = x + seen;
         self.feed_forward.forward_onto(x, &self.feed_forward_norm, dropout)
     }
 
@@ -189,7 +209,7 @@ impl DecoderBlock {
 }
 
 /// `[batch, sample, channel]` to `[batch, sample / patch, patch * channel]`.
-pub(crate) fn patches<A: Activations>(series: A, patch: usize) -> A {
+pub(crate) fn patches(series: Tensor<3>, patch: usize) -> Tensor<3> {
     let [batch, samples, channels] = series.dims();
-    series.reshaped([batch, samples / patch, patch * channels])
+    series.reshape([batch, samples / patch, patch * channels])
 }

@@ -8,14 +8,13 @@ use kernels::{DropoutKeys, Mask};
 use spec::{CdtSpec, Objective};
 
 use crate::ModelError;
-use crate::activations::Activations;
 use crate::architecture::{Architecture, Extents};
 use crate::denoiser::{Denoiser, Network, Task, Torques};
 use crate::diffusion::{Process, Step};
 use crate::dropout::Dropout;
 use crate::initialization::{InitialWeights, POSITION_STANDARD_DEVIATION};
 use crate::known_inputs::KnownInputs;
-use crate::layers::{LayerNorm, Linear};
+use crate::layers::{LayerNorm, Linear, add_positions};
 use crate::sizes::{
     LARGEST_RATIO, LARGEST_WIDTH, MOST_LAYERS, MOST_SAMPLES, divides, multiple, within,
 };
@@ -111,30 +110,30 @@ impl Cdt {
     }
 
     /// The input of the encoder, `[batch, 1 + token, d_model]`.
-    fn condition<A: Activations>(&self, levels: &[usize], known: A) -> A {
-        let level = sinusoid(levels, self.d_model, &known);
-        level.and(self.condition_input.forward(patches(known, self.patch)), 1)
+    fn condition(&self, levels: &[usize], known: Tensor<3>) -> Tensor<3> {
+        let level = sinusoid(levels, self.d_model, &known.device());
+        Tensor::cat(vec![level, self.condition_input.forward(patches(known, self.patch))], 1)
     }
 
     /// The last block's tokens, as samples `[batch, sample, channel]`.
-    fn answer<A: Activations>(&self, x: A) -> A {
+    fn answer(&self, x: Tensor<3>) -> Tensor<3> {
         let answer = self.head.forward(self.norm.forward(x));
         let [batch, tokens, width] = answer.dims();
-        answer.reshaped([batch, tokens * self.patch, width / self.patch])
+        answer.reshape([batch, tokens * self.patch, width / self.patch])
     }
 }
 
 impl Network for Cdt {
-    fn forward<A: Activations>(
+    fn forward(
         &self,
-        noisy: A,
+        noisy: Tensor<3>,
         levels: &[usize],
-        known: A,
+        known: Tensor<3>,
         keys: Option<DropoutKeys>,
-    ) -> A {
+    ) -> Tensor<3> {
         let mut dropout = Dropout::new(keys, self.dropout);
-        let mut embedded = |tokens: A, positions: &Param<Tensor<2>>| {
-            dropout.apply_at(self.embedding_dropout, tokens.at_positions(positions))
+        let mut embedded = |tokens: Tensor<3>, positions: &Param<Tensor<2>>| {
+            dropout.apply_at(self.embedding_dropout, add_positions(tokens, positions))
         };
         let mut memory = embedded(self.condition(levels, known), &self.condition_positions);
         let mut x = embedded(self.input.forward(patches(noisy, self.patch)), &self.positions);
@@ -146,6 +145,18 @@ impl Network for Cdt {
             x = block.forward(x, memory.clone(), mask, &mut dropout);
         }
         self.answer(x)
+    }
+
+    fn kept(&self, extents: Extents) -> usize {
+        let samples = extents.samples() as usize;
+        let (tokens, sources) = (samples / self.patch, samples / self.patch + 1);
+        let [known, d_model] = self.condition_input.widths();
+        let [noisy, _] = self.input.widths();
+        let encoder: usize = self.encoder_blocks.iter().map(|block| block.kept(sources)).sum();
+        let decoder: usize =
+            self.decoder_blocks.iter().map(|block| block.kept(tokens, sources)).sum();
+        // Both inputs, the encoder's output, and the inputs of the last norm and of the head.
+        tokens * (known + noisy) + encoder + sources * d_model + decoder + 2 * tokens * d_model
     }
 
     fn chain<'a>(

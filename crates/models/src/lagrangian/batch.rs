@@ -127,7 +127,7 @@ impl Points {
         self.robots * self.count()
     }
 
-    pub fn samples(&self, device: &Device) -> Samples<Tensor<3>> {
+    pub fn samples(&self, device: &Device) -> Samples {
         let width = self.pose.len() / self.rows().max(1);
         let pose = [self.robots, self.count(), width];
         let row = [self.rows(), 1, self.joints];
@@ -244,7 +244,7 @@ impl Posteriors {
         self.information_gain.len()
     }
 
-    /// `[robot, number + 1, 1 + number]`, see [`super::features::combined`].
+    /// `[robot, number + 1, 1 + number]`, which the equations are multiplied with.
     pub fn combinations(&self, device: &Device) -> Tensor<3> {
         let size = self.count + 1;
         tensor(self.combinations.clone(), [self.robots(), size, size], device)

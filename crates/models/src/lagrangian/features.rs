@@ -10,74 +10,79 @@ use burn::tensor::{Tensor, activation};
 
 use super::Lagrangian;
 use super::law::{DIRECTIONS, FORCE_UNIT};
-use crate::activations::Activations;
+use super::regression::Numbers;
 
 /// The input of the network at samples.
 #[derive(Clone)]
-pub(super) struct Samples<A> {
+pub(super) struct Samples {
     /// Sines, then cosines of angles, `[robot, point, 2 · input]`.
-    pub pose: A,
+    pub pose: Tensor<3>,
     /// The rates of change of `pose`, 1/s.
-    pub rate: A,
+    pub rate: Tensor<3>,
     /// rad/s, `[robot · point, 1, joint]`.
-    pub velocity: A,
+    pub velocity: Tensor<3>,
     /// rad/s², `[robot · point, 1, joint]`.
-    pub acceleration: A,
+    pub acceleration: Tensor<3>,
     /// How fast the frame of the particles turns, rad/s, `[robot · point, 1, 1]`; 0 where the
     /// network sees all joints.
-    pub turning: A,
+    pub turning: Tensor<3>,
 }
 
 impl Lagrangian {
     /// Two tensors of torques in N·m. The first has those of each particle of weight 1, then of
     /// each force of strength 1, `[robot · point, joint, particle or force]`. The second has those
-    /// of the force that acts on every robot, if there is one, `[robot · point, joint, 1]`.
-    pub(super) fn features<A: Activations>(&self, samples: Samples<A>) -> (A, Option<A>) {
+    /// of the force that acts on every robot, `[robot · point, joint, 1]`; 0 if there is none.
+    pub(super) fn features(&self, samples: Samples) -> [Tensor<3>; 2] {
         let Samples { pose, rate, velocity, acceleration, turning } = samples;
         let [rows, _, joints] = acceleration.dims();
         let (mut x, mut tangent) = (pose, rate);
         for layer in &self.hidden {
-            x = tanh(layer.forward(x));
-            let slope = {
-                let shape = x.dims();
-                A::operation([x.clone()], [true], shape, |[x]| x.square().neg() + 1.0)
-            };
-            tangent = layer.forward_without_bias(tangent).times(slope);
+            x = kernels::tanh(layer.forward(x));
+            tangent = layer.forward_without_bias(tangent) * (x.clone().square().neg() + 1.0);
         }
         let particles = self.numbers.particles;
         let shape = [rows, DIRECTIONS * particles, joints];
         let forces = self.forces.as_ref().map(|forces| {
-            let numbers = forces.forward(x.clone());
-            let [_, _, width] = numbers.dims();
-            let shape = numbers.dims();
-            let scaled = A::operation([numbers], [false], shape, |[x]| x * FORCE_UNIT);
-            scaled.reshaped([rows, width / joints, joints])
+            let torques = forces.forward(x.clone()) * FORCE_UNIT;
+            torques.reshape([rows, 1 + self.numbers.forces, joints])
         });
-        let jacobian = self.particles.forward(x).reshaped(shape);
-        let jacobian_rate = self.particles.forward_without_bias(tangent).reshaped(shape);
-        let along = |jacobian: &A, vector: &A| sum(weighted(jacobian.clone(), vector.clone()), 2);
+        let jacobian = self.particles.forward(x).reshape(shape);
+        let jacobian_rate = self.particles.forward_without_bias(tangent).reshape(shape);
+        let along = |jacobian: &Tensor<3>, vector: &Tensor<3>| {
+            (jacobian.clone() * vector.clone()).sum_dim(2)
+        };
+        let in_direction = |torques: &Tensor<3>, direction: usize| {
+            let [rows, _, columns] = torques.dims();
+            let particles = direction * particles..(direction + 1) * particles;
+            torques.clone().slice([0..rows, particles, 0..columns])
+        };
         let moving = along(&jacobian, &velocity);
-        let part = |direction: usize| {
-            moving.clone().part(1, direction * particles..(direction + 1) * particles)
-        };
-        let backwards = {
-            let shape = turning.dims();
-            A::operation([turning.clone()], [false], shape, |[x]| x.neg())
-        };
-        let still =
-            part(2).constant([rows, particles, 1], |shape, device| Tensor::zeros(shape, device));
-        let turned = weighted(part(1), backwards).and(weighted(part(0), turning), 1).and(still, 1);
+        let backwards = in_direction(&moving, 1) * turning.clone().neg();
+        let still = Tensor::zeros([rows, particles, 1], &moving.device());
+        let turned = Tensor::cat(vec![backwards, in_direction(&moving, 0) * turning, still], 1);
         let accelerated =
-            along(&jacobian, &acceleration).plus(along(&jacobian_rate, &velocity)).plus(turned);
-        let torques = jacobian.times(accelerated);
-        let of_direction = |direction: usize| {
-            torques.clone().part(1, direction * particles..(direction + 1) * particles)
+            along(&jacobian, &acceleration) + along(&jacobian_rate, &velocity) + turned;
+        let torques = jacobian * accelerated;
+        let [first, second, third] = [0, 1, 2].map(|direction| in_direction(&torques, direction));
+        let particles = (first + second + third).swap_dims(1, 2);
+        let Some(forces) = forces.map(|forces| forces.swap_dims(1, 2)) else {
+            let none = Tensor::zeros([rows, joints, 1], &particles.device());
+            return [particles, none];
         };
-        let particles = of_direction(0).plus(of_direction(1)).plus(of_direction(2)).transposed();
-        let Some(forces) = forces else { return (particles, None) };
-        let forces = forces.transposed();
-        let [_, _, count] = forces.dims();
-        (particles.and(forces.clone().part(2, 1..count), 2), Some(forces.part(2, 0..1)))
+        let [common, own] = [0..1, 1..1 + self.numbers.forces]
+            .map(|chosen| forces.clone().slice([0..rows, 0..joints, chosen]));
+        [Tensor::cat(vec![particles, own], 2), common]
+    }
+
+    /// The values that a training step keeps of the features of a trajectory with `points` points.
+    pub(super) fn kept_by_features(&self, points: usize) -> usize {
+        let Numbers { particles, joints, .. } = self.numbers;
+        let input = 4 * (joints - self.first);
+        // The input and the output of each tanh, its slope, and the rate before and after it.
+        let hidden: usize = self.hidden.iter().map(|layer| 5 * layer.widths()[1]).sum();
+        // Velocity, acceleration, turning with both signs; Jacobians, and accelerations along them.
+        let constants = 2 * joints + 2;
+        points * (input + hidden + constants + DIRECTIONS * particles * (joints + 1))
     }
 
     /// Friction of strength 1 at a velocity in rad/s, `[robot, point, joint]`; 0 at rest.
@@ -87,29 +92,4 @@ impl Lagrangian {
         let at_rest = activation::tanh(slope.clone() * shift.clone());
         activation::tanh((velocity + shift) * slope) - at_rest
     }
-}
-
-/// The torques of every combination of numbers, `[robot, row, column]`: the product of the features
-/// `[robot, row, number]` and the combinations `[robot, number, column]`.
-pub(super) fn combined<A: Activations>(features: A, combinations: A) -> A {
-    let [robots, rows, _] = features.dims();
-    let shape = [robots, rows, combinations.dims()[2]];
-    A::operation([features, combinations], [false, true], shape, |[x, y]| x.matmul(y))
-}
-
-fn tanh<A: Activations>(x: A) -> A {
-    let shape = x.dims();
-    A::operation([x], [true], shape, |[x]| kernels::tanh(x))
-}
-
-/// The product with constants, which may have extents of 1.
-fn weighted<A: Activations>(x: A, weights: A) -> A {
-    let shape = x.dims();
-    A::operation([x, weights], [false, true], shape, |[x, weights]| x * weights)
-}
-
-fn sum<A: Activations>(x: A, dimension: usize) -> A {
-    let mut shape = x.dims();
-    shape[dimension] = 1;
-    A::operation([x], [false], shape, |[x]| x.sum_dim(dimension))
 }

@@ -40,21 +40,17 @@ mod scoring;
 #[cfg(test)]
 mod tests;
 
-use std::rc::Rc;
-
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
 use burn::tensor::{Device, Tensor, TensorData, activation};
 use simd::InstructionSet;
 use spec::{LagrangianSpec, MAX_JOINTS};
 
 use self::batch::{HostBatch, Points, Posteriors};
-use self::features::{Samples, combined};
 use self::law::{Calibration, DIRECTIONS, JointLaw, Law};
 use self::linear_algebra::Dense;
 use self::recorded::{Motion, Recorded};
 use self::regression::{Numbers, Prior};
 use crate::ModelError;
-use crate::activations::{Activations, Tally};
 use crate::architecture::{Architecture, Ask, Draw, Extents, Model, ModelInput};
 use crate::initialization::InitialWeights;
 use crate::layers::Linear;
@@ -212,8 +208,7 @@ impl Lagrangian {
         let rows = [robots * count, joints, 1];
         let each = Tensor::<2>::eye(joints, device).unsqueeze::<3>();
         let own = |factor: Tensor<3>| factor.reshape(rows) * each.clone();
-        let (shared, common) = self.features(points.samples(device));
-        let common = common.unwrap_or_else(|| Tensor::zeros(rows, device));
+        let [shared, common] = self.features(points.samples(device));
         let friction = self.friction(velocity.clone());
         let factors = Tensor::cat(vec![shared, own(velocity), own(friction), common], 2);
         let inertia = points.acceleration(device) * self.paced(&self.armature).exp();
@@ -231,7 +226,8 @@ impl Lagrangian {
         let [factors, torque] = equations;
         let shape @ [_, count, joints] = torque.dims();
         let device = torque.device();
-        let combined = combined(factors, posteriors.combinations(&device));
+        // The torques of every combination of numbers, `[robot, point · joint, column]`.
+        let combined = factors.matmul(posteriors.combinations(&device));
         let expected = combined.clone().narrow(2, 0, 1).reshape(shape);
         let uncertainty = combined.narrow(2, 1, self.numbers.count()).square().sum_dim(2);
         let squares = (expected - torque).square() + uncertainty.reshape(shape);
@@ -364,25 +360,12 @@ impl Model for Lagrangian {
         Tensor::from_data(TensorData::new(answer, shape), &input.u.device())
     }
 
-    fn count(&self, extents: Extents, tally: &Rc<Tally>) {
-        let (points, joints) = (self.points, extents.joints);
-        let pose = [1, points, 2 * (joints - self.first)];
-        let row = [points, 1, joints];
-        let (shared, common) = self.features(Samples {
-            pose: tally.given(pose),
-            rate: tally.given(pose),
-            velocity: tally.given(row),
-            acceleration: tally.given(row),
-            turning: tally.given([points, 1, 1]),
-        });
-        let own = tally.given([points, joints, 2 * joints]);
-        let common = common.unwrap_or_else(|| tally.given([points, joints, 1]));
-        let width = self.numbers.count() + 1;
-        let factors = shared.and(own, 2).and(common, 2).reshaped([1, points * joints, width]);
-        let combined = combined(factors, tally.given([1, width, width]));
-        // The loss squares the product, and keeps arrays of torques.
-        combined.keep();
-        tally.given([KEPT_BY_LOSS, points, joints]).keep();
+    fn kept(&self, extents: Extents) -> usize {
+        let (points, width) = (self.points, self.numbers.count() + 1);
+        // The combinations of a fit, the torques of each of them, which the loss squares, and arrays
+        // in the shape of the torques.
+        let of_loss = width * width + points * extents.joints * (width + KEPT_BY_LOSS);
+        self.kept_by_features(points) + of_loss
     }
 
     fn is_generative(&self) -> bool {

@@ -18,8 +18,6 @@
 
 mod samples;
 
-use std::rc::Rc;
-
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
 use burn::tensor::{Tensor, TensorData};
 use kernels::Mask;
@@ -27,11 +25,10 @@ use spec::{PrefixTransformerSpec, Residual};
 
 use self::samples::Samples;
 use crate::ModelError;
-use crate::activations::{Activations, Tally};
 use crate::architecture::{Architecture, Ask, Extents, Model, ModelInput};
 use crate::dropout::Dropout;
 use crate::initialization::{InitialWeights, POSITION_STANDARD_DEVIATION};
-use crate::layers::{LayerNorm, Linear};
+use crate::layers::{LayerNorm, Linear, add_positions};
 use crate::loss::Loss;
 use crate::randomness::Noise;
 use crate::sizes::{LARGEST_RATIO, LARGEST_WIDTH, MOST_LAYERS, divides, within};
@@ -103,17 +100,17 @@ impl PrefixTransformer {
     /// Maps tokens `[batch, token, (patch + 1) · channel]` to velocities relative to the path, in
     /// units of the trajectory's speed, `[batch, horizon, joint]`. The first `known` tokens are the
     /// context's.
-    fn forward<A: Activations>(&self, tokens: A, known: usize, joints: usize) -> A {
+    fn forward(&self, tokens: Tensor<3>, known: usize, joints: usize) -> Tensor<3> {
         let mask = Mask::Prefix { length: known };
-        let mut x = self.input.forward(tokens).at_positions(&self.positions);
+        let mut x = add_positions(self.input.forward(tokens), &self.positions);
         for block in &self.blocks {
             x = block.forward(x, mask, &mut Dropout::off());
         }
-        let [batch, tokens, _] = x.dims();
-        let x = x.part(1, known..tokens);
+        let [batch, tokens, d_model] = x.dims();
+        let x = x.slice([0..batch, known..tokens, 0..d_model]);
         let horizon = (tokens - known) * self.patch;
         let velocities = self.head.forward(self.norm.forward(x));
-        velocities.reshaped([batch, horizon, joints])
+        velocities.reshape([batch, horizon, joints])
     }
 
     /// The displacement of the arm from the path, rad, `[batch, horizon, joint]`.
@@ -143,14 +140,14 @@ impl Model for PrefixTransformer {
         self.displacement(&input) / input.unit_of_horizon()
     }
 
-    fn count(&self, extents: Extents, tally: &Rc<Tally>) {
-        let joints = extents.joints;
-        let tokens = extents.samples() as usize / self.patch;
-        let width = samples::channels(joints) * (self.patch + 1);
-        let known = extents.context as usize / self.patch;
-        let [_, horizon, joints] =
-            self.forward(tally.given([1, tokens, width]), known, joints).dims();
-        tally.given([KEPT_BY_LOSS, horizon, joints]).keep();
+    fn kept(&self, extents: Extents) -> usize {
+        let [tokens, horizon] =
+            [extents.samples(), extents.horizon].map(|samples| samples as usize / self.patch);
+        let [width, d_model] = self.input.widths();
+        let blocks: usize = self.blocks.iter().map(|block| block.kept(tokens)).sum();
+        let answer = extents.horizon as usize * extents.joints;
+        // Beside the blocks, the tokens, and the inputs of the last norm and of the head.
+        tokens * width + blocks + 2 * horizon * d_model + KEPT_BY_LOSS * answer
     }
 
     fn is_generative(&self) -> bool {

@@ -19,16 +19,21 @@ const LARGEST_LOG_VARIANCE: f32 = 4.0;
 /// the variance, `[batch, sample, channel]` each. The bounds are soft (Chua et al. 2018), so that
 /// every entry has a gradient.
 pub(super) fn split(numbers: Tensor<3>) -> (Tensor<3>, Tensor<3>) {
-    let [batch, samples, width] = numbers.dims();
-    let channels = width / NUMBERS;
-    let mean = numbers.clone().slice([0..batch, 0..samples, 0..channels]);
-    let raw = numbers.slice([0..batch, 0..samples, channels..width]);
+    let [mean, raw] = halves(numbers);
     // softplus(x) = x + softplus(-x). In this form the added terms are small within the bounds.
     let above = activation::softplus(raw.clone() - LARGEST_LOG_VARIANCE, 1.0);
     let capped = raw - above;
     let below = activation::softplus(capped.clone().neg() + LEAST_LOG_VARIANCE, 1.0);
     let log_variance = capped + below;
     (mean, log_variance)
+}
+
+/// The first and the second half of the channels.
+pub(super) fn halves(numbers: Tensor<3>) -> [Tensor<3>; 2] {
+    let [batch, samples, width] = numbers.dims();
+    let channels = width / NUMBERS;
+    [0..channels, channels..width]
+        .map(|channels| numbers.clone().slice([0..batch, 0..samples, channels]))
 }
 
 /// Negative log-likelihood of each entry, without the constant ½ ln 2π.

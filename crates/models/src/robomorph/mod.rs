@@ -2,20 +2,17 @@
 
 mod gaussian;
 
-use std::rc::Rc;
-
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
 use burn::tensor::Tensor;
 use kernels::Mask;
 use spec::{Head, Output, PointLoss, RoboMorphSpec};
 
 use crate::ModelError;
-use crate::activations::{Activations, Tally};
 use crate::architecture::{Architecture, Ask, Draw, Extents, Model, ModelInput};
 use crate::dropout::Dropout;
 use crate::initialization::{InitialWeights, POSITION_STANDARD_DEVIATION};
 use crate::known_inputs::KnownInputs;
-use crate::layers::{LayerNorm, Linear};
+use crate::layers::{LayerNorm, Linear, add_positions};
 use crate::loss::Loss;
 use crate::randomness::Noise;
 use crate::sizes::{LARGEST_RATIO, LARGEST_WIDTH, MOST_LAYERS, divides, within};
@@ -113,38 +110,38 @@ impl RoboMorph {
     /// context `[batch, context, joint]` to y of the horizon `[batch, horizon, joint]`. A gaussian
     /// head gives `[batch, horizon, 2 · joint]`, which [`gaussian::split`] splits into mean and
     /// logarithm of the variance.
-    fn forward<A: Activations>(&self, known: A, y_context: A) -> A {
-        let [batch, samples, _] = known.dims();
+    fn forward(&self, known: Tensor<3>, y_context: Tensor<3>) -> Tensor<3> {
+        let [batch, samples, channels] = known.dims();
         let [_, context, _] = y_context.dims();
-        let past = known.clone().part(1, 0..context);
-        let future = known.part(1, context..samples);
-        let context = patches(past.and(y_context, 2), self.patch);
+        let past = known.clone().slice([0..batch, 0..context, 0..channels]);
+        let future = known.slice([0..batch, context..samples, 0..channels]);
+        let context = patches(Tensor::cat(vec![past, y_context], 2), self.patch);
         let future = patches(future, self.patch);
         let [_, horizon_tokens, _] = future.dims();
 
-        let mut memory = self.encoder_input.forward(context).at_positions(&self.encoder_positions);
+        let mut memory =
+            add_positions(self.encoder_input.forward(context), &self.encoder_positions);
         for block in &self.encoder_blocks {
             memory = block.forward(memory, Mask::None, &mut Dropout::off());
         }
         let memory = self.encoder_norm.forward(memory);
 
-        let mut x = self.decoder_input.forward(future).at_positions(&self.decoder_positions);
+        let mut x = add_positions(self.decoder_input.forward(future), &self.decoder_positions);
         for block in &self.decoder_blocks {
             x = block.forward(x, memory.clone(), Mask::None, &mut Dropout::off());
         }
         let numbers = self.head.forward(self.decoder_norm.forward(x));
         let [_, _, width] = numbers.dims();
         let horizon = horizon_tokens * self.patch;
-        let numbers = numbers.reshaped([batch, horizon, width / self.patch]);
+        let numbers = numbers.reshape([batch, horizon, width / self.patch]);
         let per_step = 1.0 / (horizon as f64).sqrt();
         match (self.output, self.kind) {
             (Output::Positions, _) => numbers,
-            (Output::Displacements, Head::Point) => numbers.running_sum(per_step),
+            // As large as a sum of as many independent samples is.
+            (Output::Displacements, Head::Point) => numbers.cumsum(1) * per_step,
             (Output::Displacements, Head::Gaussian) => {
-                let [_, _, channels] = numbers.dims();
-                let joints = channels / gaussian::NUMBERS;
-                let mean = numbers.clone().part(2, 0..joints).running_sum(per_step);
-                mean.and(numbers.part(2, joints..channels), 2)
+                let [mean, rest] = gaussian::halves(numbers);
+                Tensor::cat(vec![mean.cumsum(1) * per_step, rest], 2)
             }
         }
     }
@@ -181,16 +178,21 @@ impl Model for RoboMorph {
         }
     }
 
-    fn count(&self, extents: Extents, tally: &Rc<Tally>) {
-        let channels = self.known_inputs.channels(extents.joints);
-        let known = tally.given([1, extents.samples() as usize, channels]);
-        let y_context = tally.given([1, extents.context as usize, extents.joints]);
-        let [_, horizon, channels] = self.forward(known, y_context).dims();
+    fn kept(&self, extents: Extents) -> usize {
+        let [sources, tokens] =
+            [extents.context, extents.horizon].map(|samples| samples as usize / self.patch);
+        let [past, d_model] = self.encoder_input.widths();
+        let ([future, _], [_, answer]) = (self.decoder_input.widths(), self.head.widths());
+        let encoder: usize = self.encoder_blocks.iter().map(|block| block.kept(sources)).sum();
+        let decoder: usize =
+            self.decoder_blocks.iter().map(|block| block.kept(tokens, sources)).sum();
         let arrays = match self.kind {
             Head::Point => KEPT_BY_LOSS,
             Head::Gaussian => gaussian::KEPT_BY_LOSS,
         };
-        tally.given([arrays, horizon, channels]).keep();
+        // On either side the input, and what goes into the norm at the end and comes out of it.
+        let encoder = sources * (past + 2 * d_model) + encoder;
+        encoder + tokens * (future + 2 * d_model + arrays * answer) + decoder
     }
 
     fn is_generative(&self) -> bool {

@@ -1,8 +1,9 @@
 use burn::module::Module;
+use burn::tensor::Tensor;
+use kernels::mish;
 
 use super::convolution::Conv1d;
 use super::group_norm::GroupNormMish;
-use crate::activations::{Activations, mish};
 use crate::initialization::InitialWeights;
 use crate::layers::Linear;
 
@@ -43,7 +44,7 @@ impl ConvBlock {
     }
 
     /// `[batch, input, sample]` to `[batch, output, sample]`.
-    pub fn forward<A: Activations>(&self, x: A) -> A {
+    pub fn forward(&self, x: Tensor<3>) -> Tensor<3> {
         self.norm.forward(self.conv.forward(x))
     }
 }
@@ -81,21 +82,48 @@ impl ResidualBlock {
 
     /// Maps `x` `[batch, input, sample]` to `[batch, output, sample]`, with `condition` `[batch, 1,
     /// width]`.
-    pub fn forward<A: Activations>(&self, x: A, condition: &A) -> A {
+    pub fn forward(&self, x: Tensor<3>, condition: &Tensor<3>) -> Tensor<3> {
         let hidden = self.first.conv.forward(x.clone());
-        let numbers = self.condition.forward(mish(condition.clone())).transposed();
+        let numbers = self.condition.forward(mish(condition.clone())).swap_dims(1, 2);
         let (scale, shift) = match self.modulation {
             Modulation::Shift => (None, numbers),
             Modulation::ScaleAndShift => {
-                let [scale, shift] = numbers.halves(1);
+                let channels = numbers.dims()[1] / 2;
+                let [scale, shift] =
+                    [0, channels].map(|first| numbers.clone().narrow(1, first, channels));
                 (Some(scale), shift)
             }
         };
         let hidden = self.second.conv.forward_normed(hidden, &self.first.norm, scale, shift);
         let hidden = self.second.norm.forward(hidden);
         match &self.skip {
-            None => hidden.plus(x),
-            Some(skip) => hidden.plus(skip.forward(x)),
+            None => hidden + x,
+            Some(skip) => hidden + skip.forward(x),
         }
+    }
+
+    /// The values that a training step keeps of a trajectory of `samples` samples, beside the input
+    /// of the block: the condition after Mish and what it maps to, and the input of both norms.
+    pub fn kept(&self, samples: usize) -> usize {
+        let [_, output] = self.channels();
+        self.condition.widths().iter().sum::<usize>() + 2 * output * samples
+    }
+
+    /// The channels of input and output.
+    pub fn channels(&self) -> [usize; 2] {
+        self.first.conv.channels()
+    }
+
+    pub fn condition_width(&self) -> usize {
+        let [input, _] = self.condition.widths();
+        input
+    }
+
+    /// The values that a training step keeps of an input of `samples` samples. Each convolution that
+    /// reads an input of another layout, `[sample, channel]` in memory, keeps a copy of its own.
+    pub fn kept_of_input(&self, samples: usize, is_transposed: bool) -> usize {
+        let [input, _] = self.channels();
+        let copies = if is_transposed && self.skip.is_some() { 2 } else { 1 };
+        copies * input * samples
     }
 }

@@ -1,7 +1,6 @@
 use burn::module::{Module, Param};
 use burn::tensor::Tensor;
 
-use crate::activations::Activations;
 use crate::initialization::InitialWeights;
 
 /// Group normalization in 8 groups, followed by Mish. The parameters are those of
@@ -26,11 +25,8 @@ impl GroupNormMish {
     }
 
     /// `[batch, channel, sample]` to the same shape.
-    pub fn forward<A: Activations>(&self, x: A) -> A {
-        let shape = x.dims();
-        A::operation([x], [true], shape, |[x]| {
-            let [weight, bias] = self.parameters();
-            kernels::group_norm_mish(x, weight, bias, Self::GROUPS)
-        })
+    pub fn forward(&self, x: Tensor<3>) -> Tensor<3> {
+        let [weight, bias] = self.parameters();
+        kernels::group_norm_mish(x, weight, bias, Self::GROUPS)
     }
 }

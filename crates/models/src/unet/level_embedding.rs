@@ -1,7 +1,7 @@
 use burn::module::Module;
-use burn::tensor::{Tensor, TensorData};
+use burn::tensor::{Device, Tensor, TensorData};
+use kernels::mish;
 
-use crate::activations::{Activations, mish};
 use crate::initialization::InitialWeights;
 use crate::layers::Linear;
 
@@ -10,11 +10,9 @@ const LONGEST_PERIOD: f64 = 10_000.0;
 
 /// Sines, then cosines, of each noise level at periods from 2π in geometric steps:
 /// `[batch, 1, width]`, width even.
-pub(crate) fn sinusoid<A: Activations>(levels: &[usize], width: usize, beside: &A) -> A {
+pub(crate) fn sinusoid(levels: &[usize], width: usize, device: &Device) -> Tensor<3> {
     let shape = [levels.len(), 1, width];
-    beside.constant(shape, |shape, device| {
-        Tensor::from_data(TensorData::new(waves(levels, width), shape), device)
-    })
+    Tensor::from_data(TensorData::new(waves(levels, width), shape), device)
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "the network computes in f32")]
@@ -51,9 +49,15 @@ impl LevelEmbedding {
         }
     }
 
-    /// The embedding `[batch, 1, width]`, on the device of `noisy`.
-    pub fn forward<A: Activations>(&self, levels: &[usize], noisy: &A) -> A {
-        let sinusoid = sinusoid(levels, self.width, noisy);
+    /// The embedding `[batch, 1, width]`.
+    pub fn forward(&self, levels: &[usize], device: &Device) -> Tensor<3> {
+        let sinusoid = sinusoid(levels, self.width, device);
         self.contract.forward(mish(self.expand.forward(sinusoid)))
+    }
+
+    /// The values that a training step keeps of a trajectory: the sinusoid, and the hidden values
+    /// before and after Mish.
+    pub fn kept(&self) -> usize {
+        9 * self.width
     }
 }

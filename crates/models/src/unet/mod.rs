@@ -9,9 +9,9 @@ mod group_norm;
 mod level_embedding;
 
 use burn::module::Module;
+use burn::tensor::Tensor;
 
 use crate::ModelError;
-use crate::activations::Activations;
 use crate::initialization::InitialWeights;
 use crate::sizes::{MOST_SAMPLES, MOST_STAGES, divides, within};
 use block::ConvBlock;
@@ -132,12 +132,17 @@ pub(crate) struct UNet {
 impl UNet {
     /// Maps `x` `[batch, input, sample]` to `[batch, channel, sample]`. Every block has `condition`
     /// `[batch, 1, width]`. `local` `[batch, first width, sample]` is added after the first block.
-    pub fn forward<A: Activations>(&self, mut x: A, condition: &A, mut local: Option<A>) -> A {
+    pub fn forward(
+        &self,
+        mut x: Tensor<3>,
+        condition: &Tensor<3>,
+        mut local: Option<Tensor<3>>,
+    ) -> Tensor<3> {
         let mut skips = Vec::with_capacity(self.down.len());
         for stage in &self.down {
             x = stage.first.forward(x, condition);
             if let Some(local) = local.take() {
-                x = x.plus(local);
+                x = x + local;
             }
             x = stage.second.forward(x, condition);
             skips.push(x.clone());
@@ -150,9 +155,35 @@ impl UNet {
         }
         // The skip connection of the first stage is not used, as in the published networks.
         for (stage, skip) in self.up.iter().zip(skips.into_iter().rev()) {
-            x = stage.first.forward(x.and(skip, 1), condition);
+            x = stage.first.forward(Tensor::cat(vec![x, skip], 1), condition);
             x = stage.upsample.forward(stage.second.forward(x, condition));
         }
         self.output.forward(self.last.forward(x))
+    }
+
+    /// The values that a training step keeps of a trajectory of `samples` samples: the input of every
+    /// layer. The input of the network comes from `[sample, channel]`.
+    pub fn kept(&self, mut samples: usize) -> usize {
+        // All blocks keep the same condition.
+        let mut kept = self.middle[0].condition_width();
+        for (index, stage) in self.down.iter().enumerate() {
+            kept += stage.first.kept_of_input(samples, index == 0) + stage.first.kept(samples);
+            kept += stage.second.kept_of_input(samples, false) + stage.second.kept(samples);
+            if let Some(downsample) = &stage.downsample {
+                kept += downsample.channels()[0] * samples;
+                samples /= 2;
+            }
+        }
+        for block in &self.middle {
+            kept += block.kept_of_input(samples, false) + block.kept(samples);
+        }
+        for stage in &self.up {
+            kept += stage.first.kept_of_input(samples, false) + stage.first.kept(samples);
+            kept += stage.second.kept_of_input(samples, false) + stage.second.kept(samples);
+            kept += stage.second.channels()[1] * samples;
+            samples *= 2;
+        }
+        // The last convolutions and the norm between them.
+        kept + 3 * self.output.channels()[0] * samples
     }
 }

@@ -175,7 +175,7 @@ fn particle_torques(model: &Lagrangian, q: &[f32], v: &[f32], a: &[f32]) -> Vec<
     };
     let turning = if model.first == 0 { 0.0 } else { v[0] };
     assert_eq!(a.len(), joints);
-    let (particles_and_forces, _) = model.features(Samples {
+    let [particles_and_forces, _] = model.features(Samples {
         pose: tensor(pose.collect()),
         rate: tensor(rate.collect()),
         velocity: tensor(v.to_vec()),
