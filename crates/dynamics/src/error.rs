@@ -4,6 +4,7 @@ use std::ops::Range;
 
 /// The reason why a simulation has no result.
 #[derive(Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "messages say what the fields mean")]
 pub enum DynamicsError {
     /// The progress callback asked to stop.
     #[error("the simulation of trajectories {} to {} was cancelled", range.start, range.end)]

@@ -12,7 +12,9 @@ use crate::draws::Draws;
 /// spec are already in the amplitudes.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Torques {
+    /// A chirp on each joint.
     Chirp(Joints<Chirp>),
+    /// A sum of sines on each joint.
     Multisine(Joints<Multisine>),
     /// Boxed, since most trajectories have none and would be twice as large.
     Steps(Box<Joints<Steps>>),
@@ -21,29 +23,40 @@ pub enum Torques {
 /// u(t) = offset + amplitude · cos(2π f1 (1 + depth · cos(2π f2 t)) t + phase).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Chirp {
+    /// N·m.
     pub offset_nm: f64,
+    /// N·m.
     pub amplitude_nm: f64,
+    /// The master frequency f1, Hz.
     pub f1_hz: f64,
+    /// The frequency f2 of the sweep, Hz.
     pub f2_hz: f64,
+    /// The depth of the sweep, a share of f1.
     pub depth: f64,
+    /// rad.
     pub phase_rad: f64,
 }
 
 /// u(t) = Σ over the four components of a_i · sin or cos(2π f_i t): sine, cosine, sine, cosine.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Multisine {
+    /// a_i, N·m.
     pub amplitude_nm: [f64; 4],
+    /// f_i, Hz.
     pub frequency_hz: [f64; 4],
 }
 
 /// u(t) is held at each level in turn, from t = 0 on, and then again from the first.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Steps {
+    /// The levels, N·m.
     pub level_nm: [f64; STEP_LEVELS],
+    /// How long each level is held, s.
     pub hold_s: [f64; STEP_LEVELS],
 }
 
 impl Torques {
+    /// The family of these torques.
     pub fn family(&self) -> Family {
         match self {
             Self::Chirp(_) => Family::Chirp,
@@ -52,6 +65,7 @@ impl Torques {
         }
     }
 
+    /// The number of joints that they drive.
     pub fn joints(&self) -> usize {
         match self {
             Self::Chirp(joints) => joints.len(),

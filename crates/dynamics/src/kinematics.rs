@@ -188,13 +188,18 @@ fn quaternion_to_parent<L: Lanes>(twist: Angle, half: Turn<L>, [x, y, z, w]: [L;
 /// parallel and perpendicular axes stay so.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Angle {
+    /// Sine.
     pub sin: f64,
+    /// Cosine.
     pub cos: f64,
+    /// Sine of the half.
     pub half_sin: f64,
+    /// Cosine of the half.
     pub half_cos: f64,
 }
 
 impl Angle {
+    /// The angle of so many degrees.
     pub fn degrees(degrees: f64) -> Self {
         let [(sin, cos), (half_sin, half_cos)] = [sin_cos(degrees), sin_cos(0.5 * degrees)];
         Self { sin, cos, half_sin, half_cos }

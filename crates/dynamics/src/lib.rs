@@ -18,6 +18,7 @@
 //! payload or measurement noise, for example, changes nothing else of any robot. A robot that is
 //! given again moves to the same bits.
 
+#![warn(missing_docs)]
 #![expect(
     clippy::needless_range_loop,
     reason = "closures do not inline into functions compiled for other instructions; loops over indices do"

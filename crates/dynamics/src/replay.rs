@@ -16,6 +16,7 @@ use crate::{Joints, Robot};
 /// One robot with its initial state and its torques.
 #[derive(Clone, Copy, Debug)]
 pub struct Motion<'a> {
+    /// The robot that moves.
     pub robot: &'a Robot,
     /// Positions at the first sample, rad.
     pub q0: Joints<f64>,
@@ -33,6 +34,7 @@ pub struct Motion<'a> {
 /// diverge.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Anchor {
+    /// The sample at which the arm is set.
     pub sample: usize,
     /// rad.
     pub q: Joints<f64>,
@@ -51,8 +53,11 @@ pub struct ArmState {
 /// in the simulation, bit for bit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Replay {
+    /// Samples per second.
     pub rate_hz: f64,
+    /// The scheme between two samples.
     pub integrator: Integrator,
+    /// The format of the numbers.
     pub precision: Precision,
     /// The instruction set. It changes the time, but not the result.
     pub instructions: InstructionSet,
@@ -69,6 +74,7 @@ pub(crate) struct MotionBatch<'a> {
 }
 
 impl Replay {
+    /// The settings of a simulation, on the best instruction set.
     pub fn of(spec: &SimulateSpec) -> Self {
         Self {
             rate_hz: spec.rate_hz,

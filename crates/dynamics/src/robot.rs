@@ -17,6 +17,7 @@ pub struct Robot {
     pub damping: Joints<f64>,
     /// Reflected rotor inertia of each joint, kg·m².
     pub armature: Joints<f64>,
+    /// The places of the joints and of the hand.
     pub kinematics: Kinematics,
     /// Friction besides the damping.
     pub friction: Option<Friction>,
@@ -29,9 +30,11 @@ pub struct Robot {
 /// A solid sphere of even density, fixed to the hand.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Payload {
+    /// kg.
     pub mass_kg: f64,
     /// In the hand's frame, m.
     pub center_m: [f64; 3],
+    /// m.
     pub radius_m: f64,
 }
 
@@ -39,6 +42,7 @@ pub struct Payload {
 const GRAVITY: f64 = 9.81;
 
 impl Robot {
+    /// The number of joints.
     pub fn joints(&self) -> usize {
         self.links.len()
     }

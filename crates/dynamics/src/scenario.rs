@@ -16,7 +16,9 @@ pub struct Scenario {
     pub index: u64,
     /// Number of draws: 1 when the first was accepted.
     pub draws: u32,
+    /// The drawn robot.
     pub robot: Robot,
+    /// The family of the excitation.
     pub family: Family,
     /// The master frequency.
     pub frequency_hz: f64,
@@ -24,6 +26,7 @@ pub struct Scenario {
     pub q0: Joints<f64>,
     /// Velocities at t = 0, rad/s.
     pub qd0: Joints<f64>,
+    /// The torque law of each joint.
     pub torques: Torques,
 }
 
@@ -36,6 +39,7 @@ pub struct Scenarios<'a> {
 }
 
 impl<'a> Scenarios<'a> {
+    /// The scenarios of a checked spec.
     pub fn new(spec: &'a SimulateSpec) -> Self {
         let parts = Nominal::of(spec.robot.description());
         Self { spec, cells: spec.cells(), parts, nominal: Robot::nominal(&spec.robot) }
@@ -51,6 +55,7 @@ impl<'a> Scenarios<'a> {
         Kind::of([&self.nominal])
     }
 
+    /// The spec that scenarios are drawn by.
     pub fn spec(&self) -> &'a SimulateSpec {
         self.spec
     }

@@ -30,6 +30,7 @@ pub struct Trajectories {
     /// the spec asks for it: x, y, z in m and a unit quaternion qx, qy, qz, qw that begins with qw ≥ 0
     /// and never jumps to its negative.
     pub end_effector: Option<Vec<f32>>,
+    /// The random choices of each trajectory, of the draw that was accepted.
     pub scenarios: Vec<Scenario>,
     /// Number of draws that came too close to a joint limit, over all trajectories.
     pub rejected: u64,

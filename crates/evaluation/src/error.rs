@@ -1,5 +1,8 @@
+//! The errors of evaluations.
+
 use thiserror::Error;
 
+/// Why an evaluation has no result.
 #[derive(Debug, Error)]
 pub enum EvaluationError {
     #[error("predictor {predictor} gave {got} values, expected {expected}")]

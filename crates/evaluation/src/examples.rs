@@ -22,6 +22,7 @@ pub struct Examples {
 /// One scenario of a cell.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Example {
+    /// Its place among the scenarios.
     pub rank: ScenarioRank,
     /// The index of the cell.
     pub cell: usize,

@@ -1,3 +1,5 @@
+//! A predictor with a given answer.
+
 use series::Observed;
 
 use crate::predictor::Answer;
@@ -6,7 +8,9 @@ use crate::{EvaluationError, Predictor};
 /// The answers of a model that is not at hand, for the scenarios of one question.
 #[derive(Clone, Debug)]
 pub struct Given {
+    /// The name in tables and figures.
     pub name: String,
+    /// The answer to every question of the cell.
     pub answer: Answer,
 }
 

@@ -1,3 +1,5 @@
+//! Checkpoints as predictors.
+
 use std::sync::OnceLock;
 
 use models::{ModelError, Sampling, TrainedModel, WarmStart};
@@ -8,11 +10,14 @@ use crate::{EvaluationError, Predictor, Samples};
 
 /// A checkpoint as a predictor.
 pub struct Learned<'a> {
+    /// The name in tables and figures.
     pub name: String,
+    /// The checkpoint.
     pub model: &'a TrainedModel,
     /// The sampling of a denoiser, with the key of all samples. The seed is one of a spec. Each
     /// question sets `samples` and `warm_start`.
     pub sampling: Sampling,
+    /// Where the chain begins.
     pub start: Start,
     /// A shared place for the first, cold prediction. Predictors of the same model and sampling
     /// with shifted starts use it, so that only one of them computes it. It is for one [`Observed`]
@@ -31,14 +36,21 @@ pub enum Start {
     /// Its own prediction of `shift` samples ago, shifted in time, and denoised by `steps` levels:
     /// receding horizon. That prediction began with the one before, and so on back to the beginning
     /// of the recording, where the first one began with noise.
-    Shifted { shift: usize, steps: u32 },
+    Shifted {
+        /// Samples between two predictions.
+        shift: usize,
+        /// Levels by which the shifted prediction is denoised.
+        steps: u32,
+    },
 }
 
 /// A checkpoint whose normalization takes its statistics from the horizon too, as in the paper's
 /// code. It has access to the true horizon. So it is a separate predictor with its own name in
 /// every table.
 pub struct LeakyLearned<'a> {
+    /// The name in tables and figures.
     pub name: String,
+    /// The checkpoint.
     pub model: &'a TrainedModel,
     /// The recording, with the pre-roll of the observed window.
     pub scenarios: &'a SeriesView<'a>,
@@ -47,9 +59,13 @@ pub struct LeakyLearned<'a> {
 /// A denoiser that begins with the true horizon, noised to level `steps` - 1: the best possible
 /// warm start. It has access to the true horizon, like [`LeakyLearned`].
 pub struct OracleStarted<'a> {
+    /// The name in tables and figures.
     pub name: String,
+    /// The checkpoint.
     pub model: &'a TrainedModel,
+    /// The sampler and its steps.
     pub sampling: Sampling,
+    /// Steps of the chain.
     pub steps: u32,
     /// The recording, with the pre-roll of the observed window.
     pub scenarios: &'a SeriesView<'a>,

@@ -1,3 +1,5 @@
+//! What is evaluated: the trait of predictors, and their answers.
+
 use series::Observed;
 
 use crate::EvaluationError;
@@ -5,6 +7,7 @@ use crate::EvaluationError;
 /// Several equally likely answers to one question.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Samples {
+    /// Number of samples.
     pub count: usize,
     /// Positions `[sample, robot, horizon, joint]`, rad.
     pub positions: Vec<f32>,
@@ -15,6 +18,7 @@ pub struct Samples {
 pub struct Answer {
     /// Positions `[robot, horizon, joint]`, rad.
     pub positions: Vec<f32>,
+    /// Samples of its distribution.
     pub samples: Option<Samples>,
 }
 
@@ -31,6 +35,41 @@ impl Answer {
 }
 
 /// A predictor of the motion of arms.
+///
+/// This one predicts that arms go on with the velocity at the end of their context:
+///
+/// ```
+/// use evaluation::{EvaluationError, Predictor};
+/// use series::{Observed, Series, Shape};
+///
+/// struct GoOn;
+///
+/// impl Predictor for GoOn {
+///     fn name(&self) -> &str {
+///         "go-on"
+///     }
+///
+///     fn predict(&self, observed: &Observed<'_>) -> Result<Vec<f32>, EvaluationError> {
+///         let last = observed.context() - 1;
+///         let mut positions = Vec::new();
+///         for robot in 0..observed.robots() {
+///             let y = observed.y(robot);
+///             for sample in 1..=observed.horizon() {
+///                 for (now, before) in y[last].iter().zip(&y[last - 1]) {
+///                     positions.push(now + sample as f32 * (now - before));
+///                 }
+///             }
+///         }
+///         Ok(positions)
+///     }
+/// }
+///
+/// // One robot with one joint, at 60 Hz: four samples of context, two of horizon.
+/// let shape = Shape { robots: 1, samples: 6, joints: 1 };
+/// let arm = Series::new(shape, 60.0, vec![0.0; 6], vec![0.0, 1.0, 2.0, 3.0, 4.0, 5.0])?;
+/// assert_eq!(GoOn.predict(&arm.observed(4))?, [4.0, 5.0]);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub trait Predictor {
     /// The name in tables and figures.
     fn name(&self) -> &str;

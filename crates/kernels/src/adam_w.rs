@@ -1,3 +1,5 @@
+//! A step of AdamW.
+
 use burn::tensor::{Tensor, TensorData};
 use rayon::prelude::*;
 
@@ -12,7 +14,9 @@ const TASK: usize = 16_384;
 pub struct AdamWStep {
     /// Factor of the gradient. It is applied first.
     pub scale: f32,
+    /// β₁ and β₂: the decay of the averages of the gradient and of its square.
     pub betas: [f32; 2],
+    /// ε, which keeps the division finite.
     pub epsilon: f32,
     /// 1 / (1 - β₂ᵗ), the bias correction of the second moment.
     pub second_correction: f32,

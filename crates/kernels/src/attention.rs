@@ -1,3 +1,5 @@
+//! Multi-head attention of queries to keys and values, without the matrix of weights in memory.
+
 use burn::tensor::{Bool, Tensor, TensorData, activation};
 use rayon::prelude::*;
 
@@ -16,10 +18,16 @@ pub enum Mask {
     /// All source tokens.
     None,
     /// Token t attends to the sources up to t + `ahead`. With 0 these are itself and those before.
-    Causal { ahead: usize },
+    Causal {
+        /// Sources beyond its own that a token sees.
+        ahead: usize,
+    },
     /// The first `length` tokens attend to each other. Later tokens attend to these and to all
     /// tokens up to themselves (a prefix language model, Raffel et al. 2020).
-    Prefix { length: usize },
+    Prefix {
+        /// Tokens of the prefix.
+        length: usize,
+    },
 }
 
 /// softmax(Q Kᵀ / √width) V for each head. A head is `width = d_model / heads` neighbouring

@@ -1,3 +1,5 @@
+//! Convolutions over the samples of series.
+
 use std::sync::Arc;
 
 use burn::tensor::ops::ConvOptions;

@@ -1,3 +1,5 @@
+//! Transposed convolutions over the samples of series.
+
 use burn::tensor::ops::ConvTransposeOptions;
 use burn::tensor::{Tensor, module};
 

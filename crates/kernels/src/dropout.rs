@@ -1,3 +1,5 @@
+//! Dropout, with masks that are made again for the derivative.
+
 use std::sync::Arc;
 
 use burn::tensor::{Device, Tensor, TensorData};

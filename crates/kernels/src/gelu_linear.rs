@@ -1,3 +1,5 @@
+//! A linear layer of GELU, added to a residual.
+
 use std::f32::consts::FRAC_1_SQRT_2;
 
 use burn::tensor::Tensor;

@@ -1,3 +1,5 @@
+//! Group normalization, followed by Mish.
+
 use burn::tensor::Tensor;
 
 use super::fused::{Array, FusedOp, apply, operand};

@@ -1,3 +1,5 @@
+//! Layer normalization.
+
 use burn::tensor::{Tensor, module};
 
 use super::fused::{Array, FusedOp, apply, operand};

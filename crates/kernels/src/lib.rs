@@ -20,6 +20,8 @@
 //! The device is named wherever tensors are made. burn's default is never used, because it depends
 //! on the features of a build.
 
+#![warn(missing_docs)]
+
 mod adam_w;
 mod affine;
 #[cfg(test)]

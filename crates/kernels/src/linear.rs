@@ -1,3 +1,5 @@
+//! Linear layers.
+
 use burn::tensor::Tensor;
 
 use super::affine;

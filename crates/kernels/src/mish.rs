@@ -1,3 +1,5 @@
+//! Mish, x tanh(ln(1 + eˣ)).
+
 use burn::tensor::{Tensor, activation};
 
 use super::fused::{Array, FusedOp, apply, operand};

@@ -1,3 +1,5 @@
+//! Convolutions of normed and modulated inputs.
+
 use burn::tensor::Tensor;
 
 use super::conv1d::Conv1d;
@@ -10,7 +12,9 @@ use super::{conv1d, group_norm_mish, vectorized};
 /// channel, 1]`. The product comes before the sum.
 #[derive(Clone, Debug)]
 pub struct PerChannel {
+    /// The factor; 1 if there is none.
     pub scale: Option<Tensor<3>>,
+    /// The summand.
     pub shift: Tensor<3>,
 }
 

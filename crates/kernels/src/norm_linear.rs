@@ -1,3 +1,5 @@
+//! Linear layers of normed inputs.
+
 use burn::tensor::Tensor;
 
 use super::fused::{Array, FusedOp, apply, operand};

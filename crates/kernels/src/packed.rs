@@ -1,3 +1,5 @@
+//! Weights that are packed once for all products of a step.
+
 use std::borrow::Cow;
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -59,6 +61,7 @@ impl PackedWeight {
         Self { factors, kept: Arc::default() }
     }
 
+    /// What products with this weight read.
     pub fn factors(&self) -> Factors {
         self.factors
     }

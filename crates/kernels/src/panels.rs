@@ -1,3 +1,5 @@
+//! Factors of products, packed in the order in which they are read.
+
 use std::cell::RefCell;
 
 use rayon::prelude::*;

@@ -1,3 +1,5 @@
+//! Work on rows, shared out among threads.
+
 use std::mem::MaybeUninit;
 
 use rayon::prelude::*;

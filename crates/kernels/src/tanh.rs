@@ -1,3 +1,5 @@
+//! The hyperbolic tangent.
+
 use burn::tensor::Tensor;
 
 use super::fused::{Array, FusedOp, apply, operand};

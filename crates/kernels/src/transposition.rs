@@ -1,3 +1,5 @@
+//! Transposition of matrices in blocks.
+
 use simd::InstructionSet;
 
 use super::instruction_set::detected;

@@ -1,3 +1,5 @@
+//! The windows of a series that a convolution reads.
+
 /// The windows of a kernel in series `[channel, sample]`. Window j at tap t is sample `first + step
 /// j + t`, or 0 beyond the ends.
 #[derive(Clone, Copy)]

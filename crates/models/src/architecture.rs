@@ -42,7 +42,7 @@ impl Extents {
     }
 }
 
-/// A spec of an architecture, which makes models.
+/// A spec of an architecture, which makes models. The smallest one is in the tests below.
 pub(crate) trait Architecture {
     type Model: Model;
 
@@ -134,4 +134,98 @@ pub(crate) enum Draw {
     /// The mean, for a model that has one in closed form.
     Mean,
     Sample,
+}
+
+#[cfg(test)]
+mod tests {
+    use burn::module::Module;
+    use burn::tensor::Device;
+    use spec::PointLoss;
+
+    use super::*;
+    use crate::layers::Linear;
+
+    /// An architecture whose answer at each sample is a linear map of the torques there.
+    struct LinearSpec;
+
+    impl Architecture for LinearSpec {
+        type Model = LinearModel;
+
+        fn init(
+            &self,
+            Extents { joints, .. }: Extents,
+            weights: &mut InitialWeights<'_>,
+        ) -> Result<LinearModel, ModelError> {
+            Ok(LinearModel { map: Linear::new(joints, joints, weights) })
+        }
+    }
+
+    #[derive(Module, Debug)]
+    struct LinearModel {
+        map: Linear,
+    }
+
+    impl LinearModel {
+        /// Maps torques `[batch, sample, joint]` to y of the horizon `[batch, horizon, joint]`.
+        fn forward(&self, input: &ModelInput) -> Tensor<3> {
+            let [batch, samples, joints] = input.u.dims();
+            let [_, context, _] = input.y_context.dims();
+            self.map.forward(input.u.clone().slice([0..batch, context..samples, 0..joints]))
+        }
+    }
+
+    impl Model for LinearModel {
+        fn loss(&self, input: ModelInput, target: Tensor<3>, _: &mut Noise) -> Loss {
+            let unit = input.unit_of_horizon();
+            Loss::of_points(PointLoss::MeanSquare, self.forward(&input), target, unit)
+        }
+
+        fn answer(&self, input: ModelInput, _: Ask<'_>) -> Tensor<3> {
+            self.forward(&input)
+        }
+
+        fn kept(&self, Extents { horizon, joints, .. }: Extents) -> usize {
+            // The input of the map, its answer, and the errors before and after they are squared.
+            4 * horizon as usize * joints
+        }
+
+        fn is_generative(&self) -> bool {
+            false
+        }
+
+        fn for_inference(&self) -> Self {
+            self.valid()
+        }
+
+        fn visit<V: ModuleVisitor>(&self, visitor: &mut V) {
+            Module::visit(self, visitor);
+        }
+
+        fn map<M: ModuleMapper>(self, mapper: &mut M) -> Self {
+            Module::map(self, mapper)
+        }
+    }
+
+    #[test]
+    fn the_smallest_architecture_answers_over_the_horizon() {
+        let device = Device::flex();
+        let extents = Extents::new(5, 8, 2).unwrap();
+        let model = LinearSpec.init(extents, &mut InitialWeights::new(0, &device)).unwrap();
+        let series = |samples| Tensor::ones([3, samples, 2], &device);
+        let input = ModelInput {
+            u: series(8),
+            y_context: series(5),
+            seen_context: series(5),
+            path: series(8),
+            unit: series(8),
+            rate_hz: 60.0,
+            measurement_noise: MeasurementNoise::default(),
+        };
+        let mut noise = Noise::new(std::iter::empty());
+        let loss = model.loss(input.clone(), series(3), &mut noise);
+        assert_eq!((loss.errors.dims(), loss.count), ([3, 3, 2], 18));
+        let ask = Ask { steps: &[], warm: None, noise: &mut noise, draw: Draw::Mean };
+        assert_eq!(model.answer(input, ask).dims(), [3, 3, 2]);
+        assert_eq!(model.kept(extents), 24);
+    }
 }

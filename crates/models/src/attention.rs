@@ -1,3 +1,5 @@
+//! Multi-head attention, and keys and values that several queries share.
+
 use burn::module::Module;
 use burn::tensor::Tensor;
 use kernels::{Mask, PackedWeight};

@@ -1,3 +1,5 @@
+//! Dropout, with a mask for each place in a network.
+
 use burn::tensor::Tensor;
 use kernels::{DropoutKeys, DropoutMask};
 

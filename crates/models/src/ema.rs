@@ -1,3 +1,5 @@
+//! The exponential moving average of weights.
+
 use std::collections::BTreeMap;
 
 use burn::module::{ModuleMapper, Param};

@@ -1,7 +1,10 @@
+//! The errors of this crate.
+
 use thiserror::Error;
 
 /// An error in building, training, saving or loading a model, or in a prediction.
 #[derive(Debug, Error)]
+#[expect(missing_docs, reason = "messages say what variants and their fields mean")]
 pub enum ModelError {
     #[error("the model cannot be built: {field} is {value}, allowed: {allowed}")]
     Size { field: &'static str, value: u64, allowed: String },

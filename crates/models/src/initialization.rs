@@ -1,3 +1,5 @@
+//! Initial weights, drawn from a seed.
+
 use burn::module::{Param, ParamId};
 use burn::tensor::{Device, Tensor, TensorData};
 use random::{ChaCha12Rng, SeedableRng, unit_f32};

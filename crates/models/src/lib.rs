@@ -31,6 +31,8 @@
 //! as inputs, because its answers contain neither. The reference of a model's positions is made
 //! from what it observes alone.
 
+#![warn(missing_docs)]
+
 #[cfg(test)]
 mod agreement_with_pytorch;
 #[cfg(test)]

@@ -1,3 +1,5 @@
+//! The loss of a step, entry by entry.
+
 use burn::tensor::{Tensor, TensorData};
 use spec::PointLoss;
 

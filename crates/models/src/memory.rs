@@ -44,6 +44,7 @@ pub(crate) fn parameters_of(model: &SequenceModel) -> u64 {
 /// An estimate of the largest memory of a training.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TrainingMemory {
+    /// Number of parameters.
     pub parameters: u64,
     /// Bytes that follow from the parameters: weights, gradients, moments, averages.
     pub state_bytes: u64,

@@ -1,3 +1,5 @@
+//! Torques and positions in units of their mean and standard deviation.
+
 use burn::tensor::{Device, Tensor, TensorData};
 use serde::{Deserialize, Serialize};
 use series::{Observed, SeriesView, Shape, Track};
@@ -15,9 +17,13 @@ pub(crate) const SMALLEST_STANDARD_DEVIATION: f32 = 1e-3;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Statistics {
+    /// Mean torque of each joint, N·m.
     pub u_mean: Vec<f32>,
+    /// Standard deviation of its torque, N·m.
     pub u_std: Vec<f32>,
+    /// Mean position of each joint, rad.
     pub y_mean: Vec<f32>,
+    /// Standard deviation of its position, rad.
     pub y_std: Vec<f32>,
 }
 
@@ -55,6 +61,7 @@ pub struct StatisticsAccumulator {
 }
 
 impl StatisticsAccumulator {
+    /// No samples yet, for an arm of so many joints.
     pub fn new(joints: usize) -> Self {
         Self { u: ChannelSums::new(joints), y: ChannelSums::new(joints) }
     }

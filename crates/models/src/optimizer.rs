@@ -1,3 +1,5 @@
+//! AdamW, with the state of each parameter.
+
 use std::collections::BTreeMap;
 
 use burn::module::{ModuleMapper, Param};

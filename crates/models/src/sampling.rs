@@ -1,3 +1,5 @@
+//! How a denoiser makes its answers: sampler, steps and start.
+
 use series::Observed;
 use spec::{Generation, SamplerSpec};
 
@@ -16,6 +18,7 @@ pub struct Sampling {
     /// Scenario of the first trajectory. The others follow. The samples of a scenario do not depend
     /// on the other trajectories of the call.
     pub first_scenario: u64,
+    /// Where chains begin, unless they begin at noise.
     pub warm_start: Option<WarmStart>,
 }
 
@@ -30,6 +33,7 @@ pub struct WarmStart {
     /// Samples between the two predictions, 1 in the paper. Samples beyond the end of the previous
     /// prediction repeat its last one.
     pub shift: usize,
+    /// Steps from there on.
     pub steps: u32,
 }
 

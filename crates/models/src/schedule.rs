@@ -1,3 +1,5 @@
+//! The learning rate of each step.
+
 use std::f64::consts::PI;
 
 use spec::{OptimizerSpec, TrainSpec};

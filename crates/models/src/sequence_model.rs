@@ -1,3 +1,5 @@
+//! A model of any of the architectures.
+
 use burn::module::{ModuleMapper, ModuleVisitor};
 use burn::tensor::Tensor;
 use spec::ModelSpec;

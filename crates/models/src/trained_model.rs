@@ -1,3 +1,5 @@
+//! A model that predicts, from the files of a checkpoint.
+
 use kernels::Interrupt;
 use series::{Observed, SeriesView};
 use spec::{Length, ModelSpec};
@@ -137,14 +139,17 @@ impl TrainedModel {
         self.config.joints
     }
 
+    /// Samples per second of the trajectories that it was trained on.
     pub fn rate_hz(&self) -> f64 {
         self.config.rate_hz
     }
 
+    /// The architecture and its sizes.
     pub fn architecture(&self) -> &ModelSpec {
         &self.config.model
     }
 
+    /// The checkpoint's description.
     pub fn config(&self) -> &CheckpointConfig {
         &self.config
     }

@@ -1,3 +1,5 @@
+//! Training: one step of the optimizer for each batch.
+
 use std::collections::BTreeMap;
 
 use kernels::Interrupt;
@@ -36,6 +38,7 @@ pub struct TrainingData {
     pub samples: u32,
     /// Joints of the arm.
     pub joints: usize,
+    /// Samples per second.
     pub rate_hz: f64,
     /// Statistics of the training trajectories. Only [`spec::Normalization::Dataset`] needs them.
     pub statistics: Option<Statistics>,
@@ -94,6 +97,7 @@ pub struct StepReport {
     pub loss: f64,
     /// Euclidean norm over all parameters, before clipping.
     pub gradient_norm: f64,
+    /// The learning rate of the step.
     pub learning_rate: f64,
 }
 

@@ -1,8 +1,11 @@
+//! Errors of a model on trajectories that it is not trained on.
+
 use series::{Series, SeriesView, Shape};
 
 /// The part of a batch with which a model is validated.
 #[derive(Clone, Debug)]
 pub struct ValidationPart<'a> {
+    /// The trajectories.
     pub batch: SeriesView<'a>,
     /// Index of the batch's first trajectory in the whole validation. The noise of a trajectory is
     /// keyed by its index, so it is the same at every validation.

@@ -9,7 +9,8 @@ use std::ops::{Add, Mul, Neg, Sub};
 use crate::{Exponential, Lanes, MAX_LANES, Trigonometry, exponential, trigonometry};
 
 macro_rules! array_lanes {
-    ($name:ident, $scalar:ty, $bits:ty, $trigonometry:expr, $exponential:expr, $round:expr) => {
+    ($(#[$doc:meta])* $name:ident, $scalar:ty, $bits:ty, $trigonometry:expr, $exponential:expr, $round:expr) => {
+        $(#[$doc])*
         #[derive(Clone, Copy)]
         #[repr(C, align(32))]
         pub struct $name<const N: usize>([$scalar; N]);
@@ -163,5 +164,11 @@ pub(crate) fn rounded(value: f64) -> f32 {
     value as f32
 }
 
-array_lanes!(F32Array, f32, u32, trigonometry::F32, exponential::F32, rounded);
-array_lanes!(F64Array, f64, u64, trigonometry::F64, exponential::F64, std::convert::identity);
+array_lanes!(
+    /// `N` lanes in single precision.
+    F32Array, f32, u32, trigonometry::F32, exponential::F32, rounded
+);
+array_lanes!(
+    /// `N` lanes in double precision.
+    F64Array, f64, u64, trigonometry::F64, exponential::F64, std::convert::identity
+);

@@ -1,3 +1,5 @@
+//! The exponential in lanes.
+
 use std::f64::consts::LOG2_E;
 
 use crate::Lanes;

@@ -1,3 +1,5 @@
+//! The choice of a processor's instructions.
+
 use std::fmt;
 use std::str::FromStr;
 use std::sync::OnceLock;

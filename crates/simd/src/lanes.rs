@@ -13,6 +13,7 @@ pub const MAX_LANES: usize = 16;
 
 /// A computation in lanes of the type `L`.
 pub trait Kernel<L> {
+    /// The result.
     type Output;
 
     /// Does the computation. Implementations are `#[inline(always)]`, so that [`Lanes::run`]
@@ -75,6 +76,7 @@ macro_rules! with_f64_lanes {
 pub trait Lanes:
     Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Neg<Output = Self>
 {
+    /// The number of lanes.
     const LANES: usize;
     /// Coefficients that make [`Lanes::sin_cos`] as accurate as the number format.
     const TRIGONOMETRY: Trigonometry;
@@ -89,11 +91,13 @@ pub trait Lanes:
         kernel.run()
     }
 
+    /// The same number in every lane, rounded to its format.
     fn splat(value: f64) -> Self;
     /// `self · b + c`, rounded once.
     fn mul_add(self, b: Self, c: Self) -> Self;
     /// `c − self · b`, rounded once.
     fn neg_mul_add(self, b: Self, c: Self) -> Self;
+    /// 1 / `self`.
     fn recip(self) -> Self;
     /// The greater one; unspecified if one is NaN.
     fn max(self, other: Self) -> Self;
@@ -105,6 +109,7 @@ pub trait Lanes:
     /// the result is in the normal range.
     fn doubled(self, power: Self) -> Self;
 
+    /// The number of a lane.
     fn lane(&self, lane: usize) -> f64;
     /// Rounds `value` to the lane's format.
     fn set_lane(&mut self, lane: usize, value: f64);

@@ -9,6 +9,7 @@
 //! Everything is `#[inline(always)]`, because closures and calls do not inline across
 //! `#[target_feature]`.
 
+#![warn(missing_docs)]
 #![expect(
     clippy::needless_range_loop,
     reason = "closures do not inline into functions compiled for other instructions; loops over indices do"

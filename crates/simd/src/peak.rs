@@ -1,3 +1,5 @@
+//! The fastest multiply-adds of a processor.
+
 use std::hint::black_box;
 
 use crate::{F32Array, InstructionSet, Lanes};

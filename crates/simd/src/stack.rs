@@ -1,3 +1,5 @@
+//! The alignment of the stack.
+
 use std::hint::black_box;
 use std::mem::MaybeUninit;
 

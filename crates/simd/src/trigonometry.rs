@@ -1,3 +1,5 @@
+//! Sine and cosine in lanes.
+
 use std::f64::consts::FRAC_2_PI;
 
 use crate::Lanes;

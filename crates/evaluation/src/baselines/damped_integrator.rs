@@ -1,3 +1,5 @@
+//! A baseline of dampings alone, which are known.
+
 use series::Observed;
 
 use super::rollout::rollout;

@@ -1,3 +1,5 @@
+//! Baselines on contexts whose noise is removed first.
+
 use models::Interrupt;
 use series::Smoother;
 use series::{Observed, Series, Shape, ShapeError};

@@ -1,3 +1,5 @@
+//! A baseline of dampings alone, which are fitted.
+
 use series::Observed;
 
 use super::rollout::rollout;

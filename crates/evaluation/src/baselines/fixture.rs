@@ -1,3 +1,5 @@
+//! Arms for tests of baselines.
+
 use series::{Series, Shape};
 
 use super::rollout::to_f32;

@@ -1,3 +1,5 @@
+//! The baseline that predicts no motion.
+
 use series::Observed;
 
 use super::rollout::rollout;

@@ -1,3 +1,5 @@
+//! A linear baseline of the first order.
+
 use nalgebra::{Matrix3, Vector3};
 use series::Observed;
 

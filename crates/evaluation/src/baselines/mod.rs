@@ -28,9 +28,13 @@ pub(crate) use rollout::to_f32;
 /// drawn, the ranges of the draws, and the simulation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NominalArm {
+    /// The arm and how robots differ from it.
     pub robot: RobotSpec,
+    /// Samples per second.
     pub rate_hz: f64,
+    /// The scheme of the simulation.
     pub integrator: Integrator,
+    /// The format of its numbers.
     pub precision: Precision,
 }
 

@@ -36,6 +36,7 @@ pub trait Forecast {
 
 /// One of the compared controllers.
 pub struct Controller<'a> {
+    /// Name of the model.
     pub name: String,
     /// The forecast. With `None` no torque acts.
     pub forecast: Option<Box<dyn Forecast + 'a>>,
@@ -65,7 +66,9 @@ impl Controller<'_> {
 /// A simulator of an arm that starts from the true state. Plans are its lanes.
 #[derive(Clone, Debug)]
 pub struct Simulated {
+    /// The robot whose motion is forecast.
     pub robot: Robot,
+    /// How it is simulated.
     pub replay: Replay,
 }
 
@@ -93,12 +96,14 @@ impl Forecast for Simulated {
 
 /// A forecast by a predictor, from the latest samples and the torques of a plan.
 pub struct Foreseen<P> {
+    /// The predictor that is asked.
     pub predictor: P,
     /// Samples of the predictor's context.
     pub context: usize,
     /// Samples of the predictor's horizon. `None` if it can be as long as a plan. The last torques
     /// of a plan are held after its end.
     pub horizon: Option<usize>,
+    /// Samples per second.
     pub rate_hz: f64,
 }
 

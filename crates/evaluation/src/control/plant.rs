@@ -1,3 +1,5 @@
+//! The robot that is controlled.
+
 use std::ops::ControlFlow;
 
 use dynamics::{ArmState, DynamicsError, Joints, Motion, Replay, Robot};
@@ -46,10 +48,12 @@ impl Plant {
         Ok(plant)
     }
 
+    /// The robot.
     pub fn robot(&self) -> &Robot {
         &self.robot
     }
 
+    /// Its positions and velocities now.
     pub fn state(&self) -> &ArmState {
         &self.state
     }
@@ -74,6 +78,7 @@ impl Plant {
         }
     }
 
+    /// Whether the state is finite.
     pub fn is_finite(&self) -> bool {
         let ArmState { q, qd } = &self.state;
         q.iter().chain(qd).all(|value| value.is_finite())

@@ -1,3 +1,5 @@
+//! The path that a robot should follow.
+
 use dynamics::Joints;
 use spec::{ControlPath, Range};
 

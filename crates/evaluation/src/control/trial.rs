@@ -1,3 +1,5 @@
+//! Trials of controllers on one robot.
+
 use std::ops::ControlFlow;
 use std::time::Instant;
 
@@ -28,9 +30,11 @@ pub struct Experiment<'a> {
 pub struct RobotTrials {
     /// Index of the robot's trajectory in the simulation.
     pub robot: u64,
+    /// Joints of the arm.
     pub joints: usize,
     /// Number of threads that computed.
     pub threads: usize,
+    /// The trials, one per controller.
     pub trials: Vec<Trial>,
     /// Ranges of the motions that lie outside of those of the checkpoints' trainings.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -40,10 +44,12 @@ pub struct RobotTrials {
 /// One controller on one robot.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Trial {
+    /// Name of the controller.
     pub controller: String,
     /// `None` if the controller failed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tracking: Option<Tracking>,
+    /// Why the trial ended early.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub failure: Option<String>,
     /// Root mean square over joints in degrees, at each sample from the first one after a torque.

@@ -1,3 +1,5 @@
+//! Figures over the frequencies of a grid.
+
 use figures::{Axis, Band, Curve, Figure, Point, SERIES_ALLOWED};
 use spec::Family;
 use wire::{CellSummary, Interval, PredictorInfo, Report, at_noise};

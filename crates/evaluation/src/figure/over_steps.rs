@@ -1,3 +1,5 @@
+//! Figures over the samples of the horizon.
+
 use figures::{Axis, Curve, Figure, Point, SERIES_ALLOWED};
 use wire::{GroupSummary, PredictorInfo, Report, SamplingInfo};
 

@@ -1,11 +1,16 @@
+//! The figure of one scenario with its predictions.
+
 use figures::{Axis, Band, Curve, Figure, Point, SERIES_ALLOWED};
 use series::SeriesView;
 use wire::{DrawnScenario, PredictorKind, ScenarioRank, at_noise};
 
 /// The predictions of one predictor, `[horizon, joint]`, rad.
 pub struct DrawnAnswer {
+    /// Name of the predictor.
     pub name: String,
+    /// Kind of the predictor.
     pub kind: PredictorKind,
+    /// Positions of the horizon, `[sample, joint]`, rad.
     pub positions: Vec<f32>,
 }
 

@@ -1,3 +1,5 @@
+//! The band of an excitation.
+
 use std::f64::consts::TAU;
 
 use series::SeriesView;

@@ -1,3 +1,5 @@
+//! Jumps of the error from sample to sample.
+
 /// How smoothly one joint's prediction continues from the last measured position and from sample to
 /// sample, in degrees.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,3 +1,5 @@
+//! The continuous ranked probability score.
+
 /// Continuous ranked probability score of samples of one number, in its unit. It is the fair
 /// estimator
 ///

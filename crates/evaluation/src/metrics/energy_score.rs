@@ -1,3 +1,5 @@
+//! The energy score.
+
 /// Energy score of samples of a whole series, in the unit of its entries. It is the fair estimator
 ///
 /// mean ‖x_i - y‖ - Σ_i Σ_j ‖x_i - x_j‖ / (2 K (K - 1))

@@ -1,3 +1,5 @@
+//! Coverage and width of central intervals.
+
 /// The central interval with `probability` of the distribution of the `sorted` samples.
 ///
 /// Its ends are the order statistics at p (K + 1), counted from 1 and interpolated. If this is a

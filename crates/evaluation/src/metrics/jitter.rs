@@ -1,3 +1,5 @@
+//! Motion above the band of the excitation.
+
 use std::f64::consts::TAU;
 
 use crate::metrics::LowPass;

@@ -1,3 +1,5 @@
+//! How far predictions lie beyond the limits of joints.
+
 use spec::Range;
 
 /// A rollout with an error above this has diverged, degrees. After half a turn, a joint's position

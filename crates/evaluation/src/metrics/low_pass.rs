@@ -1,3 +1,5 @@
+//! A zero-phase low-pass.
+
 use std::f64::consts::PI;
 
 /// Butterworth low-pass of order 4, run forwards and backwards. So nothing is shifted in time, and

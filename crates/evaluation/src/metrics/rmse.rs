@@ -1,3 +1,5 @@
+//! The root mean square error.
+
 use series::SeriesView;
 
 /// RMSE of each scenario in degrees: sqrt(mean over the horizon of e²) per joint, then the mean

@@ -1,3 +1,5 @@
+//! The hyperbolic tangent against that of the standard library.
+
 use burn::tensor::{Device, Tensor};
 
 use super::super::tanh;

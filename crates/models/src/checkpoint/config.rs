@@ -1,3 +1,5 @@
+//! The description of a checkpoint, `config.json`.
+
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
@@ -21,7 +23,9 @@ const BURN_VERSION: &str = "0.22.1";
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CheckpointConfig {
+    /// The version of the format, [`super::FORMAT_VERSION`] for new checkpoints.
     pub format_version: u32,
+    /// The architecture and its sizes.
     pub model: ModelSpec,
     /// Samples the model is given.
     pub context: u32,
@@ -32,12 +36,15 @@ pub struct CheckpointConfig {
     /// Joints of the arm. The file leaves the field out when there are seven.
     #[serde(default = "seven", skip_serializing_if = "is_seven")]
     pub joints: usize,
+    /// Samples per second of the training data.
     pub rate_hz: f64,
     /// The normalization, with its statistics where these are fixed.
     pub normalizer: Normalizer,
+    /// Number of parameters.
     pub parameters: u64,
     /// Optimizer steps taken.
     pub step: u64,
+    /// The seed of the training.
     pub seed: u64,
     /// Digest of the training's spec.
     pub spec_digest: String,
@@ -61,6 +68,7 @@ pub struct CheckpointConfig {
     /// The device that computed the checkpoint, if torqued opened it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub device: Option<DeviceDescription>,
+    /// The versions that wrote the checkpoint.
     pub versions: Versions,
 }
 
@@ -75,7 +83,9 @@ const fn is_seven(joints: &usize) -> bool {
 /// The programs that made the checkpoint.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Versions {
+    /// Version of torqued.
     pub torqued: String,
+    /// Version of burn.
     pub burn: String,
 }
 

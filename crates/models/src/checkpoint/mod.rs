@@ -26,15 +26,21 @@ use crate::sequence_model::SequenceModel;
 
 pub use config::{CheckpointConfig, FORMAT_VERSION, Versions};
 
+/// The weights.
 pub const MODEL_FILE: &str = "model.safetensors";
+/// What a training needs to go on.
 pub const OPTIMIZER_FILE: &str = "optimizer.safetensors";
+/// A [`CheckpointConfig`].
 pub const CONFIG_FILE: &str = "config.json";
 
 /// The bytes of a checkpoint's files.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct CheckpointFiles {
+    /// Bytes of [`MODEL_FILE`].
     pub model: Vec<u8>,
+    /// Bytes of [`OPTIMIZER_FILE`].
     pub optimizer: Vec<u8>,
+    /// Bytes of [`CONFIG_FILE`].
     pub config: Vec<u8>,
 }
 

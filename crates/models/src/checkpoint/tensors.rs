@@ -1,3 +1,5 @@
+//! Tensors in the bytes of a safetensors file.
+
 use std::borrow::Cow;
 use std::collections::HashMap;
 

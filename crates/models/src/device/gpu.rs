@@ -1,3 +1,5 @@
+//! The adapter that a GPU backend opens.
+
 use std::sync::OnceLock;
 
 use burn::tensor::wgpu::{WgpuBackend, WgpuInitError, wgpu};

@@ -1,3 +1,5 @@
+//! The kinds of devices.
+
 use std::fmt::{self, Display};
 use std::str::FromStr;
 
@@ -18,6 +20,7 @@ pub enum DeviceKind {
 }
 
 impl DeviceKind {
+    /// All kinds.
     pub const ALL: [Self; 4] = [Self::Cpu, Self::Gpu, Self::Cuda, Self::NdArray];
 
     /// The kinds that this program was built with.
@@ -25,6 +28,7 @@ impl DeviceKind {
         Self::ALL.into_iter().filter(|kind| kind.is_built())
     }
 
+    /// The name on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Cpu => "cpu",
@@ -42,6 +46,7 @@ impl DeviceKind {
         }
     }
 
+    /// Whether this program was built with support for it.
     pub fn is_built(self) -> bool {
         match self {
             Self::Cpu => true,

@@ -36,6 +36,7 @@ pub struct DeviceDescription {
     /// results do not depend on which processor computes.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub adapter: Option<String>,
+    /// Name and version of the driver.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub driver: Option<String>,
     /// Whether the adapter is software that emulates a GPU on the processor.
@@ -50,6 +51,7 @@ pub(crate) fn host_values<const D: usize>(tensor: Tensor<D>) -> Result<Vec<f32>,
 
 /// Why a device cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
+#[expect(missing_docs, reason = "messages say what variants and their fields mean")]
 pub enum DeviceError {
     #[error("unknown device `{name}`, allowed: {}", built())]
     Unknown { name: String },
@@ -100,10 +102,12 @@ impl Device {
         }
     }
 
+    /// The kind of this device.
     pub fn kind(&self) -> DeviceKind {
         self.kind
     }
 
+    /// What is known of this device.
     pub fn description(&self) -> &DeviceDescription {
         &self.description
     }

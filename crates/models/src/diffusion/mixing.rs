@@ -1,3 +1,5 @@
+//! How much noise each level has, and what a network predicts there.
+
 use spec::{DiffusionSpec, FlowSpec, Prediction, SamplerSpec};
 
 use super::flow::Flow;

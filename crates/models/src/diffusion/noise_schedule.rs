@@ -1,3 +1,5 @@
+//! The share of signal at each noise level of a diffusion.
+
 use std::f64::consts::FRAC_PI_2;
 
 use spec::DiffusionSpec;

@@ -1,3 +1,5 @@
+//! The diffusion or flow of a model: noise that training adds, and chains that remove it.
+
 use burn::tensor::{Device, Tensor, TensorData};
 use spec::{DiffusionSpec, FlowSpec, LossMean, SamplerSpec};
 

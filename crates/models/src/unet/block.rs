@@ -1,3 +1,5 @@
+//! Blocks of a U-Net: two convolutions with a condition between them.
+
 use burn::module::Module;
 use burn::tensor::Tensor;
 use kernels::mish;

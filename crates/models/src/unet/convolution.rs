@@ -1,3 +1,5 @@
+//! Convolutions over the samples of a series.
+
 use burn::module::{Module, Param};
 use burn::tensor::Tensor;
 use kernels::{PackedKernel, PerChannel};

@@ -1,3 +1,5 @@
+//! Group normalization, followed by Mish.
+
 use burn::module::{Module, Param};
 use burn::tensor::Tensor;
 

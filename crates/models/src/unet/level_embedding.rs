@@ -1,3 +1,5 @@
+//! The noise level as a network sees it.
+
 use burn::module::Module;
 use burn::tensor::{Device, Tensor, TensorData};
 use kernels::mish;
