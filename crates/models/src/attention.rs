@@ -4,9 +4,8 @@ use burn::module::Module;
 use burn::tensor::Tensor;
 use kernels::{Mask, PackedWeight};
 
-use crate::dropout::Dropout;
 use crate::initialization::InitialWeights;
-use crate::layers::{LayerNorm, Linear};
+use crate::layers::{Dropout, LayerNorm, Linear};
 use crate::transformer::BlockShape;
 
 /// Multi-head scaled dot-product attention (Vaswani et al. 2017), with biases.

@@ -8,7 +8,7 @@ use spec::PointLoss;
 
 use crate::architecture::{Ask, Extents, Model, ModelInput};
 use crate::diffusion::{Painted, Process, Step};
-use crate::known_inputs::KnownInputs;
+use crate::frame::KnownInputs;
 use crate::loss::Loss;
 use crate::randomness::Noise;
 

@@ -9,8 +9,8 @@ use crate::ModelError;
 use crate::architecture::{Architecture, Extents};
 use crate::denoiser::{Denoiser, Network, Task, Torques};
 use crate::diffusion::Process;
+use crate::frame::KnownInputs;
 use crate::initialization::InitialWeights;
-use crate::known_inputs::KnownInputs;
 use crate::sizes::{LARGEST_RATIO, LARGEST_WIDTH, multiple, within};
 use crate::unet::{LevelEmbedding, Modulation, UNet, UNetConfig, check_stages};
 

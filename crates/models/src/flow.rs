@@ -7,8 +7,8 @@ use crate::architecture::{Architecture, Extents};
 use crate::cdcnn::{Cdcnn, CdcnnSizes};
 use crate::denoiser::{Denoiser, Task, Torques};
 use crate::diffusion::Process;
+use crate::frame::KnownInputs;
 use crate::initialization::InitialWeights;
-use crate::known_inputs::KnownInputs;
 
 impl Architecture for FlowSpec {
     type Model = Denoiser<Cdcnn>;

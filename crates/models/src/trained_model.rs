@@ -43,6 +43,10 @@ impl TrainedModel {
         })
     }
 
+    /// The model of the files of a checkpoint.
+    ///
+    /// # Errors
+    /// Those of [`TrainedModel::load`].
     pub fn from_files(files: &CheckpointFiles, device: &Device) -> Result<Self, ModelError> {
         Self::load(&files.model, &files.config, device)
     }

@@ -8,9 +8,8 @@ use kernels::{Factors, Mask};
 use spec::MatmulPrecision;
 
 use crate::attention::{Attention, Sources};
-use crate::dropout::Dropout;
 use crate::initialization::InitialWeights;
-use crate::layers::{LayerNorm, Linear};
+use crate::layers::{Dropout, LayerNorm, Linear};
 
 /// Sizes of a block, and the numbers that its products read.
 #[derive(Clone, Copy, Debug)]

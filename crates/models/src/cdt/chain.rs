@@ -6,7 +6,7 @@ use kernels::Mask;
 
 use super::{AHEAD, Cdt};
 use crate::device::host_values;
-use crate::dropout::Dropout;
+use crate::layers::Dropout;
 use crate::transformer::{Seen, patches};
 
 /// Trajectories, each at one noise level, whose contexts are computed together: enough for

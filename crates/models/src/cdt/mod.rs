@@ -11,9 +11,9 @@ use crate::ModelError;
 use crate::architecture::{Architecture, Extents};
 use crate::denoiser::{Denoiser, Network, Task, Torques};
 use crate::diffusion::{Process, Step};
-use crate::dropout::Dropout;
+use crate::frame::KnownInputs;
 use crate::initialization::{InitialWeights, POSITION_STANDARD_DEVIATION};
-use crate::known_inputs::KnownInputs;
+use crate::layers::Dropout;
 use crate::layers::{LayerNorm, Linear, add_positions};
 use crate::sizes::{
     LARGEST_RATIO, LARGEST_WIDTH, MOST_LAYERS, MOST_SAMPLES, divides, multiple, within,

@@ -7,7 +7,7 @@
 
 use spec::{FLOW_LEVELS, FLOW_STEPS, FlowPrediction, FlowSpec, SamplerKind, SamplerSpec};
 
-use super::prediction::Mix;
+use super::mixing::Mix;
 use super::sampler::{Step, visited};
 
 /// A flow with the settings of its training.

@@ -10,7 +10,6 @@ mod flow;
 mod known_answers;
 mod mixing;
 mod noise_schedule;
-mod prediction;
 mod process;
 mod sampler;
 

@@ -3,8 +3,7 @@
 use burn::tensor::{Device, Tensor, TensorData};
 use spec::{DiffusionSpec, FlowSpec, LossMean, SamplerSpec};
 
-use super::mixing::Mixing;
-use super::prediction::{CLEAN, Mix};
+use super::mixing::{CLEAN, Mix, Mixing};
 use super::sampler::Step;
 use crate::loss::Loss;
 use crate::randomness::Noise;

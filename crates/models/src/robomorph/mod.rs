@@ -9,9 +9,9 @@ use spec::{Head, Output, PointLoss, RoboMorphSpec};
 
 use crate::ModelError;
 use crate::architecture::{Architecture, Ask, Draw, Extents, Model, ModelInput};
-use crate::dropout::Dropout;
+use crate::frame::KnownInputs;
 use crate::initialization::{InitialWeights, POSITION_STANDARD_DEVIATION};
-use crate::known_inputs::KnownInputs;
+use crate::layers::Dropout;
 use crate::layers::{LayerNorm, Linear, add_positions};
 use crate::loss::Loss;
 use crate::randomness::Noise;

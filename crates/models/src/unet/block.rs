@@ -4,8 +4,7 @@ use burn::module::Module;
 use burn::tensor::Tensor;
 use kernels::mish;
 
-use super::convolution::Conv1d;
-use super::group_norm::GroupNormMish;
+use super::convolution::{Conv1d, GroupNormMish};
 use crate::initialization::InitialWeights;
 use crate::layers::Linear;
 

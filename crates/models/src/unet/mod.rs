@@ -5,7 +5,6 @@
 
 mod block;
 mod convolution;
-mod group_norm;
 mod level_embedding;
 
 use burn::module::Module;
