@@ -2,7 +2,7 @@
 step of Adam, and the results of all steps of a sampler for given noise. `src/agreement_with_pytorch.rs` must compute
 the same numbers.
 
-    PYTHONPATH=../../../python python denoisers.py [NAME ...]
+    PYTHONPATH=../../../../python python denoisers.py [NAME ...]
 
 For a new one, write ../data/NAME/config.json first. Only its field `model` is read. Without names, all files are made.
 """

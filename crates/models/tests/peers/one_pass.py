@@ -1,7 +1,7 @@
 """Makes the files of ../data/NAME/ for models that answer in one pass: PyTorch's weights, their predictions,
 gradients, and the weights after four optimizer steps. `src/agreement_with_pytorch.rs` must compute the same numbers.
 
-    PYTHONPATH=../../../python python one_pass.py [NAME ...]
+    PYTHONPATH=../../../../python python one_pass.py [NAME ...]
 
 For a new one, write ../data/NAME/config.json first. Only its field `model` is read. Without names, all files are made.
 """
