@@ -37,7 +37,7 @@ def frames(config: dict, u: Tensor, y_context: Tensor, y_mean: Tensor, y_std: Te
 
 
 def known_series_per_joint(config: dict) -> int:
-    """The number of known series per joint, the twin of `crates/models/src/known_inputs.rs`."""
+    """The number of known series per joint, the twin of `crates/models/src/frame.rs`."""
     return 1 if config["model"].get("residual", "none") == "none" else 3
 
 

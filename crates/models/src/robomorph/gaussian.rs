@@ -18,7 +18,7 @@ const LARGEST_LOG_VARIANCE: f32 = 4.0;
 /// Splits the output of a head `[batch, sample, 2 · channel]` into the mean and the logarithm of
 /// the variance, `[batch, sample, channel]` each. The bounds are soft (Chua et al. 2018), so that
 /// every entry has a gradient.
-pub(super) fn split(numbers: Tensor<3>) -> (Tensor<3>, Tensor<3>) {
+pub(super) fn split(numbers: &Tensor<3>) -> (Tensor<3>, Tensor<3>) {
     let [mean, raw] = halves(numbers);
     // softplus(x) = x + softplus(-x). In this form the added terms are small within the bounds.
     let above = activation::softplus(raw.clone() - LARGEST_LOG_VARIANCE, 1.0);
@@ -29,7 +29,7 @@ pub(super) fn split(numbers: Tensor<3>) -> (Tensor<3>, Tensor<3>) {
 }
 
 /// The first and the second half of the channels.
-pub(super) fn halves(numbers: Tensor<3>) -> [Tensor<3>; 2] {
+pub(super) fn halves(numbers: &Tensor<3>) -> [Tensor<3>; 2] {
     let [batch, samples, width] = numbers.dims();
     let channels = width / NUMBERS;
     [0..channels, channels..width]
@@ -37,7 +37,7 @@ pub(super) fn halves(numbers: Tensor<3>) -> [Tensor<3>; 2] {
 }
 
 /// Negative log-likelihood of each entry, without the constant ½ ln 2π.
-pub(super) fn negative_log_likelihood(numbers: Tensor<3>, truth: Tensor<3>) -> Tensor<3> {
+pub(super) fn negative_log_likelihood(numbers: &Tensor<3>, truth: Tensor<3>) -> Tensor<3> {
     let (mean, log_variance) = split(numbers);
     let squares = (truth - mean).square() * log_variance.clone().neg().exp();
     (squares + log_variance) * 0.5
@@ -56,7 +56,7 @@ mod tests {
 
     #[test]
     fn the_variance_is_free_between_its_bounds_and_never_beyond() {
-        let log_variance = |raw| host_values(split(numbers(0.0, raw)).1).unwrap()[0];
+        let log_variance = |raw| host_values(split(&numbers(0.0, raw)).1).unwrap()[0];
         for raw in [-6.0, -2.0, 0.0] {
             assert!((log_variance(raw) - raw).abs() < 0.03, "{raw}: {}", log_variance(raw));
         }
@@ -68,8 +68,8 @@ mod tests {
     #[test]
     fn the_likelihood_is_the_normal_distributions() {
         let truth = Tensor::from_data(TensorData::new(vec![1.5_f32], [1, 1, 1]), &Device::flex());
-        let found = host_values(negative_log_likelihood(numbers(0.5, -1.0), truth)).unwrap()[0];
-        let log_variance = host_values(split(numbers(0.5, -1.0)).1).unwrap()[0];
+        let found = host_values(negative_log_likelihood(&numbers(0.5, -1.0), truth)).unwrap()[0];
+        let log_variance = host_values(split(&numbers(0.5, -1.0)).1).unwrap()[0];
         let expected = 0.5 * ((-log_variance).exp() + log_variance);
         assert!((found - expected).abs() < 1e-6, "{found} {expected}");
     }

@@ -140,7 +140,7 @@ impl RoboMorph {
             // As large as a sum of as many independent samples is.
             (Output::Displacements, Head::Point) => numbers.cumsum(1) * per_step,
             (Output::Displacements, Head::Gaussian) => {
-                let [mean, rest] = gaussian::halves(numbers);
+                let [mean, rest] = gaussian::halves(&numbers);
                 Tensor::cat(vec![mean.cumsum(1) * per_step, rest], 2)
             }
         }
@@ -154,8 +154,8 @@ impl Model for RoboMorph {
         match self.kind {
             Head::Point => Loss::of_points(self.loss, answer, target, unit),
             Head::Gaussian => {
-                let (mean, _) = gaussian::split(answer.clone());
-                let errors = gaussian::negative_log_likelihood(answer, target);
+                let (mean, _) = gaussian::split(&answer);
+                let errors = gaussian::negative_log_likelihood(&answer, target);
                 let count = errors.shape().num_elements();
                 Loss { errors, count, predicted: Some(mean) }
             }
@@ -167,7 +167,7 @@ impl Model for RoboMorph {
         if self.kind == Head::Point {
             return answer;
         }
-        let (mean, log_variance) = gaussian::split(answer);
+        let (mean, log_variance) = gaussian::split(&answer);
         match ask.draw {
             Draw::Mean => mean,
             Draw::Sample => {
