@@ -51,8 +51,7 @@ mod server;
 mod stream;
 mod upload;
 
-pub use access::credentials::digest as token_digest;
-pub use access::secret::{is_hard_to_guess, token as new_token};
+pub use access::credentials::{digest as token_digest, is_hard_to_guess, new_token};
 pub use app::tokens::{TOKEN_NAMES, is_token_name};
 pub use app::{App, Options};
 pub use connections::Listener;

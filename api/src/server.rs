@@ -12,6 +12,7 @@ use crate::app::App;
 use crate::connections::{self, ConnectionLimits, Listener};
 use crate::error::ApiError;
 use crate::limits::SHUTDOWN_GRACE;
+use crate::remote::TrustedProxies;
 use crate::routes;
 
 #[derive(Debug, Error)]
@@ -41,7 +42,7 @@ pub async fn serve(
     shutdown: impl Future<Output = ()> + Send + 'static,
 ) -> Result<(), ServeError> {
     let listener = listener.into();
-    if app.is_open().await?
+    if app.access().is_open().await?
         && let Some(address) = listener.open_address()?
     {
         return Err(ServeError::OpenWithoutToken { address });
@@ -53,16 +54,16 @@ pub async fn serve(
     let served = async {
         let router = routes::router(app.clone());
         let limits = ConnectionLimits {
-            connections: app.connections(),
-            proxies: app.trusted_proxies(),
+            connections: app.options().connections,
+            proxies: TrustedProxies::new(&app.options().trusted_proxies),
             refusal: refusal(),
         };
         connections::serve(listener, router, limits, stop.clone()).await;
-        app.streams_closed().await;
+        app.places().streams_closed().await;
     };
     let deadline = async {
         shutdown.await;
-        app.close_streams();
+        app.places().close();
         stop.cancel();
         tokio::time::sleep(SHUTDOWN_GRACE).await;
     };

@@ -73,8 +73,8 @@ impl FromRequest<App> for IncomingFile {
 
     async fn from_request(request: Request, app: &App) -> Result<Self, ApiError> {
         let deadline = Instant::now() + UPLOAD_TIMEOUT;
-        let patience = Patience { stall: app.upload_stall(), deadline };
-        let limit = app.max_upload_bytes();
+        let patience = Patience { stall: app.options().upload_stall, deadline };
+        let limit = app.options().max_upload_bytes;
         let (mut parts, body) = request.into_parts();
         let parameters =
             <Query<Parameters> as axum::extract::FromRequestParts<App>>::from_request_parts(
@@ -254,10 +254,10 @@ impl FromRequest<App> for IncomingBytes {
     type Rejection = ApiError;
 
     async fn from_request(request: Request, app: &App) -> Result<Self, ApiError> {
-        let limit = app.max_upload_bytes();
+        let limit = app.options().max_upload_bytes;
         refuse_longer(request.headers(), limit, limit)?;
         let deadline = Instant::now() + UPLOAD_TIMEOUT;
-        let patience = Patience { stall: app.upload_stall(), deadline };
+        let patience = Patience { stall: app.options().upload_stall, deadline };
         let body = request.into_body().into_data_stream().boxed();
         Ok(Self { body, received: 0, limit, patience })
     }

@@ -7,11 +7,10 @@
 //! because DNS rebinding uses such names. With a token neither attack works anyway, and a proxy may
 //! use any name.
 
-mod caller;
+mod callers;
 pub mod credentials;
 mod failures;
 mod scopes;
-pub mod secret;
 mod tokens;
 
 use std::net::IpAddr;
@@ -19,25 +18,19 @@ use std::net::IpAddr;
 use axum::extract::{MatchedPath, Request, State};
 use axum::http::header::{ACCEPT, HOST, LOCATION};
 use axum::http::uri::Authority;
-use axum::http::{HeaderMap, HeaderValue, Method, StatusCode, Uri};
+use axum::http::{HeaderMap, HeaderValue, Method};
 use axum::middleware::Next;
 use axum::response::{IntoResponse, Redirect, Response};
-use spec::Digest;
-use store::AuditEntry;
-use subtle::ConstantTimeEq;
 use wire::Scope;
 
-use crate::app::App;
 use crate::error::ApiError;
 use crate::limits::REQUEST_TIMEOUT;
 use crate::remote::Remote;
 
-pub(crate) use caller::{ANYONE, NOBODY, OWN_PROCESS, SERVERS_TOKEN};
-pub use caller::{Caller, asked_for_a_token, logged_in_as};
+pub(crate) use callers::{ANYONE, Access, NOBODY, SERVERS_TOKEN};
+pub use callers::{Caller, asked_for_a_token, logged_in_as};
 pub use credentials::Credentials;
-pub(crate) use failures::FailedLogins;
 pub use scopes::Scopes;
-pub(crate) use tokens::{KnownTokens, TokenLookup};
 
 /// Routes that reveal almost nothing and so need no token.
 const OPEN_ROUTES: [&str; 5] = ["/healthz", "/readyz", "/static/{name}", LOGIN, LOGOUT];
@@ -46,23 +39,6 @@ const OPEN_ROUTES: [&str; 5] = ["/healthz", "/readyz", "/static/{name}", LOGIN, 
 pub const LOGIN: &str = "/login";
 
 pub const LOGOUT: &str = "/logout";
-
-/// The largest number of bytes of a path that the audit log keeps.
-const LOGGED_PATH_BYTES: usize = 500;
-
-/// A token of this process, stored as its digest.
-#[derive(Clone)]
-pub struct Token(Digest);
-
-impl Token {
-    pub fn new(token: &str) -> Self {
-        Self(credentials::digest(token))
-    }
-
-    pub fn is(&self, offered: Digest) -> bool {
-        self.0.as_bytes().ct_eq(offered.as_bytes()).into()
-    }
-}
 
 /// The sender of a request, before anything is decided about it.
 #[derive(Clone)]
@@ -75,7 +51,7 @@ pub struct Identity {
 /// Finds out who sends a request. Nobody looks at the token of a client that failed too often, unless
 /// the token was right before.
 pub async fn identify(
-    State(app): State<App>,
+    State(access): State<Access>,
     mut request: Request,
     next: Next,
 ) -> Result<Response, ApiError> {
@@ -85,17 +61,17 @@ pub async fn identify(
     let offered = Credentials::of(request.headers());
     let network = Remote::of(&request).network();
     if let Credentials::Token(token) = offered
-        && let Some(wait) = app.failures().wait(network)
-        && !app.failures().is_proven(network, token)
+        && let Some(wait) = access.failures().wait(network)
+        && !access.failures().is_proven(network, token)
     {
         return Err(ApiError::TooManyFailures { wait });
     }
-    let caller = tokio::time::timeout(REQUEST_TIMEOUT, app.caller(offered)).await;
+    let caller = tokio::time::timeout(REQUEST_TIMEOUT, access.caller(offered)).await;
     let caller = caller.map_err(|_| ApiError::Timeout)??;
     if let (Credentials::Token(token), Some(caller)) = (offered, &caller)
         && caller.name != ANYONE
     {
-        app.failures().prove(network, token);
+        access.failures().prove(network, token);
     }
     request.extensions_mut().insert(Identity { offered, caller });
     Ok(next.run(request).await)
@@ -106,17 +82,9 @@ fn is_open_route(request: &Request) -> bool {
     route.is_some_and(|route| OPEN_ROUTES.contains(&route))
 }
 
-/// Counts a token that is not valid, and records it in the audit log unless too many were recorded.
-pub async fn record_failure(app: &App, remote: Remote, method: &Method, target: &Uri) {
-    let Some(unrecorded) = app.failures().count(remote.network()) else { return };
-    let entry = entry(NOBODY, remote, method, target);
-    tracing::warn!(address = entry.address, unrecorded, "a token is not valid");
-    app.record_refused(&AuditEntry { status: StatusCode::UNAUTHORIZED.as_u16(), ..entry }).await;
-}
-
 /// Accepts a request if its caller may send it, and records changes in the audit log.
 pub async fn require_scope(
-    State((app, scopes)): State<(App, Scopes)>,
+    State((access, scopes)): State<(Access, Scopes)>,
     request: Request,
     next: Next,
 ) -> Result<Response, ApiError> {
@@ -134,38 +102,25 @@ pub async fn require_scope(
         }
         if matches!(offered, Credentials::Token(_)) {
             let remote = Remote::of(&request);
-            record_failure(&app, remote, request.method(), request.uri()).await;
+            access.record_failure(remote, request.method(), request.uri()).await;
         }
         return Err(ApiError::Unauthorized { offered: offered != Credentials::None });
     };
     if needed == Scope::Read || (caller.scope >= needed && !scopes::is_recorded(route)) {
-        return Ok(caller::CALLER.scope(caller, next.run(request)).await);
+        return Ok(callers::CALLER.scope(caller, next.run(request)).await);
     }
-    let mut entry = entry(&caller.name, Remote::of(&request), request.method(), request.uri());
+    let mut entry =
+        callers::entry(&caller.name, Remote::of(&request), request.method(), request.uri());
     let response = if caller.scope < needed {
         ApiError::Scope { token: caller.name, scope: caller.scope, needed }.into_response()
     } else {
-        caller::CALLER.scope(caller, next.run(request)).await
+        callers::CALLER.scope(caller, next.run(request)).await
     };
     entry.status = response.status().as_u16();
     let made = response.headers().get(LOCATION).and_then(|path| path.to_str().ok());
     entry.made = made.map(str::to_owned);
-    app.record(&entry).await;
+    access.record(&entry).await;
     Ok(response)
-}
-
-/// An entry of the audit log for a request without an answer yet.
-fn entry(actor: &str, remote: Remote, method: &Method, target: &Uri) -> AuditEntry {
-    let path = target.path_and_query().map_or("", |path| path.as_str()).trim_end_matches('?');
-    let end = path.floor_char_boundary(LOGGED_PATH_BYTES);
-    AuditEntry {
-        actor: actor.to_owned(),
-        address: remote.name(),
-        method: method.to_string(),
-        path: path[..end].to_owned(),
-        status: 0,
-        made: None,
-    }
 }
 
 /// Prefixes of paths that are not pages.
@@ -192,11 +147,11 @@ fn to_login(request: &Request) -> Response {
 }
 
 pub async fn require_loopback_name(
-    State(app): State<App>,
+    State(access): State<Access>,
     request: Request,
     next: Next,
 ) -> Result<Response, ApiError> {
-    if !app.is_open().await? {
+    if !access.is_open().await? {
         return Ok(next.run(request).await);
     }
     let header = request.headers().get(HOST).map(|value| value.to_str().unwrap_or("").to_owned());

@@ -98,7 +98,7 @@ impl App {
         }
         let mut parts = file.parts(part).into_iter();
         let Some((content, range)) = parts.next() else { return Ok(Body::empty()) };
-        let place = if file.is_made() { None } else { Some(self.download_place()?) };
+        let place = if file.is_made() { None } else { Some(self.places.download()?) };
         // The first piece is read before answering, so a small damaged file still gets a problem as
         // its answer.
         let mut pieces = self.open(&content, range).await?;

@@ -69,9 +69,9 @@ impl App {
     pub async fn logs(&self, job: i64, query: &LogQuery) -> Result<Logs, ApiError> {
         let (page, wait) = (query.page()?, query.wait()?);
         let filter = self.log_filter(job, query).await?;
-        let place = (!wait.is_zero()).then(|| self.log_place()).flatten();
+        let place = (!wait.is_zero()).then(|| self.places.log_reader()).flatten();
         let until = Instant::now() + if place.is_some() { wait } else { Duration::ZERO };
-        let mut closing = std::pin::pin!(self.closing());
+        let mut closing = std::pin::pin!(self.places.closing());
         loop {
             // This is read first, so a log that ends in between is complete in the page.
             let may_grow = self.store.may_log(&filter).await?;

@@ -125,7 +125,7 @@ impl App {
         gauge(&mut registry, "disk_reserved_bytes", what, reserved_bytes);
         let what = "Size of all sent files that are kept";
         gauge(&mut registry, "sent_bytes", what, self.store.sent_bytes().await?);
-        if let Some(quota) = self.upload_quota_bytes {
+        if let Some(quota) = self.options.upload_quota_bytes {
             gauge(
                 &mut registry,
                 "sent_quota_bytes",

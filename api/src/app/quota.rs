@@ -14,7 +14,9 @@ impl App {
     /// # Errors
     /// When there is no room.
     pub(super) async fn room(&self) -> Result<Room, ApiError> {
-        let Some(quota) = self.upload_quota_bytes else { return Ok(Room { used: 0, quota: None }) };
+        let Some(quota) = self.options.upload_quota_bytes else {
+            return Ok(Room { used: 0, quota: None });
+        };
         let room = Room { used: self.store.sent_bytes().await?, quota: Some(quota) };
         room.hold(1)?;
         Ok(room)

@@ -1,56 +1,17 @@
-//! Tokens: identifies callers, creates and revokes tokens.
+//! Tokens: lists, creates and revokes them.
 
 use std::time::Duration;
 
 use store::{Timestamp, TokenId};
 use wire::{CreatedToken, NewToken, Token, Tokens};
 
-use crate::access::{
-    ANYONE, Caller, Credentials, NOBODY, OWN_PROCESS, SERVERS_TOKEN, TokenLookup, credentials,
-    secret,
-};
+use crate::access::{ANYONE, NOBODY, SERVERS_TOKEN, credentials};
 use crate::app::App;
 use crate::app::questions::RequestViolations;
 use crate::error::ApiError;
 use crate::limits::{TOKEN_LIFETIME_S, TOKEN_NAME_BYTES};
 
 impl App {
-    /// Whether everybody who can reach this server may do everything.
-    pub(crate) async fn is_open(&self) -> Result<bool, store::StoreError> {
-        Ok(self.token.is_none() && !self.tokens.has_any(&self.store).await?)
-    }
-
-    /// The caller with these credentials; `None` if they are not valid.
-    pub(crate) async fn caller(&self, offered: Credentials) -> Result<Option<Caller>, ApiError> {
-        let (token, is_logged_in) = match offered {
-            Credentials::Token(token) => (Some(token), false),
-            Credentials::Session(session) => (self.store.session(session).await?, true),
-            Credentials::None | Credentials::Unreadable => (None, false),
-        };
-        let is = |known: &Option<crate::access::Token>| {
-            known.as_ref().zip(token).is_some_and(|(known, token)| known.is(token))
-        };
-        for (known, name) in [(&self.token, SERVERS_TOKEN), (&self.own_token, OWN_PROCESS)] {
-            if is(known) {
-                return Ok(Some(Caller { is_logged_in, ..Caller::admin(name) }));
-            }
-        }
-        if self.is_open().await? {
-            return Ok(Some(Caller::admin(ANYONE)));
-        }
-        let Some(token) = token else { return Ok(None) };
-        let found = self.tokens.find(token, &self.store).await?;
-        let (TokenLookup::Token(token) | TokenLookup::ToRecord(token)) = &found else {
-            return Ok(None);
-        };
-        if let TokenLookup::ToRecord(token) = &found
-            && let Err(error) = self.store.token_used(token.id).await
-        {
-            tracing::warn!(%error, token = token.name, "cannot record that a token was used");
-        }
-        Ok(Some(Caller { name: token.name.clone(), scope: token.scope, is_logged_in }))
-    }
-
     pub async fn tokens(&self) -> Result<Tokens, ApiError> {
         let tokens = self.store.tokens().await?;
         Ok(Tokens { tokens: tokens.into_iter().map(about).collect() })
@@ -61,16 +22,16 @@ impl App {
     /// or nobody could create another one.
     pub async fn create_token(&self, asked: &NewToken) -> Result<CreatedToken, ApiError> {
         check(asked)?;
-        let secret = secret::token()?;
+        let secret = credentials::new_token()?;
         let token = store::NewToken {
             name: &asked.name,
             digest: credentials::digest(&secret),
             scope: asked.scope,
             lifetime: asked.expires_in_s.map(Duration::from_secs),
-            needs_an_admin: self.token.is_none(),
+            needs_an_admin: !self.access.has_own_token(),
         };
         let token = about(self.store.create_token(&token).await?);
-        self.tokens.forget();
+        self.access.forget_tokens();
         Ok(CreatedToken { secret, token })
     }
 
@@ -78,7 +39,7 @@ impl App {
     /// When there is no such token.
     pub async fn revoke_token(&self, id: i64) -> Result<Token, ApiError> {
         let token = about(self.store.revoke_token(TokenId(id)).await?);
-        self.tokens.forget();
+        self.access.forget_tokens();
         Ok(token)
     }
 }

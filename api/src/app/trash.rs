@@ -1,10 +1,10 @@
 //! Deletes and restores things, and lists what depends on them.
 
 use store::{DeletionOrder, Item, Respect, Timestamp, TrashPlace};
-use wire::{Deleted, Dependent, Dependents, ItemKind, Restored, Trash, TrashedItem};
+use wire::{Deleted, Dependents, ItemKind, Restored, Trash, TrashedItem};
 
 use crate::app::App;
-use crate::error::ApiError;
+use crate::error::{ApiError, dependent};
 
 impl App {
     /// The things that would be deleted together with one, and the jobs that depend on them.
@@ -24,7 +24,7 @@ impl App {
         id: i64,
         respect: Respect,
     ) -> Result<Deleted, ApiError> {
-        let order = DeletionOrder { respect, keep: self.keep_deleted(), reason: None };
+        let order = DeletionOrder { respect, keep: self.options.keep_deleted, reason: None };
         let deleted = self.store.delete(Item::new(kind, id), &order).await?;
         Ok(Deleted {
             kind,
@@ -77,15 +77,4 @@ fn read_place(text: &str) -> Result<TrashPlace, ApiError> {
 
 fn items(items: Vec<Item>) -> Vec<wire::Item> {
     items.into_iter().map(|Item { kind, id }| wire::Item { kind, id }).collect()
-}
-
-/// A dependent job, in the API's form.
-pub fn dependent(found: &store::Dependent) -> Result<Dependent, ApiError> {
-    Ok(Dependent {
-        id: found.job.0,
-        kind: found.kind.parse()?,
-        name: found.name.clone(),
-        state: found.state,
-        relation: found.relation,
-    })
 }

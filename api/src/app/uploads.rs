@@ -21,7 +21,7 @@ impl App {
         reuse: Reuse,
         idempotency_key: Option<String>,
     ) -> Result<Submitted, ApiError> {
-        let _place = self.upload_places.try_acquire().map_err(|_| ApiError::UploadsCrowded)?;
+        let _place = self.places.upload()?;
         let (text, format) = (file.spec.clone(), file.format);
         let read = move || import_spec(&text, format);
         let (mut spec, claimed) = self.checks.run(file.spec.len(), read).await?;

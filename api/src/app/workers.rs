@@ -73,7 +73,7 @@ impl App {
     /// [`ApiError::Ending`] when the server is about to stop. [`ApiError::Unwritable`] when the
     /// database cannot be written.
     pub async fn readiness(&self) -> Result<Readiness, ApiError> {
-        if self.is_ending() {
+        if self.places.is_ending() {
             return Err(ApiError::Ending);
         }
         self.store.check_database().await.map_err(ApiError::Unwritable)?;

@@ -10,9 +10,8 @@ use jobs::SubmissionError;
 use spec::{JsonFault, SpecError, VALUE_BYTES, cut};
 use store::StoreError;
 use thiserror::Error;
-use wire::{JobState, Problem};
+use wire::{Dependent, JobState, Problem};
 
-use crate::app::dependent;
 use crate::limits::{BODY_WITHIN, CONCURRENT_UPLOADS, REQUEST_TIMEOUT, STREAMS, UPLOAD_TIMEOUT};
 use crate::live::LiveError;
 
@@ -378,6 +377,17 @@ fn store_message(error: &StoreError) -> String {
         }
         _ => "an internal error of the server; its log has the details".to_owned(),
     }
+}
+
+/// A dependent job, in the API's form.
+pub fn dependent(found: &store::Dependent) -> Result<Dependent, ApiError> {
+    Ok(Dependent {
+        id: found.job.0,
+        kind: found.kind.parse()?,
+        name: found.name.clone(),
+        state: found.state,
+        relation: found.relation,
+    })
 }
 
 impl From<LiveError> for ApiError {

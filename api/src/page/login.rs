@@ -8,7 +8,6 @@ use axum::response::{IntoResponse, Redirect, Response};
 use serde::Deserialize;
 
 use crate::access::credentials::{SESSION_COOKIE, session};
-use crate::access::record_failure;
 use crate::app::App;
 use crate::error::ApiError;
 use crate::extract::{Form, Query};
@@ -42,7 +41,7 @@ pub async fn show(
     State(app): State<App>,
     InPage(Query(ReturnQuery { back })): InPage<Query<ReturnQuery>>,
 ) -> Result<Response, PageError> {
-    if app.is_open().await? {
+    if app.access().is_open().await? {
         return Ok(Redirect::to("/").into_response());
     }
     Ok(html(&LoginPage { back: own_page(back), was_refused: false })?)
@@ -55,15 +54,15 @@ pub async fn show(
 /// [`ApiError::TooManyFailures`] when the client failed too often, whatever its token is.
 pub async fn log_in(State(app): State<App>, request: Request) -> Result<Response, PageError> {
     let remote = Remote::of(&request);
-    if let Some(wait) = app.failures().wait(remote.network()) {
+    if let Some(wait) = app.access().failures().wait(remote.network()) {
         return Err(ApiError::TooManyFailures { wait }.into());
     }
     let (headers, method, target) =
         (request.headers().clone(), request.method().clone(), request.uri().clone());
     let Form(Login { token, back }) = Form::from_request(request, &app).await?;
     let back = own_page(back);
-    let Some((caller, session)) = app.log_in(token.trim()).await? else {
-        record_failure(&app, remote, &method, &target).await;
+    let Some((caller, session)) = app.access().log_in(token.trim()).await? else {
+        app.access().record_failure(remote, &method, &target).await;
         let page = html(&LoginPage { back, was_refused: true })?;
         return Ok((StatusCode::UNAUTHORIZED, page).into_response());
     };
@@ -75,7 +74,7 @@ pub async fn log_in(State(app): State<App>, request: Request) -> Result<Response
 /// Closes the session.
 pub async fn log_out(State(app): State<App>, headers: HeaderMap) -> Result<Response, PageError> {
     if let Some(session) = session(&headers) {
-        app.log_out(session).await?;
+        app.access().log_out(session).await?;
     }
     Ok(([(SET_COOKIE, cookie("", 0, &headers))], Redirect::to("/")).into_response())
 }

@@ -70,7 +70,7 @@ const ALONG: usize = 20;
 pub fn deletion(kind: ItemKind) -> MethodRouter<App> {
     let ask = async move |State(app): State<App>, InPage(Path(id)): InPage<Path<i64>>| {
         let found = app.dependents(kind, id).await?;
-        let days = app.keep_deleted().as_secs() / (24 * 60 * 60);
+        let days = app.options().keep_deleted.as_secs() / (24 * 60 * 60);
         Ok::<Response, PageError>(html(&page(&found, days))?)
     };
     let delete =

@@ -135,7 +135,7 @@ async fn open(
         None => place("after", after)?,
     };
     let reader = app.event_reader(subject, after, Credentials::of(headers)).await?;
-    let keep_alive = KeepAlive::new().interval(app.event_heartbeat());
+    let keep_alive = KeepAlive::new().interval(app.options().event_heartbeat);
     let stream = Sse::new(messages(reader)).keep_alive(keep_alive);
     Ok(([UNBUFFERED], stream).into_response())
 }

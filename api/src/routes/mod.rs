@@ -44,6 +44,7 @@ use crate::error::ApiError;
 use crate::limits::BODY_BYTES;
 use crate::pace::{self, AddressRateLimit};
 use crate::parameters::KnownParameters;
+use crate::remote::TrustedProxies;
 use crate::routes::openapi::Document;
 use crate::{access, guard, page, parameters, relative, remote, request_id};
 
@@ -124,6 +125,7 @@ pub fn router(app: App) -> Router {
         .route("/v1/openapi.json", get(async move || Json(document)))
         .layer(middleware::from_fn_with_state(known, parameters::refuse_unknown));
 
+    let (options, access) = (app.options(), app.access());
     // The first layer is the outermost.
     let guards = ServiceBuilder::new()
         .layer(middleware::from_fn(request_id::identify))
@@ -133,19 +135,22 @@ pub fn router(app: App) -> Router {
         .layer(middleware::from_fn(relative::make_links_relative))
         .layer(middleware::from_fn(crate::mlflow::translate))
         .layer(CatchPanicLayer::custom(guard::answer_panic))
-        .layer(middleware::from_fn_with_state(app.trusted_proxies(), remote::identify))
         .layer(middleware::from_fn_with_state(
-            AddressRateLimit::new(app.requests_per_second()),
+            TrustedProxies::new(&options.trusted_proxies),
+            remote::identify,
+        ))
+        .layer(middleware::from_fn_with_state(
+            AddressRateLimit::new(options.requests_per_second),
             pace::keep,
         ))
         .layer(middleware::from_fn(guard::refuse_repeated))
-        .layer(middleware::from_fn_with_state(app.clone(), access::identify))
+        .layer(middleware::from_fn_with_state(access.clone(), access::identify))
         .layer(middleware::from_fn_with_state(
-            RequestPlaces::new(app.connections()),
+            RequestPlaces::new(options.connections),
             admission::admit,
         ))
-        .layer(middleware::from_fn_with_state(app.clone(), access::require_loopback_name))
-        .layer(middleware::from_fn_with_state((app.clone(), scopes), access::require_scope))
+        .layer(middleware::from_fn_with_state(access.clone(), access::require_loopback_name))
+        .layer(middleware::from_fn_with_state((access.clone(), scopes), access::require_scope))
         .layer(CsrfLayer::new().with_rejection_response(refuse_cross_site))
         .layer(DefaultBodyLimit::max(BODY_BYTES));
 

@@ -1,8 +1,8 @@
 //! Predictions with a checkpoint: single ones, or a stream.
 
-use axum::extract::State;
 use axum::extract::ws::WebSocketUpgrade;
 use axum::extract::ws::rejection::WebSocketUpgradeRejection;
+use axum::extract::{FromRef as _, State};
 use axum::http::HeaderMap;
 use axum::http::header::{CONTENT_TYPE, HOST, ORIGIN};
 use axum::response::{IntoResponse, Response};
@@ -10,6 +10,7 @@ use wire::{Prediction, PredictionRequest};
 
 use crate::app::App;
 use crate::app::streams::PredictionStream;
+use crate::checks::Checks;
 use crate::error::ApiError;
 use crate::extract::{Path, QuestionBytes};
 use crate::limits::QUESTION_BYTES;
@@ -52,10 +53,10 @@ pub async fn open_stream(
     let upgrade =
         upgrade.map_err(|rejection| ApiError::Handshake { reason: rejection.body_text() })?;
     refuse_other_sites(&headers)?;
-    let place = app.stream_place()?;
-    let stream = PredictionStream::new(app.held_model(id).await?, app.checks());
+    let place = app.places().prediction_stream()?;
+    let stream = PredictionStream::new(app.held_model(id).await?, Checks::from_ref(&app));
     let upgrade = upgrade.max_message_size(QUESTION_BYTES).max_frame_size(QUESTION_BYTES);
-    let closing = app.closing();
+    let closing = app.places().closing();
     Ok(upgrade.on_upgrade(move |socket| stream::serve(socket, stream, closing, place)))
 }
 

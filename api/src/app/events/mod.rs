@@ -76,7 +76,7 @@ impl App {
         after: Option<i64>,
         credentials: Credentials,
     ) -> Result<EventReader, ApiError> {
-        let place = self.event_place()?;
+        let place = self.places.event_stream()?;
         let (job, kind) = match subject {
             Subject::Everything { kind } => (None, kind),
             Subject::Job(job) => (Some(self.store.job(JobId(job)).await?.id), None),
@@ -89,16 +89,16 @@ impl App {
             }
             None => None,
         };
-        let Listener { news, position } = self.events.listen(self).await?;
+        let Listener { news, position } = self.feed.listen(self).await?;
         let followed =
-            job.map(|JobId(job)| Followed { job, changes: self.events.watch(job), told: None });
+            job.map(|JobId(job)| Followed { job, changes: self.feed.watch(job), told: None });
         let mut access_checked = interval(EVENT_ACCESS_CHECKED);
         access_checked.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let mut reader = EventReader {
             app: self.clone(),
             credentials,
             access_checked,
-            closing: Box::pin(self.closing()),
+            closing: Box::pin(self.places.closing()),
             jobs,
             kind,
             news,
@@ -163,13 +163,13 @@ impl EventReader {
             biased;
             () = &mut self.closing => self.has_ended = true,
             _ = self.access_checked.tick() => {
-                self.has_ended = self.app.caller(self.credentials).await?.is_none();
+                self.has_ended = self.app.access.caller(self.credentials).await?.is_none();
             }
             news = self.news.recv() => match news {
                 Ok(event) => self.take(&event).await?,
                 Err(broadcast::error::RecvError::Lagged(_)) => {
                     let after = self.position;
-                    self.replay_to = self.app.events.settled();
+                    self.replay_to = self.app.feed.settled();
                     self.go_back_to(after).await?;
                 }
                 Err(broadcast::error::RecvError::Closed) => self.has_ended = true,

@@ -7,7 +7,6 @@ use store::TrackedRun;
 use super::RunName;
 use crate::app::App;
 use crate::app::files::Download;
-use crate::error::ApiError;
 use crate::mlflow::MlflowError;
 use crate::mlflow::entities::FileInfo;
 use crate::mlflow::limits::ARTIFACT_NAME;
@@ -87,8 +86,7 @@ impl App {
         place: &ArtifactPlace,
         mut bytes: IncomingBytes,
     ) -> Result<(), MlflowError> {
-        let crowded = |_| ApiError::UploadsCrowded;
-        let _place = self.upload_places.try_acquire().map_err(crowded)?;
+        let _place = self.places.upload()?;
         let run = self.run_to_fill(place).await?;
         let room = self.room().await?;
         let mut writer = self.store.begin_tracked_artifact(&run).await?;

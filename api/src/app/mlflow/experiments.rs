@@ -75,7 +75,7 @@ impl App {
     ) -> Result<(), MlflowError> {
         let id = experiment_id(id)?;
         refuse_own(id, "deleted")?;
-        let keep = is_deleted.then(|| self.keep_deleted());
+        let keep = is_deleted.then(|| self.options.keep_deleted);
         Ok(self.store.set_experiment_deleted(id, keep).await?)
     }
 

@@ -46,7 +46,7 @@ impl App {
         run: &RunName,
         is_deleted: bool,
     ) -> Result<(), MlflowError> {
-        let keep = is_deleted.then(|| self.keep_deleted());
+        let keep = is_deleted.then(|| self.options.keep_deleted);
         Ok(self.store.set_tracked_run_deleted(run.writable()?, keep).await?)
     }
 
