@@ -1,13 +1,16 @@
 //! Flags that several commands share.
 
 use std::path::PathBuf;
+use std::process::ExitCode;
 use std::time::Duration;
 
 use clap::Args;
+use serde::Serialize;
 use store::{DatabaseUrl, Location, ObjectsUrl, Retention};
 use worker::DeviceKind;
 
 use crate::client::{Client, ClientError};
+use crate::output::write_json;
 
 /// Flags for the connection to a server.
 #[derive(Debug, Args)]
@@ -54,6 +57,36 @@ pub struct OutputArguments {
     /// Print the server's answer as JSON; a command that waits prints one line per answer
     #[arg(long)]
     pub json: bool,
+}
+
+/// Flags of a command that asks a server and prints its answer.
+#[derive(Debug, Args)]
+pub struct AskArguments {
+    #[command(flatten)]
+    pub output: OutputArguments,
+
+    #[command(flatten)]
+    server: ServerArguments,
+}
+
+impl AskArguments {
+    pub fn client(&self) -> Result<Client, ClientError> {
+        self.server.client()
+    }
+
+    /// Prints an answer as JSON, or else as the text that `text` makes of it.
+    pub fn print<T: Serialize>(
+        &self,
+        answer: &T,
+        text: impl FnOnce(&T) -> String,
+    ) -> anyhow::Result<ExitCode> {
+        if self.output.json {
+            write_json(answer)?;
+        } else {
+            println!("{}", text(answer));
+        }
+        Ok(ExitCode::SUCCESS)
+    }
 }
 
 /// Flags for the labels of a job that is submitted.
@@ -148,6 +181,10 @@ impl RetentionArguments {
         }
     }
 }
+
+/// The age from which a file that nothing refers to is deleted. No file takes this long from its first
+/// byte to its row. A file that is sent to be imported may take 6 h.
+pub const ORPHANED_AFTER: Duration = Duration::from_secs(8 * 60 * 60);
 
 pub fn days_long(days: u16) -> Duration {
     Duration::from_secs(u64::from(days) * 24 * 60 * 60)

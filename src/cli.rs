@@ -3,11 +3,10 @@
 use clap::{Parser, Subcommand};
 
 use crate::commands::{
-    attempts, audit, backup, cancel, checkpoints, completions, datasets, decode_recording, delete,
-    devices, doctor, download, drain, evaluations, events, export, gc, health, import, jobs, label,
-    logs, man, metrics, migrate, open, pause, predict, presets, queue, quickstart, reindex,
-    restore, resume, retry, runs, serve, show, simulate, stream, study, submit, summary, tasks,
-    token, trajectory, trash, undelete, undrain, verify, watch, worker, workers,
+    access, attempts, checkpoints, copies, datasets, delete, doctor, documents, download,
+    evaluations, events, export, gc, health, import, jobs, label, logs, metrics, open, predict,
+    presets, queue, reindex, runs, serve, show, simulate, study, submit, summary, tasks,
+    trajectory, trash, undelete, verify, watch, worker, workers,
 };
 use crate::exit;
 use crate::logging::{LOG_FORMAT, LogFormat};
@@ -37,9 +36,9 @@ pub enum Command {
     /// Check this machine, a data folder and a server
     Doctor(doctor::Arguments),
     /// List the devices that can compute models, and test each
-    Devices(devices::Arguments),
+    Devices(worker::DevicesArguments),
     /// Simulate, train and evaluate a small model, and show the result
-    Quickstart(quickstart::Arguments),
+    Quickstart(serve::QuickstartArguments),
     /// Run the paper's whole study and write its report
     Study(study::Arguments),
     /// Simulate a dataset into a folder, without a server
@@ -51,7 +50,7 @@ pub enum Command {
     /// Predict joint positions with a checkpoint
     Predict(predict::Arguments),
     /// Predict at every sample: messages on standard input, answers on standard output
-    Stream(stream::Arguments),
+    Stream(predict::StreamArguments),
     /// Upload your own recordings and turn them into a dataset
     Import(import::Arguments),
     /// List workers with their tasks
@@ -97,9 +96,9 @@ pub enum Command {
     /// Print events of jobs as they happen
     Events(events::Arguments),
     /// Cancel a job
-    Cancel(cancel::Arguments),
+    Cancel(submit::CancelArguments),
     /// Run a failed or cancelled job again; completed parts are kept
-    Retry(retry::Arguments),
+    Retry(submit::RetryArguments),
     /// Move jobs, runs, datasets or checkpoints into the trash
     Delete(delete::Arguments),
     /// Restore things from the trash
@@ -109,34 +108,34 @@ pub enum Command {
     /// Delete expired things from the trash, and files that nothing refers to
     Gc(gc::Arguments),
     /// Pause the queue: no more tasks begin, and running tasks go on
-    Pause(pause::Arguments),
+    Pause(queue::PauseArguments),
     /// Resume the queue after a pause
-    Resume(resume::Arguments),
+    Resume(queue::Arguments),
     /// Drain a worker: it begins no more tasks, and its running task goes on
-    Drain(drain::Arguments),
+    Drain(queue::DrainArguments),
     /// Undrain a worker: it begins tasks again
-    Undrain(undrain::Arguments),
+    Undrain(queue::UndrainArguments),
     /// Create, list and revoke access tokens
-    Token(token::Arguments),
+    Token(access::Arguments),
     /// List changes and who made them, newest first
-    Audit(audit::Arguments),
+    Audit(access::AuditArguments),
     /// Copy everything into a new data folder while servers and workers keep running
-    Backup(backup::Arguments),
+    Backup(copies::BackupArguments),
     /// Copy a backup to a new place
-    Restore(restore::Arguments),
+    Restore(copies::RestoreArguments),
     /// Rebuild a lost database from datasets and checkpoints
     Reindex(reindex::Arguments),
     /// Move a data folder to PostgreSQL and a bucket, or back
-    Migrate(migrate::Arguments),
+    Migrate(copies::MigrateArguments),
     /// List the presets, or show one
     Presets(presets::Arguments),
     /// Print a script that completes commands and flags in a shell
-    Completions(completions::Arguments),
+    Completions(documents::CompletionsArguments),
     /// Print the manual pages
-    Man(man::Arguments),
+    Man(documents::ManArguments),
     /// Decode the recording on standard input; workers start this themselves
     #[command(hide = true)]
-    DecodeRecording(decode_recording::Arguments),
+    DecodeRecording(worker::DecodeArguments),
 }
 
 #[cfg(test)]

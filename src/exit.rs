@@ -1,10 +1,5 @@
 //! The exit codes of the program, so that a script knows what happened.
 
-use std::process::ExitCode;
-
-use crate::client::{ClientError, JobEnded};
-use crate::commands::export::MlflowError;
-
 /// The command line or the configuration file is wrong.
 pub const USAGE: u8 = 2;
 
@@ -27,18 +22,6 @@ Exit codes:
   4    no server answered
   130  interrupted by Ctrl-C
   141  nobody read the output any more";
-
-/// The code of an error that ended a command.
-pub fn code(error: &anyhow::Error) -> ExitCode {
-    let of = |cause: &(dyn std::error::Error + 'static)| match cause.downcast_ref() {
-        Some(ClientError::Unreachable { .. }) => Some(UNREACHABLE),
-        _ if matches!(cause.downcast_ref(), Some(MlflowError::Unreachable { .. })) => {
-            Some(UNREACHABLE)
-        }
-        _ => cause.is::<JobEnded>().then_some(JOB_FAILED),
-    };
-    error.chain().find_map(of).map_or(ExitCode::FAILURE, ExitCode::from)
-}
 
 /// An error and its causes, in one line.
 pub fn message(error: &anyhow::Error) -> String {

@@ -25,7 +25,10 @@ use std::process::ExitCode;
 use simd::InstructionSet;
 
 use crate::cli::Command;
-use crate::commands::decode_recording;
+use crate::client::{ClientError, JobEnded};
+use crate::commands::export::MlflowError;
+use crate::commands::worker::decode_recording;
+use crate::logging::Program;
 
 fn main() -> ExitCode {
     let cli = match configuration::parse() {
@@ -37,9 +40,14 @@ fn main() -> ExitCode {
     };
     // It decodes a stranger's file and confines itself, which only a process with one thread can.
     if let Command::DecodeRecording(arguments) = &cli.command {
-        return decode_recording::run(arguments).unwrap_or_else(|error| fail(&error));
+        return decode_recording(arguments).unwrap_or_else(|error| fail(&error));
     }
-    let log = logging::start(&cli);
+    let program = match cli.command {
+        Command::Serve(_) => Program::Server,
+        Command::Worker(_) => Program::Worker,
+        _ => Program::Command,
+    };
+    let log = logging::start(program, cli.log.as_deref(), cli.log_format);
     if let Err(error) = InstructionSet::chosen() {
         return fail(&anyhow::Error::new(error).context(simd::VARIABLE));
     }
@@ -60,5 +68,17 @@ fn main() -> ExitCode {
 fn fail(error: &anyhow::Error) -> ExitCode {
     // An error is ignored, because stderr is closed then.
     let _ = writeln!(std::io::stderr(), "error: {}", exit::message(error));
-    exit::code(error)
+    code(error)
+}
+
+/// The code of an error that ended a command.
+fn code(error: &anyhow::Error) -> ExitCode {
+    let of = |cause: &(dyn std::error::Error + 'static)| match cause.downcast_ref() {
+        Some(ClientError::Unreachable { .. }) => Some(exit::UNREACHABLE),
+        _ if matches!(cause.downcast_ref(), Some(MlflowError::Unreachable { .. })) => {
+            Some(exit::UNREACHABLE)
+        }
+        _ => cause.is::<JobEnded>().then_some(exit::JOB_FAILED),
+    };
+    error.chain().find_map(of).map_or(ExitCode::FAILURE, ExitCode::from)
 }

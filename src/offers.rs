@@ -3,7 +3,7 @@
 use clap::Args;
 use spec::Resources;
 
-use crate::server::memory;
+use crate::process::memory_bytes;
 
 /// Flags for a worker's offer.
 #[derive(Debug, Args)]
@@ -33,7 +33,7 @@ impl OfferArguments {
         Resources {
             cpus: Some(self.cpus.unwrap_or(threads)),
             gpus: self.gpus.unwrap_or(gpus),
-            memory_gb: self.memory_gb.or_else(|| memory::bytes().map(in_gigabytes)),
+            memory_gb: self.memory_gb.or_else(|| memory_bytes().map(in_gigabytes)),
             tags: self.tags.into_iter().collect(),
         }
     }
@@ -83,7 +83,7 @@ impl WorkerOfferArguments {
         if let Some(gpus) = self.worker_gpus {
             flag("gpus", gpus.to_string());
         }
-        let share = || Some(in_gigabytes(memory::bytes()? / count.max(1) as u64));
+        let share = || Some(in_gigabytes(memory_bytes()? / count.max(1) as u64));
         if let Some(memory) = self.worker_memory_gb.or_else(share) {
             flag("memory-gb", memory.to_string());
         }
@@ -136,7 +136,7 @@ mod tests {
     fn a_worker_offers_what_it_has_unless_it_is_told() {
         let offers = Worker::parse_from(["worker"]).offers.complete(6, 1);
         assert_eq!((offers.cpus, offers.gpus, offers.tags.len()), (Some(6), 1, 0));
-        assert_eq!(offers.memory_gb, memory::bytes().map(in_gigabytes));
+        assert_eq!(offers.memory_gb, memory_bytes().map(in_gigabytes));
         let told = ["worker", "--cpus", "2", "--gpus", "0", "--memory-gb", "1.5", "--tag", "a100"];
         let offers = Worker::parse_from(told).offers.complete(6, 1);
         let tags = ["a100".to_owned()].into();
@@ -158,7 +158,7 @@ mod tests {
         let expected = Resources { cpus: Some(4), gpus: 2, memory_gb: Some(3.0), tags };
         assert_eq!(Serve::parse_from(told).offers.of_a_clusters_worker(4), expected);
         let flags = Serve::parse_from(["serve"]).offers.flags(2);
-        let half = memory::bytes().map(|bytes| in_gigabytes(bytes / 2).to_string());
+        let half = memory_bytes().map(|bytes| in_gigabytes(bytes / 2).to_string());
         assert_eq!(flags.last(), half.as_ref());
     }
 }

@@ -110,7 +110,7 @@ pub const QUESTION_BYTES: usize = 8 << 20;
 /// 503.
 pub const QUESTIONS_MEMORY_BYTES: usize = 1 << 30;
 
-/// Positions of one answer: scenarios x samples x horizon x 7. Exceeding it is a violation of
+/// Positions of one answer: scenarios x samples x horizon x joints. Exceeding it is a violation of
 /// `sampling.samples`.
 pub const PREDICTED_POSITIONS: usize = 1_000_000;
 

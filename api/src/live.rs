@@ -76,7 +76,7 @@ pub struct Question {
 /// An earlier prediction to start from, instead of noise.
 #[derive(Clone, Debug)]
 pub struct Previous {
-    /// Joint positions `[size, horizon, 7]`, rad.
+    /// Joint positions `[scenarios, horizon, joints]`, rad.
     pub positions: Vec<f32>,
     /// Number of samples from that prediction to this one.
     pub shift: usize,
@@ -86,7 +86,7 @@ pub struct Previous {
 
 #[derive(Clone, Debug)]
 pub struct LivePrediction {
-    /// Joint positions `[samples, size, horizon, 7]`, rad; all finite.
+    /// Joint positions `[samples, scenarios, horizon, joints]`, rad; all finite.
     pub positions: Vec<f32>,
     pub samples: usize,
     /// Warnings about the request and the prediction.

@@ -3,7 +3,6 @@
 mod download;
 mod error;
 mod events;
-mod failure;
 mod stream;
 mod upload;
 
@@ -18,9 +17,8 @@ use wire::{
 };
 
 pub use download::Fetched;
-pub use error::{ClientError, innermost};
+pub use error::{ClientError, JobEnded, innermost};
 pub use events::Events;
-pub use failure::JobEnded;
 
 /// The largest number of items on a page of a list.
 const LONGEST_PAGE: u32 = 500;

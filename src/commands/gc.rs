@@ -6,10 +6,11 @@ use reports::{Align, Table};
 use serde_json::json;
 use store::{Access, Garbage, GarbageKind, Outdated, Ripe, Store};
 
-use crate::arguments::{ConfigArguments, RetentionArguments, StoreArguments, days_long};
+use crate::arguments::{
+    ConfigArguments, ORPHANED_AFTER, RetentionArguments, StoreArguments, days_long,
+};
 use crate::output::write_json;
 use crate::progress::measure;
-use crate::server::ORPHANED_AFTER;
 
 /// Permanently deletes things whose time in the trash is over, files that nothing refers to, and
 /// files of this machine that killed workers did not finish. A server does this once an hour; this

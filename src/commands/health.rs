@@ -3,7 +3,7 @@ use std::process::ExitCode;
 use clap::Args;
 use wire::Health;
 
-use crate::arguments::{OutputArguments, ServerArguments};
+use crate::arguments::AskArguments;
 use crate::progress::measure;
 
 #[derive(Debug, Args)]
@@ -17,31 +17,28 @@ pub struct Arguments {
     metrics: bool,
 
     #[command(flatten)]
-    output: OutputArguments,
-
-    #[command(flatten)]
-    server: ServerArguments,
+    ask: AskArguments,
 }
 
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
-    let client = arguments.server.client()?;
+    let client = arguments.ask.client()?;
     if arguments.metrics {
         print!("{}", client.raw("/metrics").await?);
         return Ok(ExitCode::SUCCESS);
     }
     let path = if arguments.ready { "/readyz" } else { "/healthz" };
     let answer = client.raw(path).await?;
-    if arguments.output.json {
+    if arguments.ask.output.json {
         println!("{answer}");
     }
     if arguments.ready {
-        if !arguments.output.json {
+        if !arguments.ask.output.json {
             println!("ready");
         }
         return Ok(ExitCode::SUCCESS);
     }
     let health: Health = serde_json::from_str(&answer)?;
-    if !arguments.output.json {
+    if !arguments.ask.output.json {
         let Health { status, version, workers, free_bytes, .. } = &health;
         let free = measure::size(*free_bytes);
         println!("{status}: torqued {version}, {workers} workers, {free} free");

@@ -1,19 +1,14 @@
 //! One file per command.
 
+pub mod access;
 pub mod attempts;
-pub mod audit;
-pub mod backup;
-pub mod cancel;
 pub mod checkpoints;
-pub mod completions;
-mod copied_store;
+pub mod copies;
 pub mod datasets;
-pub mod decode_recording;
 pub mod delete;
-pub mod devices;
 pub mod doctor;
+pub mod documents;
 pub mod download;
-pub mod drain;
 pub mod evaluations;
 pub mod events;
 pub mod export;
@@ -23,34 +18,23 @@ pub mod import;
 pub mod jobs;
 pub mod label;
 pub mod logs;
-pub mod man;
 pub mod metrics;
-pub mod migrate;
 pub mod open;
-mod own_server;
-pub mod pause;
 pub mod predict;
 pub mod presets;
 pub mod queue;
-pub mod quickstart;
 pub mod reindex;
-pub mod restore;
-pub mod resume;
-pub mod retry;
 pub mod runs;
 pub mod serve;
 pub mod show;
 pub mod simulate;
-pub mod stream;
 pub mod study;
 pub mod submit;
 pub mod summary;
 pub mod tasks;
-pub mod token;
 pub mod trajectory;
 pub mod trash;
 pub mod undelete;
-pub mod undrain;
 pub mod verify;
 pub mod watch;
 pub mod worker;
@@ -66,8 +50,8 @@ pub async fn run(command: Command, log: &Logging) -> anyhow::Result<ExitCode> {
     match command {
         Command::Serve(arguments) => serve::run(arguments, log).await,
         Command::Worker(arguments) => worker::run(arguments, &log.attempt).await,
-        Command::Devices(arguments) => devices::run(&arguments).await,
-        Command::Quickstart(arguments) => quickstart::run(arguments, log).await,
+        Command::Devices(arguments) => worker::devices(&arguments).await,
+        Command::Quickstart(arguments) => serve::quickstart(arguments, log).await,
         Command::Study(arguments) => study::run(arguments, log).await,
         Command::Simulate(arguments) => simulate::run(arguments).await,
         Command::Verify(arguments) => verify::run(arguments).await,
@@ -80,43 +64,43 @@ pub async fn run(command: Command, log: &Logging) -> anyhow::Result<ExitCode> {
         Command::Label(arguments) => label::run(arguments).await,
         Command::Watch(arguments) => watch::run(arguments).await,
         Command::Events(arguments) => events::run(arguments).await,
-        Command::Cancel(arguments) => cancel::run(arguments).await,
-        Command::Retry(arguments) => retry::run(arguments).await,
+        Command::Cancel(arguments) => submit::cancel(arguments).await,
+        Command::Retry(arguments) => submit::retry(arguments).await,
         Command::Delete(arguments) => delete::run(arguments).await,
         Command::Undelete(arguments) => undelete::run(arguments).await,
         Command::Trash(arguments) => trash::run(arguments).await,
         Command::Gc(arguments) => gc::run(arguments).await,
-        Command::Pause(arguments) => pause::run(arguments).await,
-        Command::Resume(arguments) => resume::run(arguments).await,
-        Command::Drain(arguments) => drain::run(arguments).await,
-        Command::Undrain(arguments) => undrain::run(arguments).await,
-        Command::Token(arguments) => token::run(arguments).await,
-        Command::Audit(arguments) => audit::run(arguments).await,
-        Command::Backup(arguments) => backup::run(arguments).await,
+        Command::Pause(arguments) => queue::pause(arguments).await,
+        Command::Resume(arguments) => queue::resume(arguments).await,
+        Command::Drain(arguments) => queue::drain(arguments).await,
+        Command::Undrain(arguments) => queue::undrain(arguments).await,
+        Command::Token(arguments) => access::run(arguments).await,
+        Command::Audit(arguments) => access::audit(arguments).await,
+        Command::Backup(arguments) => copies::backup(arguments).await,
         Command::Reindex(arguments) => reindex::run(arguments).await,
-        Command::Restore(arguments) => restore::run(arguments).await,
-        Command::Migrate(arguments) => migrate::run(arguments).await,
+        Command::Restore(arguments) => copies::restore(arguments).await,
+        Command::Migrate(arguments) => copies::migrate(arguments).await,
         Command::Presets(arguments) => presets::run(arguments).await,
         Command::Checkpoints(arguments) => checkpoints::run(arguments).await,
-        Command::Completions(arguments) => completions::run(&arguments),
+        Command::Completions(arguments) => documents::completions(&arguments),
         Command::Datasets(arguments) => datasets::run(arguments).await,
         Command::Doctor(arguments) => doctor::run(arguments).await,
         Command::Download(arguments) => download::run(arguments).await,
         Command::Export(arguments) => export::run(arguments).await,
         Command::Evaluations(arguments) => evaluations::run(arguments).await,
         Command::Health(arguments) => health::run(arguments).await,
-        Command::Man(arguments) => man::run(&arguments),
+        Command::Man(arguments) => documents::man(&arguments),
         Command::Metrics(arguments) => metrics::run(arguments).await,
         Command::Open(arguments) => open::run(arguments).await,
         Command::Predict(arguments) => predict::run(arguments).await,
         Command::Queue(arguments) => queue::run(arguments).await,
         Command::Runs(arguments) => runs::run(arguments).await,
         Command::Show(arguments) => show::run(arguments).await,
-        Command::Stream(arguments) => stream::run(arguments).await,
+        Command::Stream(arguments) => predict::stream(arguments).await,
         Command::Summary(arguments) => summary::run(arguments).await,
         Command::Tasks(arguments) => tasks::run(arguments).await,
         Command::Trajectory(arguments) => trajectory::run(arguments).await,
         // `main` has done so, without threads.
-        Command::DecodeRecording(arguments) => decode_recording::run(&arguments),
+        Command::DecodeRecording(arguments) => worker::decode_recording(&arguments),
     }
 }

@@ -1,9 +1,15 @@
+//! Predictions with a checkpoint: single ones, or a stream.
+
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+use anyhow::Context as _;
 use clap::Args;
+use futures::StreamExt as _;
+use tokio_util::codec::{FramedRead, LinesCodec};
+use wire::StreamReply;
 
-use crate::arguments::{OutputArguments, ServerArguments};
+use crate::arguments::{AskArguments, ServerArguments};
 use crate::commands::submit::read_json;
 
 #[derive(Debug, Args)]
@@ -17,21 +23,69 @@ pub struct Arguments {
     question: PathBuf,
 
     #[command(flatten)]
-    output: OutputArguments,
-
-    #[command(flatten)]
-    server: ServerArguments,
+    ask: AskArguments,
 }
 
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let question = read_json(&arguments.question, api::limits::QUESTION_BYTES as u64)?;
-    let client = arguments.server.client()?;
+    let client = arguments.ask.client()?;
     let answer = client.predict(arguments.checkpoint, question).await?;
-    if arguments.output.json {
+    if arguments.ask.output.json {
         println!("{answer}");
     } else {
         let answer: serde_json::Value = serde_json::from_str(&answer)?;
         println!("{}", serde_json::to_string_pretty(&answer)?);
     }
     Ok(ExitCode::SUCCESS)
+}
+
+#[derive(Debug, Args)]
+#[command(
+    after_help = "Each line of standard input is a message, such as {\"open\": {}} and {\"step\": {\"u\": …, \"y\": …, \
+                  \"future_u\": …}}; each line of standard output is the answer to one, in order. docs/prediction.md has all \
+                  messages. The code is 1 if a message was refused."
+)]
+pub struct StreamArguments {
+    /// The checkpoint; `torqued checkpoints` lists them
+    #[arg(value_name = "CHECKPOINT")]
+    checkpoint: i64,
+
+    #[command(flatten)]
+    server: ServerArguments,
+}
+
+pub async fn stream(arguments: StreamArguments) -> anyhow::Result<ExitCode> {
+    let mut stream = arguments.server.client()?.stream(arguments.checkpoint).await?;
+    // The server accepts no longer lines.
+    let codec = LinesCodec::new_with_max_length(api::limits::QUESTION_BYTES);
+    let mut lines = FramedRead::new(tokio::io::stdin(), codec);
+    let mut refused = 0_u64;
+    let mut count = 0_u64;
+    loop {
+        let line = tokio::select! {
+            line = lines.next() => line,
+            // An unexpected message is the end of the stream, and pings are answered meanwhile.
+            end = stream.receive() => anyhow::bail!("the server said without being asked: {}", end?),
+        };
+        let Some(line) = line else { break };
+        let line = line.with_context(|| format!("cannot read message {}", count + 1))?;
+        if line.trim().is_empty() {
+            continue;
+        }
+        stream.send(line).await?;
+        let answer = stream.receive().await?;
+        count += 1;
+        refused += u64::from(is_refusal(&answer));
+        println!("{answer}");
+    }
+    stream.close().await;
+    if refused > 0 {
+        eprintln!("{refused} of {count} messages were refused");
+        return Ok(ExitCode::FAILURE);
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn is_refusal(answer: &str) -> bool {
+    matches!(serde_json::from_str(answer), Ok(StreamReply::Error(_)))
 }

@@ -6,7 +6,7 @@ use jobs::{LeftOut, Rebuilt};
 use store::{Access, Duty, JobId, Store};
 
 use crate::arguments::{ConfigArguments, StoreArguments};
-use crate::commands::copied_store;
+use crate::commands::copies;
 
 /// Rebuilds jobs in a database without jobs. The files of datasets and checkpoints say which job
 /// made them. That job is recorded again under its old id and as completed, so that it is found by
@@ -54,7 +54,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     name(&rebuilt.left_out[before..]);
     store.close().await;
     println!("{}", summary(&rebuilt));
-    println!("start a server on it with: {}", copied_store::serve_command(&location));
+    println!("start a server on it with: {}", copies::serve_command(&location));
     Ok(ExitCode::SUCCESS)
 }
 

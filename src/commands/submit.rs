@@ -1,3 +1,5 @@
+//! Submits, retries and cancels jobs.
+
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -7,8 +9,8 @@ use clap::Args;
 use serde_json::json;
 use spec::PresetPlace;
 
-use crate::arguments::{LabelArguments, OutputArguments, ServerArguments};
-use crate::client::{Reuse, Submitted};
+use crate::arguments::{AskArguments, LabelArguments, OutputArguments};
+use crate::client::{Client, Reuse, Submitted};
 use crate::commands::watch;
 use crate::output::write_json;
 
@@ -31,38 +33,82 @@ pub struct Arguments {
     labels: LabelArguments,
 
     #[command(flatten)]
-    output: OutputArguments,
-
-    #[command(flatten)]
-    server: ServerArguments,
+    ask: AskArguments,
 }
 
 /// The largest spec that the server accepts.
 pub const MAX_SPEC_BYTES: u64 = 1 << 20;
 
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
-    let spec = read_spec(&arguments.spec)?;
-    let client = arguments.server.client()?;
-    let reuse = if arguments.force { Reuse::ComputeAnew } else { Reuse::ByDigest };
-    let labels = arguments.labels.parameters();
-    let Submitted { job, existed } = client.submit_labelled(spec, reuse, &labels).await?;
-    let output = arguments.output;
-    let note = if existed { ", submitted before" } else { "" };
-    match (output.json, arguments.watch) {
+    let Arguments { spec, force, watch, labels, ask } = arguments;
+    let spec = read_spec(&spec)?;
+    let client = ask.client()?;
+    let reuse = if force { Reuse::ComputeAnew } else { Reuse::ByDigest };
+    let submitted = client.submit_labelled(spec, reuse, &labels.parameters()).await?;
+    show(&client, &submitted, "submitted before", watch, ask.output).await
+}
+
+/// Prints a submitted job, and follows it to its end if that is wanted.
+async fn show(
+    client: &Client,
+    Submitted { job, existed }: &Submitted,
+    before: &str,
+    watch: bool,
+    output: OutputArguments,
+) -> anyhow::Result<ExitCode> {
+    let note = if *existed { format!(", {before}") } else { String::new() };
+    match (output.json, watch) {
         (false, _) => {
             let page = client.url(&format!("/jobs/{}", job.id));
             println!("job {} {}{note}: {page}", job.id, job.state);
         }
-        (true, false) => write_json(&job)?,
+        (true, false) => write_json(job)?,
         (true, true) => {}
     }
     for warning in &job.warnings {
         eprintln!("warning: {warning}");
     }
-    if !arguments.watch {
+    if !watch {
         return Ok(ExitCode::SUCCESS);
     }
-    watch::follow_to_end(&client, job.id, output).await
+    watch::follow_to_end(client, job.id, output).await
+}
+
+#[derive(Debug, Args)]
+pub struct RetryArguments {
+    /// The id of a job that failed or was cancelled
+    id: i64,
+
+    /// Follow the new job until it ends
+    #[arg(long)]
+    watch: bool,
+
+    #[command(flatten)]
+    ask: AskArguments,
+}
+
+pub async fn retry(arguments: RetryArguments) -> anyhow::Result<ExitCode> {
+    let RetryArguments { id, watch, ask } = arguments;
+    let client = ask.client()?;
+    let submitted = client.retry(id).await?;
+    show(&client, &submitted, "retried before", watch, ask.output).await
+}
+
+#[derive(Debug, Args)]
+pub struct CancelArguments {
+    /// The job's id
+    id: i64,
+
+    #[command(flatten)]
+    ask: AskArguments,
+}
+
+pub async fn cancel(CancelArguments { id, ask }: CancelArguments) -> anyhow::Result<ExitCode> {
+    let job = ask.client()?.cancel(id).await?;
+    ask.print(&job, |job| match job.state.is_final() {
+        true => format!("job {} {}", job.id, job.state),
+        false => format!("job {} {}, its worker was told to stop", job.id, job.state),
+    })
 }
 
 /// Reads a spec from a file, or makes it from the name of a preset if there is no such file.

@@ -4,7 +4,7 @@ use std::process::ExitCode;
 use anyhow::bail;
 use clap::{Args, ValueEnum};
 
-use crate::arguments::{OutputArguments, ServerArguments};
+use crate::arguments::AskArguments;
 use crate::output::write_bytes;
 
 #[derive(Debug, Args)]
@@ -22,10 +22,7 @@ pub struct Arguments {
     format: Format,
 
     #[command(flatten)]
-    output: OutputArguments,
-
-    #[command(flatten)]
-    server: ServerArguments,
+    ask: AskArguments,
 }
 
 /// The output format of a trajectory.
@@ -41,8 +38,8 @@ enum Format {
 
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let base = format!("/v1/datasets/{}/trajectories/{}", arguments.dataset, arguments.index);
-    let client = arguments.server.client()?;
-    if arguments.output.json {
+    let client = arguments.ask.client()?;
+    if arguments.ask.output.json {
         println!("{}", client.raw(&format!("{base}?format=json")).await?);
         return Ok(ExitCode::SUCCESS);
     }

@@ -1,16 +1,19 @@
+//! Workers, and the children that they start.
+
 use std::io::Read;
 use std::num::NonZero;
 use std::process::ExitCode;
 use std::time::Duration;
 
 use clap::Args;
+use recordings::DecoderProgram;
+use reports::{Align, Table};
 use tokio_util::sync::CancellationToken;
-use worker::{AttemptLog, WorkerError, WorkerOptions};
+use worker::{AttemptLog, DeviceKind, Probed, WorkerError, WorkerOptions};
 
 use crate::arguments::{DeviceArguments, StoreArguments, worker_name};
-use crate::commands::decode_recording;
 use crate::offers::OfferArguments;
-use crate::server::Interrupts;
+use crate::process::{Interrupts, own_program};
 use crate::{allocator, device, process};
 
 #[derive(Debug, Args)]
@@ -75,7 +78,7 @@ pub async fn run(arguments: Arguments, log: &AttemptLog) -> anyhow::Result<ExitC
         idle_exit: arguments.idle_exit.map(Duration::from_secs),
         any_version: arguments.any_version,
         device: arguments.device.device,
-        decoder: decode_recording::program()?,
+        decoder: decoder()?,
         log: log.clone(),
     };
     match worker::run(&options, shutdown).await {
@@ -109,4 +112,83 @@ fn watch_stdin(shutdown: CancellationToken) {
         tracing::error!("the worker did not stop in time; the lease of its task will expire");
         std::process::exit(1);
     });
+}
+
+/// The command that decodes a recording.
+const DECODE_RECORDING: &str = "decode-recording";
+
+#[derive(Debug, Args)]
+pub struct DecodeArguments {
+    /// The import's spec as JSON
+    spec: String,
+}
+
+/// This program as a worker's child, which decodes a foreign file.
+fn decoder() -> std::io::Result<DecoderProgram> {
+    let program = own_program()?;
+    Ok(DecoderProgram { program, arguments: vec![DECODE_RECORDING.to_owned()] })
+}
+
+pub fn decode_recording(arguments: &DecodeArguments) -> anyhow::Result<ExitCode> {
+    recordings::decode_standard_input(&arguments.spec)?;
+    Ok(ExitCode::SUCCESS)
+}
+
+#[derive(Debug, Args)]
+pub struct DevicesArguments {
+    /// Test only this device, and fail if it does not work
+    #[arg(value_name = "NAME")]
+    device: Option<DeviceKind>,
+
+    /// Test it in this process, and print JSON
+    #[arg(long, hide = true, requires = "device")]
+    in_this_process: bool,
+}
+
+pub async fn devices(arguments: &DevicesArguments) -> anyhow::Result<ExitCode> {
+    let mut table = Table::new([
+        ("device", Align::Left),
+        ("computed by", Align::Left),
+        ("on", Align::Left),
+        ("first result", Align::Right),
+    ]);
+    let row = |kind: DeviceKind, on: String, seconds: Option<f64>| {
+        let seconds = seconds.map_or_else(String::new, |seconds| format!("{seconds:.2} s"));
+        vec![kind.name().to_owned(), kind.backend().to_owned(), on, seconds]
+    };
+    match arguments.device {
+        Some(kind) if arguments.in_this_process => {
+            let probed = worker::try_device(kind)?;
+            println!("{}", serde_json::to_string(&probed)?);
+            return Ok(ExitCode::SUCCESS);
+        }
+        Some(kind) => {
+            let probed = device::probe(kind).await?;
+            table.push(row(kind, hardware(&probed), Some(probed.seconds)));
+        }
+        None => {
+            for kind in DeviceKind::ALL {
+                table.push(match kind.feature() {
+                    Some(feature) if !kind.is_built() => {
+                        row(kind, format!("not built in: --features {feature}"), None)
+                    }
+                    _ => match device::probe(kind).await {
+                        Ok(probed) => row(kind, hardware(&probed), Some(probed.seconds)),
+                        Err(error) => row(kind, error.to_string(), None),
+                    },
+                });
+            }
+        }
+    }
+    print!("{}", table.render());
+    Ok(ExitCode::SUCCESS)
+}
+
+/// The name of the hardware, as its driver gives it.
+fn hardware(Probed { device, .. }: &Probed) -> String {
+    match (&device.adapter, &device.driver) {
+        (Some(adapter), Some(driver)) => format!("{adapter}, {driver}"),
+        (Some(adapter), None) => adapter.clone(),
+        (None, _) => "this processor".to_owned(),
+    }
 }

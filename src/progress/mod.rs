@@ -1,26 +1,17 @@
 //! Shows a job's progress on stderr until it ends: bars on a terminal, and plain lines otherwise.
 
-mod bars;
-mod lines;
+mod display;
 pub mod measure;
-mod own_parts;
 mod own_work;
-mod rate;
-mod row;
 
-use std::io::IsTerminal;
 use std::time::{Duration, Instant};
 
 use reqwest::StatusCode;
 use wire::{Event, Job, JobProgress};
 
 use crate::client::{Client, ClientError, Events};
-use bars::Bars;
-use lines::Lines;
-pub use own_parts::{Part, follow_parts};
-pub use own_work::{ProgressCallback, follow_own};
-use rate::Rate;
-use row::Row;
+use display::{Display, Rate, Row};
+pub use own_work::{Part, ProgressCallback, follow_own, follow_parts};
 
 /// How often this process, or a server without events, is asked.
 const POLL_EVERY: Duration = Duration::from_millis(400);
@@ -154,36 +145,4 @@ fn rows(job: &Job) -> Vec<Row> {
             rate_per_second: None,
         })
         .collect()
-}
-
-enum Display {
-    Bars(Bars),
-    Lines(Lines),
-}
-
-impl Display {
-    fn new() -> Self {
-        if std::io::stderr().is_terminal() {
-            Self::Bars(Bars::new())
-        } else {
-            Self::Lines(Lines::default())
-        }
-    }
-
-    fn show(&mut self, rows: &[Row]) {
-        match self {
-            Self::Bars(bars) => bars.show(rows),
-            Self::Lines(lines) => {
-                for line in lines.changes(rows, Instant::now()) {
-                    eprintln!("{line}");
-                }
-            }
-        }
-    }
-
-    fn finish(self) {
-        if let Self::Bars(bars) = self {
-            bars.finish();
-        }
-    }
 }

@@ -9,6 +9,8 @@ use store::{
 };
 use tokio_util::sync::CancellationToken;
 
+use crate::arguments::ORPHANED_AFTER;
+
 /// How often leases are checked. A death is noticed at most this long after its lease has ended.
 const REAP_EVERY: Duration = Duration::from_secs(1);
 
@@ -20,10 +22,6 @@ const SWEEP_EVERY: Duration = Duration::from_secs(60 * 60);
 const NAMED: usize = 20;
 
 const FORGET_EVENTS_EVERY: Duration = Duration::from_secs(60);
-
-/// No file takes this long from its first byte to its row. A file that is sent to be imported may
-/// take 6 h.
-pub const ORPHANED_AFTER: Duration = Duration::from_secs(8 * 60 * 60);
 
 /// How long things are kept.
 #[derive(Clone, Copy, Debug)]

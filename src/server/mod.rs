@@ -5,9 +5,7 @@
 
 mod executor;
 mod housekeeping;
-mod interrupt;
 mod listen;
-pub mod memory;
 mod places;
 
 use std::num::NonZero;
@@ -18,7 +16,7 @@ use std::time::Duration;
 use anyhow::{Context, ensure};
 use api::App;
 use clap::Args;
-use executors::{Control, WorkerProcesses};
+use executors::{Autoscaler, WorkerProcesses};
 use live::Live;
 use spec::{DataSpec, JobKind, TrainSpec};
 use store::{Access, Location, Store};
@@ -28,10 +26,9 @@ use tokio_util::task::TaskTracker;
 use crate::arguments::{DeviceArguments, RetentionArguments, StoreArguments, days_long};
 use crate::logging::Logging;
 use crate::offers::WorkerOfferArguments;
+use crate::process::Interrupts;
 use crate::{allocator, device, process};
 use executor::ExecutorArguments;
-pub use housekeeping::ORPHANED_AFTER;
-pub use interrupt::Interrupts;
 use listen::{Bound, SocketFile};
 
 /// Options of the server for `serve` and `quickstart`.
@@ -215,7 +212,7 @@ impl Server {
             },
         )
         .with_models(Arc::new(live(store.clone(), options)?));
-        let app = match memory::bytes() {
+        let app = match process::memory_bytes() {
             Some(bytes) => {
                 app.with_memory_doubts(Arc::new(move |training: &TrainSpec, data: &DataSpec| {
                     models::memory_doubt(training, data, bytes)
@@ -237,8 +234,8 @@ impl Server {
         workers.spawn(housekeeping::sweep(store.clone(), keeping, stop_workers.clone()));
         workers.spawn(housekeeping::forget_events(store.clone(), stop_workers.clone()));
         if let Some((engine, settings)) = engine {
-            let control = Control::new(store.clone(), engine, settings).await?;
-            workers.spawn(control.run(stop_workers.clone()));
+            let autoscaler = Autoscaler::new(store.clone(), engine, settings).await?;
+            workers.spawn(autoscaler.run(stop_workers.clone()));
         } else {
             housekeeping::forget_engine(&store).await?;
             workers.spawn(housekeeping::forget_engines(store.clone(), stop_workers.clone()));

@@ -146,17 +146,17 @@ async fn work_on(
 /// Waits until there may be a task. The first call only begins to listen and returns, because tasks
 /// queued before need one more poll.
 async fn wait_for_a_task(store: &Store, bell: &mut Option<Bell>) {
-    let rung = match bell {
+    let listened = match bell {
         None => match store.bell().await {
-            Ok(hung) => {
-                *bell = Some(hung);
+            Ok(new) => {
+                *bell = Some(new);
                 return;
             }
             Err(error) => Err(error),
         },
-        Some(hung) => hung.wait(hung.patience()).await,
+        Some(bell) => bell.wait(bell.patience()).await,
     };
-    if let Err(error) = rung {
+    if let Err(error) = listened {
         tracing::warn!(error = spec::causes(&error), "cannot listen for tasks");
         *bell = None;
         tokio::time::sleep(RETRY).await;

@@ -1,7 +1,7 @@
 //! Runs the workers. A server starts its own workers as child processes ([`WorkerProcesses`]), or
 //! has a cluster's [`Engine`] place them: Slurm or Kubernetes.
 //!
-//! [`Control`] looks regularly at the engine's workers, at their tasks and at waiting tasks.
+//! [`Autoscaler`] looks regularly at the engine's workers, at their tasks and at waiting tasks.
 //! [`plan`], a pure function of these, decides what to do. Everything about workers that the engine
 //! can be asked for is not stored: their names and labels say which store they belong to and what
 //! they offer, so the next server finds them.
@@ -15,8 +15,8 @@
 //! Local workers are child processes whose standard input the server holds. When the server dies,
 //! however it dies, they read the end of it and stop.
 
+mod autoscaler;
 mod backoff;
-mod control;
 mod engine;
 mod error;
 mod kubernetes;
@@ -24,15 +24,17 @@ mod local;
 mod memory;
 mod plan;
 mod refusals;
+mod request;
 mod resources;
 mod slurm;
 mod worker_command;
 
-pub use control::{Control, Settings};
-pub use engine::{Ask, Cause, End, Engine, Phase, PlacedWorker};
+pub use autoscaler::{Autoscaler, Settings};
+pub use engine::Engine;
 pub use error::EngineError;
 pub use kubernetes::{Kubernetes, TemplateError};
 pub use local::{GAVE_UP, WorkerProcesses};
 pub use plan::{Action, Bounds, KnownWorker, SETTLED_AFTER, WorkerState, plan};
+pub use request::{Ask, Cause, End, Phase, PlacedWorker};
 pub use slurm::Slurm;
 pub use worker_command::{SERVERS_TOKEN, WorkerCommand, new_name, prefix};

@@ -1,4 +1,4 @@
-//! The memory of the control loop from one look to the next.
+//! The memory of the autoscaler from one look to the next.
 
 use std::collections::{HashMap, HashSet};
 use std::time::{Duration, Instant};

@@ -142,7 +142,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn those_beyond_the_queue_are_refused_and_another_lane_is_not_hindered() {
+    async fn a_full_queue_refuses_predictions_and_the_other_queue_goes_on() {
         let queues = queues();
         let (go, gate) = mpsc::channel::<()>();
         let first = queues.requests.run(move |_| gate.recv().is_ok());

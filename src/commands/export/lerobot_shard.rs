@@ -15,7 +15,21 @@ use serde_json::{Value, json};
 use spec::Column;
 use store::TableReader;
 
-use super::lerobot_meta::Timing;
+/// The length and the rate of episodes.
+#[derive(Clone, Copy)]
+pub struct Timing {
+    pub samples: u32,
+    pub rate_hz: f64,
+}
+
+impl Timing {
+    /// The time of a frame, counted from the first frame.
+    pub fn seconds(self, frame: i64) -> f32 {
+        #[expect(clippy::cast_possible_truncation, reason = "the format has 32 bits")]
+        let seconds = (frame as f64 / self.rate_hz) as f32;
+        seconds
+    }
+}
 
 /// Both features, with the statistics of their values so far.
 pub struct Features {

@@ -2,7 +2,6 @@
 
 mod hugging_face;
 mod lerobot;
-mod lerobot_meta;
 mod lerobot_shard;
 mod mlflow;
 

@@ -14,7 +14,7 @@ use spec::{
 };
 use worker::{DeviceKind, TrainingTimes};
 
-use crate::server::memory;
+use crate::process::memory_bytes;
 
 /// Bytes per sample in a shard, measured on the paper's training sets with trajectories of 400
 /// samples.
@@ -55,7 +55,7 @@ pub fn estimate(plan: &Plan, device: DeviceKind) -> anyhow::Result<Estimate> {
         let row = rehearsal.row(name, &plan.pipeline.jobs[name].spec);
         rows.push(row.with_context(|| format!("cannot estimate {name}"))?);
     }
-    Ok(Estimate { scale: plan.scale, rows, available: memory::bytes() })
+    Ok(Estimate { scale: plan.scale, rows, available: memory_bytes() })
 }
 
 /// Measurements so far. Similar jobs are measured once.

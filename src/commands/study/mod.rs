@@ -15,7 +15,7 @@ use reports::study::{self, Plan, Scale};
 use wire::{Job, JobState};
 
 use crate::client::{Client, JobEnded, Reuse, Submitted};
-use crate::commands::own_server::work_and_serve;
+use crate::commands::serve::work_and_serve;
 use crate::logging::Logging;
 use crate::progress;
 use crate::server::{Options, Server};

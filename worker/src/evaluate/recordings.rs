@@ -18,10 +18,11 @@ pub(super) struct TrajectoryPredictions {
     samples: BTreeMap<u32, u64>,
 }
 
-/// The answers in a file, by trajectory. `trajectories` is how many the evaluation's data has.
+/// The predictions in a file, by trajectory. `trajectories` is the number of trajectories in the
+/// evaluation's data.
 ///
 /// # Errors
-/// Names a recording that is none, or that is there twice.
+/// Names a recording whose name is no trajectory, or that occurs twice.
 pub(super) fn answers_of(
     recordings: &[String],
     trajectories: Option<u64>,
@@ -76,7 +77,7 @@ pub(super) struct Answers {
 }
 
 impl Answers {
-    /// The answers to the trajectories `wanted`, with so many `samples` of each from 2 on.
+    /// The answers to the trajectories `wanted`, with `samples` of each if that is 2 or more.
     ///
     /// # Errors
     /// Names a trajectory without a prediction, or with fewer samples.

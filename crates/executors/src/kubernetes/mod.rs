@@ -60,7 +60,7 @@ impl Kubernetes {
         mut config: Config,
     ) -> Result<Self, TemplateError> {
         let template = template::read(template)?;
-        // The control loop tries again, with its own pauses.
+        // The autoscaler tries again, with its own pauses.
         config.default_retry = false;
         let namespace = template.metadata.namespace.clone();
         let namespace = namespace.unwrap_or_else(|| config.default_namespace.clone());

@@ -24,11 +24,11 @@ async fn a_worker_that_kubernetes_interrupts_loses_no_attempt() {
         ("TerminationByKubelet", "Pod was terminated in response to imminent node shutdown."),
     ] {
         let lab = Lab::new().await;
-        let mut control = lab.control(1).await;
+        let mut autoscaler = lab.autoscaler(1).await;
         let job = lab.submit(1).await;
-        let (worker, task) = lab.working(&mut control).await;
+        let (worker, task) = lab.working(&mut autoscaler).await;
         lab.server.set_pod(&worker, disrupted(reason, message));
-        look(&mut control).await;
+        look(&mut autoscaler).await;
         let task = lab.store.task(task.fence.task).await.unwrap();
         assert_eq!(
             (task.state, task.attempt, task.error),
@@ -69,11 +69,11 @@ async fn a_worker_that_died_costs_an_attempt_and_the_reason_is_known() {
         (json!({"phase": "Failed", "reason": "NodeLost"}), "lost its node"),
     ] {
         let lab = Lab::new().await;
-        let mut control = lab.control(1).await;
+        let mut autoscaler = lab.autoscaler(1).await;
         lab.submit(1).await;
-        let (worker, task) = lab.working(&mut control).await;
+        let (worker, task) = lab.working(&mut autoscaler).await;
         lab.server.set_pod(&worker, status);
-        look(&mut control).await;
+        look(&mut autoscaler).await;
         let task = lab.store.task(task.fence.task).await.unwrap();
         assert_eq!((task.state, task.attempt), (TaskState::Queued, 1), "{expected}");
         let error = task.error.unwrap();
@@ -92,14 +92,14 @@ async fn a_job_says_how_a_worker_ended_whose_pod_is_gone() {
         "message": "Pod lab/torqued-x7k2p has condition DisruptionTarget matching FailJob rule at index 0",
     });
     let lab = Lab::new().await;
-    let mut control = lab.control(1).await;
+    let mut autoscaler = lab.autoscaler(1).await;
     let job = lab.submit(1).await;
-    let (worker, task) = lab.working(&mut control).await;
+    let (worker, task) = lab.working(&mut autoscaler).await;
     // It gave its task back in time.
     lab.store.release(task.fence).await.unwrap();
     lab.server.delete_pod(&worker);
     lab.server.end_job(&worker, &interrupted);
-    look(&mut control).await;
+    look(&mut autoscaler).await;
     let attempts = lab.store.attempts(job, Page::default()).await.unwrap();
     let reason = attempts[0].reason.as_deref().unwrap();
     assert!(reason.contains("was interrupted by Kubernetes: Pod lab/"), "{reason}");
@@ -116,13 +116,13 @@ async fn a_job_says_how_a_worker_ended_whose_pod_is_gone() {
         ),
     ] {
         let lab = Lab::new().await;
-        let mut control = lab.control(1).await;
+        let mut autoscaler = lab.autoscaler(1).await;
         lab.submit(1).await;
-        let (worker, task) = lab.working(&mut control).await;
+        let (worker, task) = lab.working(&mut autoscaler).await;
         lab.store.complete(task.fence, None).await.unwrap();
         lab.server.delete_pod(&worker);
         lab.server.end_job(&worker, &condition);
-        look(&mut control).await;
+        look(&mut autoscaler).await;
         let Placed { state, reason, .. } = lab.placement(&worker).await;
         assert_eq!((state, reason.as_deref()), (PlacementState::Ended, Some(expected)));
     }

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use executors::{Bounds, Control, Engine, Kubernetes, Settings, WorkerCommand};
+use executors::{Autoscaler, Bounds, Engine, Kubernetes, Settings, WorkerCommand};
 use serde_json::{Value, json};
 use spec::{Digest, Resources};
 use store::{
@@ -48,12 +48,12 @@ impl Lab {
         Self { store, _folder: folder, server, address }
     }
 
-    /// A control loop with short pauses.
-    pub async fn control(&self, max: usize) -> Control {
-        self.control_with(max, Duration::from_millis(1)).await
+    /// An autoscaler with short pauses.
+    pub async fn autoscaler(&self, max: usize) -> Autoscaler {
+        self.autoscaler_with(max, Duration::from_millis(1)).await
     }
 
-    pub async fn control_with(&self, max: usize, look_every: Duration) -> Control {
+    pub async fn autoscaler_with(&self, max: usize, look_every: Duration) -> Autoscaler {
         let command = WorkerCommand {
             program: "torqued".into(),
             store: Vec::new(),
@@ -72,7 +72,7 @@ impl Lab {
         let bounds = Bounds { min: 0, max };
         let settings = Settings { bounds, usual, look_every, version: "1".to_owned() };
         let engine = Engine::Kubernetes(Box::new(kubernetes));
-        Control::new(self.store.clone(), engine, settings).await.unwrap()
+        Autoscaler::new(self.store.clone(), engine, settings).await.unwrap()
     }
 
     /// Submits a job with this many tasks.
@@ -120,13 +120,13 @@ impl Lab {
     }
 
     /// A requested worker that has the only task.
-    pub async fn working(&self, control: &mut Control) -> (String, ClaimedTask) {
-        look(control).await;
+    pub async fn working(&self, autoscaler: &mut Autoscaler) -> (String, ClaimedTask) {
+        look(autoscaler).await;
         let worker = self.server.jobs()[0].clone();
         let task =
             self.store.claim(&worker, &usual(), Duration::from_secs(3600)).await.unwrap().unwrap();
         self.server.set_pod(&worker, json!({"phase": "Running"}));
-        look(control).await;
+        look(autoscaler).await;
         (worker, task)
     }
 
@@ -141,8 +141,8 @@ impl Lab {
 }
 
 /// Looks once, and waits until the next look is due.
-pub async fn look(control: &mut Control) {
-    let pause = control.look().await;
+pub async fn look(autoscaler: &mut Autoscaler) {
+    let pause = autoscaler.look().await;
     tokio::time::sleep(pause).await;
 }
 

@@ -21,17 +21,17 @@ use lab::{Lab, look, terminated, usual};
 #[tokio::test]
 async fn tasks_that_wait_get_workers_up_to_the_maximum_and_no_need_is_asked_for_twice() {
     let lab = Lab::new().await;
-    let mut control = lab.control(2).await;
-    look(&mut control).await;
+    let mut autoscaler = lab.autoscaler(2).await;
+    look(&mut autoscaler).await;
     assert_eq!(lab.server.jobs(), [""; 0]);
     lab.submit(1).await;
     for _ in 0..3 {
-        look(&mut control).await;
+        look(&mut autoscaler).await;
         assert_eq!(lab.server.jobs().len(), 1);
     }
     lab.submit(5).await;
     for _ in 0..3 {
-        look(&mut control).await;
+        look(&mut autoscaler).await;
         assert_eq!(lab.server.jobs().len(), 2);
     }
     let ours = prefix(&lab.store.identity().await.unwrap());
@@ -42,14 +42,14 @@ async fn tasks_that_wait_get_workers_up_to_the_maximum_and_no_need_is_asked_for_
 #[tokio::test]
 async fn a_request_whose_answer_is_lost_is_not_repeated() {
     let lab = Lab::new().await;
-    let mut control = lab.control(9).await;
+    let mut autoscaler = lab.autoscaler(9).await;
     lab.submit(1).await;
     lab.server.set_fault(Some(Fault::LosesAnswers));
-    look(&mut control).await;
+    look(&mut autoscaler).await;
     assert!(lab.obstacle().await.unwrap().contains("Kubernetes refuses (504): Timeout"));
     lab.server.set_fault(None);
     for _ in 0..3 {
-        look(&mut control).await;
+        look(&mut autoscaler).await;
         assert_eq!(lab.server.jobs().len(), 1);
     }
     assert_eq!(lab.obstacle().await, None);
@@ -59,28 +59,28 @@ async fn a_request_whose_answer_is_lost_is_not_repeated() {
 async fn a_control_that_begins_anew_finds_its_workers_and_no_others() {
     let lab = Lab::new().await;
     lab.submit(2).await;
-    look(&mut lab.control(9).await).await;
+    look(&mut lab.autoscaler(9).await).await;
     assert_eq!(lab.server.jobs().len(), 2);
-    look(&mut lab.control(9).await).await;
+    look(&mut lab.autoscaler(9).await).await;
     assert_eq!(lab.server.jobs().len(), 2);
 
     let other = Lab::new().await;
     let other = Lab { server: lab.server.clone(), address: lab.address.clone(), ..other };
     other.submit(1).await;
-    look(&mut other.control(9).await).await;
+    look(&mut other.autoscaler(9).await).await;
     assert_eq!(lab.server.jobs().len(), 3);
 }
 
 #[tokio::test]
 async fn a_paused_queue_asks_for_nobody() {
     let lab = Lab::new().await;
-    let mut control = lab.control(9).await;
+    let mut autoscaler = lab.autoscaler(9).await;
     lab.submit(1).await;
     lab.store.pause_queue().await.unwrap();
-    look(&mut control).await;
+    look(&mut autoscaler).await;
     assert_eq!(lab.server.jobs(), [""; 0]);
     lab.store.resume_queue().await.unwrap();
-    look(&mut control).await;
+    look(&mut autoscaler).await;
     assert_eq!(lab.server.jobs().len(), 1);
 }
 
@@ -88,12 +88,12 @@ async fn a_paused_queue_asks_for_nobody() {
 async fn workers_beyond_a_lower_maximum_are_let_go() {
     let lab = Lab::new().await;
     lab.submit(3).await;
-    look(&mut lab.control(3).await).await;
+    look(&mut lab.autoscaler(3).await).await;
     let before = lab.server.jobs();
     assert_eq!(before.len(), 3);
-    let mut control = lab.control(1).await;
+    let mut autoscaler = lab.autoscaler(1).await;
     for _ in 0..3 {
-        look(&mut control).await;
+        look(&mut autoscaler).await;
     }
     let after = lab.server.jobs();
     assert_eq!(after.len(), 1);
@@ -106,7 +106,7 @@ async fn workers_beyond_a_lower_maximum_are_let_go() {
 #[tokio::test]
 async fn an_engine_that_refuses_or_is_away_is_told_and_waited_for() {
     let lab = Lab::new().await;
-    let mut control = lab.control(9).await;
+    let mut autoscaler = lab.autoscaler(9).await;
     lab.submit(1).await;
     let forbidden = "jobs.batch is forbidden: User \"system:serviceaccount:lab:torqued\" cannot create resource \"jobs\"";
     for (fault, expected) in [
@@ -124,14 +124,14 @@ async fn an_engine_that_refuses_or_is_away_is_told_and_waited_for() {
         ),
     ] {
         lab.server.set_fault(Some(fault));
-        look(&mut control).await;
+        look(&mut autoscaler).await;
         let obstacle = lab.obstacle().await.unwrap();
         assert!(obstacle.contains(expected), "{fault:?}: {obstacle}");
     }
     assert_eq!(lab.server.jobs(), [""; 0]);
     lab.server.set_fault(None);
     while lab.server.jobs().is_empty() {
-        look(&mut control).await;
+        look(&mut autoscaler).await;
     }
     assert_eq!(lab.server.jobs().len(), 1);
     assert_eq!(lab.obstacle().await, None);
@@ -142,8 +142,8 @@ async fn an_engine_that_refuses_or_is_away_is_told_and_waited_for() {
 async fn a_cluster_behind_tls_is_asked_by_tls() {
     let lab = Lab::new().await;
     let lab = Lab { address: lab.address.replace("http://", "https://"), ..lab };
-    let mut control = lab.control(1).await;
-    look(&mut control).await;
+    let mut autoscaler = lab.autoscaler(1).await;
+    look(&mut autoscaler).await;
     let obstacle = lab.obstacle().await.unwrap();
     assert!(
         obstacle.contains("no workers can be requested: the request to Kubernetes failed"),
@@ -154,9 +154,9 @@ async fn a_cluster_behind_tls_is_asked_by_tls() {
 #[tokio::test]
 async fn why_a_worker_waits_is_in_its_record() {
     let lab = Lab::new().await;
-    let mut control = lab.control(1).await;
+    let mut autoscaler = lab.autoscaler(1).await;
     lab.submit(1).await;
-    look(&mut control).await;
+    look(&mut autoscaler).await;
     let worker = lab.server.jobs()[0].clone();
     for (status, expected) in [
         (
@@ -180,13 +180,13 @@ async fn why_a_worker_waits_is_in_its_record() {
         ),
     ] {
         lab.server.set_pod(&worker, status);
-        look(&mut control).await;
+        look(&mut autoscaler).await;
         let placed = lab.placement(&worker).await;
         assert_eq!(placed.state, PlacementState::Pending);
         assert_eq!(placed.reason.as_deref(), Some(expected));
     }
     lab.server.set_pod(&worker, json!({"phase": "Running"}));
-    look(&mut control).await;
+    look(&mut autoscaler).await;
     let placed = lab.placement(&worker).await;
     assert_eq!((placed.state, placed.node.as_deref()), (PlacementState::Running, Some("node-3")));
     assert_eq!(placed.identifier, Some(format!("{worker}-x7k2p")));
@@ -195,13 +195,13 @@ async fn why_a_worker_waits_is_in_its_record() {
 #[tokio::test]
 async fn a_job_that_somebody_deletes_is_recorded_as_gone_and_left_to_its_lease() {
     let lab = Lab::new().await;
-    let mut control = lab.control(1).await;
+    let mut autoscaler = lab.autoscaler(1).await;
     lab.submit(1).await;
-    let (worker, task) = lab.working(&mut control).await;
+    let (worker, task) = lab.working(&mut autoscaler).await;
     let http = kube::Client::try_from(kube::Config::new(lab.address.parse().unwrap())).unwrap();
     let jobs: kube::Api<k8s_openapi::api::batch::v1::Job> = kube::Api::namespaced(http, "lab");
     jobs.delete(&worker, &kube::api::DeleteParams::default()).await.unwrap();
-    look(&mut control).await;
+    look(&mut autoscaler).await;
     let Placed { state, reason, .. } = lab.placement(&worker).await;
     assert_eq!(state, PlacementState::Ended);
     assert_eq!(reason.as_deref(), Some("is gone, and Kubernetes does not say why"));
@@ -211,16 +211,16 @@ async fn a_job_that_somebody_deletes_is_recorded_as_gone_and_left_to_its_lease()
 #[tokio::test]
 async fn workers_that_die_before_they_begin_are_told_and_not_asked_for_again_at_once() {
     let lab = Lab::new().await;
-    let mut control = lab.control_with(1, Duration::from_secs(3600)).await;
+    let mut autoscaler = lab.autoscaler_with(1, Duration::from_secs(3600)).await;
     lab.submit(1).await;
-    control.look().await;
+    autoscaler.look().await;
     let worker = lab.server.jobs()[0].clone();
     lab.server.set_pod(
         &worker,
         json!({"phase": "Failed", "containerStatuses": [terminated(127, "StartError")]}),
     );
     for _ in 0..3 {
-        control.look().await;
+        autoscaler.look().await;
     }
     assert_eq!(lab.server.jobs().len(), 1);
     let obstacle = lab.obstacle().await.unwrap();
@@ -233,8 +233,8 @@ async fn workers_that_die_before_they_begin_are_told_and_not_asked_for_again_at_
 async fn no_more_is_asked_of_kubernetes_than_the_role_allows() {
     let lab = Lab::new().await;
     lab.submit(2).await;
-    look(&mut lab.control(2).await).await;
-    look(&mut lab.control(1).await).await;
+    look(&mut lab.autoscaler(2).await).await;
+    look(&mut lab.autoscaler(1).await).await;
     let pair = |verb: &str, resource: &str| (verb.to_owned(), resource.to_owned());
     let expected = [
         pair("create", "jobs"),
@@ -248,14 +248,14 @@ async fn no_more_is_asked_of_kubernetes_than_the_role_allows() {
 #[tokio::test]
 async fn a_need_that_kubernetes_refuses_holds_up_no_other() {
     let lab = Lab::new().await;
-    let mut control = lab.control_with(1, Duration::from_secs(3600)).await;
+    let mut autoscaler = lab.autoscaler_with(1, Duration::from_secs(3600)).await;
     lab.submit_for(Resources { gpus: 8, ..Resources::default() }, 3).await;
     lab.server.set_fault(Some(Fault::RefusesJobs(403, "exceeded quota: gpus")));
-    control.look().await;
+    autoscaler.look().await;
     assert!(lab.obstacle().await.unwrap().contains("exceeded quota: gpus"));
     lab.server.set_fault(None);
     lab.submit(1).await;
-    control.look().await;
+    autoscaler.look().await;
     assert_eq!(lab.server.jobs().len(), 1);
     let job = lab.server.job(&lab.server.jobs()[0]);
     let offer = &job["metadata"]["annotations"]["torqued/resources"];
@@ -266,9 +266,9 @@ async fn a_need_that_kubernetes_refuses_holds_up_no_other() {
 #[tokio::test]
 async fn a_worker_that_is_drained_is_replaced_once_it_has_no_task() {
     let lab = Lab::new().await;
-    let mut control = lab.control(1).await;
+    let mut autoscaler = lab.autoscaler(1).await;
     lab.submit(2).await;
-    let (worker, task) = lab.working(&mut control).await;
+    let (worker, task) = lab.working(&mut autoscaler).await;
     let process = WorkerProcess {
         name: worker.clone(),
         host: "node-3".to_owned(),
@@ -280,11 +280,11 @@ async fn a_worker_that_is_drained_is_replaced_once_it_has_no_task() {
     };
     lab.store.register_worker(&process).await.unwrap();
     lab.store.drain_worker(&worker).await.unwrap();
-    look(&mut control).await;
+    look(&mut autoscaler).await;
     assert_eq!(lab.server.jobs(), std::slice::from_ref(&worker), "it ends its task first");
     lab.store.complete(task.fence, None).await.unwrap();
     for _ in 0..3 {
-        look(&mut control).await;
+        look(&mut autoscaler).await;
     }
     let jobs = lab.server.jobs();
     assert!(jobs.len() == 1 && jobs[0] != worker, "{jobs:?}");

@@ -31,9 +31,9 @@ async fn of_two_servers_one_asks_for_workers_and_the_other_does_when_it_ends() {
     let (first, second) = (server().await, server().await);
     let stop = CancellationToken::new();
     let look_every = Duration::from_millis(20);
-    let asking = tokio::spawn(first.control_with(1, look_every).await.run(stop.clone()));
+    let asking = tokio::spawn(first.autoscaler_with(1, look_every).await.run(stop.clone()));
     is_asked(&first).await;
-    let waiting = second.control_with(1, look_every).await;
+    let waiting = second.autoscaler_with(1, look_every).await;
     let waiting = tokio::spawn(waiting.run(CancellationToken::new()));
     tokio::time::sleep(20 * look_every).await;
     assert_eq!(second.server.asked(), BTreeSet::new());

@@ -1,22 +1,39 @@
+//! Documents about the command line: scripts of shells, and manual pages.
+
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::Context;
 use clap::{Args, CommandFactory};
+use clap_complete::Shell;
 use clap_mangen::Man;
 
 use crate::cli::Cli;
 use crate::output::write_bytes;
 
 #[derive(Debug, Args)]
-pub struct Arguments {
+pub struct CompletionsArguments {
+    /// The shell
+    #[arg(value_name = "SHELL")]
+    shell: Shell,
+}
+
+pub fn completions(arguments: &CompletionsArguments) -> anyhow::Result<ExitCode> {
+    let mut script = Vec::new();
+    clap_complete::generate(arguments.shell, &mut Cli::command(), "torqued", &mut script);
+    write_bytes(&script)?;
+    Ok(ExitCode::SUCCESS)
+}
+
+#[derive(Debug, Args)]
+pub struct ManArguments {
     /// Write one page per command into this folder, instead of the first page to standard output;
     /// created if missing
     #[arg(long, value_name = "DIR")]
     dir: Option<PathBuf>,
 }
 
-pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+pub fn man(arguments: &ManArguments) -> anyhow::Result<ExitCode> {
     match &arguments.dir {
         None => {
             let mut page = Vec::new();

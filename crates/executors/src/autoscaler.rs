@@ -1,4 +1,4 @@
-//! The control loop: looks at waiting tasks and at workers, and asks the engine to place workers or
+//! The autoscaler: looks at waiting tasks and at workers, and asks the engine to place workers or
 //! to end them.
 
 use std::collections::HashMap;
@@ -29,10 +29,10 @@ pub struct Settings {
     pub version: String,
 }
 
-/// The control loop between a store's queue and a cluster's engine. If several servers share the
+/// Asks a cluster's engine for as many workers as a store's queue needs. If several servers share the
 /// store, one of them runs it.
 #[derive(Debug)]
-pub struct Control {
+pub struct Autoscaler {
     store: Store,
     /// The store's identity.
     identity: String,
@@ -51,18 +51,18 @@ enum LookError {
     Store(#[from] StoreError),
 }
 
-impl Control {
+impl Autoscaler {
     /// # Errors
     /// When the database fails.
     pub async fn new(store: Store, engine: Engine, settings: Settings) -> Result<Self, StoreError> {
         let identity = store.identity().await?;
         let duty = store.duty(Duty::Placing);
         let memory = Memory::new(settings.look_every);
-        let mut control = Self { store, identity, engine, settings, duty, memory };
-        if control.duty.is_mine().await? {
-            control.show_engine(None).await?;
+        let mut autoscaler = Self { store, identity, engine, settings, duty, memory };
+        if autoscaler.duty.is_mine().await? {
+            autoscaler.show_engine(None).await?;
         }
-        Ok(control)
+        Ok(autoscaler)
     }
 
     /// Looks regularly until `stop`. Workers outlive the server: they do the waiting tasks and then

@@ -1,5 +1,5 @@
-//! Manages tokens, over HTTP or directly in the database. Anybody who can write to the database
-//! needs no token.
+//! Access to a server: its tokens and its audit log. Tokens are managed over HTTP or directly in the
+//! database. Anybody who can write to the database needs no token.
 
 use std::process::ExitCode;
 use std::time::Duration;
@@ -11,7 +11,7 @@ use store::{Access, AuditEntry, Store, StoreError};
 use wire::{CreatedToken, NewToken, Scope, Token, Tokens};
 
 use crate::arguments::{
-    ConfigArguments, OutputArguments, ServerArguments, StoreArguments, token_name,
+    AskArguments, ConfigArguments, OutputArguments, ServerArguments, StoreArguments, token_name,
 };
 use crate::client::Client;
 
@@ -186,9 +186,9 @@ async fn revoke(arguments: Revoke) -> anyhow::Result<()> {
     let revoked = keeper.revoke(token.id).await?;
     if output.json {
         println!("{}", serde_json::to_string_pretty(&revoked)?);
-        return Ok(());
+    } else {
+        println!("revoked {name}");
     }
-    println!("revoked {name}");
     Ok(())
 }
 
@@ -272,6 +272,53 @@ fn lifetime(text: &str) -> Result<Duration, String> {
     let time = humantime::parse_duration(text).ok();
     let time = time.filter(|time| (shortest..=longest).contains(&time.as_secs()));
     time.ok_or_else(|| "allowed: 1m to 3650d, for example 90d or 12h".to_owned())
+}
+
+/// Lists requests that changed something or were refused: who sent them, from where, and how they
+/// were answered. It needs a token of scope admin.
+#[derive(Debug, Args)]
+pub struct AuditArguments {
+    /// Only actions with the token of this name
+    #[arg(long, value_name = "NAME", value_parser = token_name)]
+    actor: Option<String>,
+
+    /// Largest number of entries, 1 to 500
+    #[arg(long, value_name = "N", default_value_t = 50, value_parser = clap::value_parser!(u32).range(1..=500))]
+    limit: u32,
+
+    #[command(flatten)]
+    ask: AskArguments,
+}
+
+pub async fn audit(arguments: AuditArguments) -> anyhow::Result<ExitCode> {
+    let client = arguments.ask.client()?;
+    let actor = arguments.actor.map(|name| format!("&actor={name}")).unwrap_or_default();
+    let path = format!("/v1/audit?limit={}{actor}", arguments.limit);
+    if arguments.ask.output.json {
+        println!("{}", client.raw(&path).await?);
+        return Ok(ExitCode::SUCCESS);
+    }
+    let audit = client.audit(&path).await?;
+    let mut table = Table::new([
+        ("when", Align::Left),
+        ("who", Align::Left),
+        ("from", Align::Left),
+        ("did", Align::Left),
+        ("answer", Align::Right),
+        ("made", Align::Left),
+    ]);
+    for entry in audit.entries {
+        table.push(vec![
+            entry.at,
+            entry.actor,
+            entry.address,
+            format!("{} {}", entry.method, entry.path),
+            entry.status.to_string(),
+            entry.made.unwrap_or_default(),
+        ]);
+    }
+    print!("{}", table.render());
+    Ok(ExitCode::SUCCESS)
 }
 
 #[cfg(test)]
