@@ -1,38 +1,19 @@
-//! The kinds of jobs, each with its spec.
-
-use std::fmt;
-use std::str::FromStr;
+//! The specs of all kinds of jobs.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
 use crate::check::{Check, Violations};
-use crate::fields::shorten;
 use crate::kind::KindSpec;
 use crate::preset::{self, presets_of, text_for_object};
-use crate::schema::{listed, nearest};
+use crate::schema::Components;
+use crate::shorten::shorten;
 use crate::{
-    ControlSpec, DataSpec, Digest, Doubt, EvaluateSpec, Execution, ImportSpec, PipelineSpec,
-    PresetPlace, Product, Reference, SimulateSpec, SpecError, TrainSpec, VerifySpec, stream,
+    ControlSpec, DataSpec, Digest, Doubt, EvaluateSpec, Execution, ImportSpec, JobKind,
+    PipelineSpec, PresetPlace, Product, Reference, SimulateSpec, SpecError, TrainSpec, VerifySpec,
+    for_each_kind, stream,
 };
-
-/// Passes every kind of job except the pipeline to `$callback!`, as `name => Variant(Spec)`.
-///
-/// This is the only list of kinds. A kind's module has the kind's name in every crate that has one.
-#[macro_export]
-macro_rules! for_each_kind {
-    ($callback:ident) => {
-        $callback! {
-            simulate => Simulate(SimulateSpec),
-            train => Train(TrainSpec),
-            evaluate => Evaluate(EvaluateSpec),
-            control => Control(ControlSpec),
-            import => Import(ImportSpec),
-            verify => Verify(VerifySpec),
-        }
-    };
-}
 
 macro_rules! job_specs {
     ($($name:ident => $Kind:ident($Spec:ident),)*) => {
@@ -45,26 +26,7 @@ macro_rules! job_specs {
             Pipeline(PipelineSpec),
         }
 
-        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
-        #[serde(rename_all = "snake_case")]
-        pub enum JobKind {
-            $($Kind,)*
-            Pipeline,
-        }
-
         impl JobKind {
-            pub const ALL: &[Self] = &[$(Self::$Kind,)* Self::Pipeline];
-
-            /// Their words, in the same order.
-            pub const WORDS: &[&'static str] = &[$(stringify!($name),)* "pipeline"];
-
-            pub const fn as_str(self) -> &'static str {
-                match self {
-                    $(Self::$Kind => stringify!($name),)*
-                    Self::Pipeline => "pipeline",
-                }
-            }
-
             /// The product of jobs of this kind, which other jobs may refer to.
             pub fn makes(self) -> Option<Product> {
                 match self {
@@ -87,10 +49,11 @@ macro_rules! job_specs {
                 kind: JobKind,
                 fields: Map<String, Value>,
                 found: SpecError,
+                schemas: &Components,
             ) -> Result<Self, SpecError> {
                 match kind {
-                    $(JobKind::$Kind => $Spec::read(fields, found).map(Self::$Kind),)*
-                    JobKind::Pipeline => PipelineSpec::read(fields, found).map(Self::Pipeline),
+                    $(JobKind::$Kind => $Spec::read(fields, found, schemas).map(Self::$Kind),)*
+                    JobKind::Pipeline => PipelineSpec::read(fields, found, schemas).map(Self::Pipeline),
                 }
             }
 
@@ -114,34 +77,9 @@ macro_rules! job_specs {
 for_each_kind!(job_specs);
 
 impl JobKind {
-    /// The names of all kinds, for an error.
-    pub(crate) fn names() -> String {
-        let names: Vec<&str> = Self::ALL.iter().map(|kind| kind.as_str()).collect();
-        names.join(", ")
-    }
-
     /// The kinds whose jobs make `product`.
     pub fn making(product: Product) -> Vec<Self> {
         Self::ALL.iter().copied().filter(|kind| kind.makes() == Some(product)).collect()
-    }
-}
-
-impl FromStr for JobKind {
-    type Err = SpecError;
-
-    fn from_str(text: &str) -> Result<Self, SpecError> {
-        let known = Self::ALL.iter().copied().find(|kind| kind.as_str() == text);
-        known.ok_or_else(|| {
-            let names: Vec<String> = Self::ALL.iter().map(ToString::to_string).collect();
-            let meant = nearest(text, names.iter().map(String::as_str));
-            SpecError::one("kind", format!("{text:?}"), listed(&names, meant))
-        })
-    }
-}
-
-impl fmt::Display for JobKind {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.as_str())
     }
 }
 
@@ -153,7 +91,7 @@ impl Check for JobSpec {
 
 impl JobSpec {
     /// Deserializes one job by its `kind`, without checking its values.
-    pub(crate) fn from_json(value: Value) -> Result<Self, SpecError> {
+    pub(crate) fn from_json(value: Value, schemas: &Components) -> Result<Self, SpecError> {
         let fields = match value {
             Value::Object(fields) => fields,
             Value::String(name) => {
@@ -168,8 +106,8 @@ impl JobSpec {
             None => return Err(SpecError::one("kind", "missing", JobKind::names())),
         };
         let mut found = SpecError::default();
-        let fields = stream::resolve(fields, &mut found);
-        Self::read(kind, fields, found)
+        let fields = stream::resolve(fields, &mut found, schemas);
+        Self::read(kind, fields, found, schemas)
     }
 
     /// How the job is executed. A pipeline's members have their own execution.
@@ -261,17 +199,5 @@ fn remove_execution(json: &mut Value) {
     fields.remove("execution");
     if let Some(Value::Object(members)) = fields.get_mut("jobs") {
         members.values_mut().for_each(remove_execution);
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_kind_is_called_the_same_in_code_and_in_json() {
-        for kind in JobKind::ALL {
-            assert_eq!(serde_json::to_value(kind).unwrap(), kind.as_str());
-        }
     }
 }

@@ -51,11 +51,12 @@ mod error;
 mod error_text;
 mod evaluate;
 mod execution;
-mod fields;
 mod import;
 mod job;
+mod job_kind;
 mod json;
 mod kind;
+mod merge;
 mod model;
 mod moment;
 mod parse;
@@ -66,6 +67,7 @@ mod reference;
 mod resources;
 mod robot;
 mod schema;
+mod shorten;
 mod simulate;
 mod stream;
 mod study;
@@ -90,7 +92,8 @@ pub use import::{
     AngleUnit, FileFormat, ImportColumns, ImportRanges, ImportSpec, ImportUnits, Resampling, Split,
     TimeUnit,
 };
-pub use job::{JobKind, JobSpec};
+pub use job::JobSpec;
+pub use job_kind::JobKind;
 pub use json::{JsonFault, read_json};
 pub use model::*;
 pub use moment::{Moment, ParseMomentError};

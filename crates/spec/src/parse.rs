@@ -3,6 +3,7 @@
 use serde_json::Value;
 
 use crate::check::{Check, Violations};
+use crate::schema::RESOLVED;
 use crate::{JobSpec, SpecError, read_json};
 
 /// Reads a spec: resolves `preset`, refuses unknown fields and checks every value.
@@ -12,7 +13,7 @@ use crate::{JobSpec, SpecError, read_json};
 pub fn parse(text: &[u8]) -> Result<JobSpec, SpecError> {
     let value: Value = read_json(text)
         .map_err(|fault| SpecError::one("", "", format!("not valid JSON: {fault}")))?;
-    let spec = JobSpec::from_json(value)?;
+    let spec = JobSpec::from_json(value, &RESOLVED)?;
     let mut violations = Violations::default();
     spec.check(&mut violations);
     check_outside_pipeline(&spec, &mut violations);

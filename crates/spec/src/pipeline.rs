@@ -5,9 +5,9 @@ use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
 use crate::check::{Check, Violations};
-use crate::fields::{from_fields, shorten};
-use crate::kind::KindSpec;
-use crate::schema::nearest;
+use crate::kind::{KindSpec, from_fields};
+use crate::schema::{Components, nearest};
+use crate::shorten::shorten;
 use crate::{Digest, Doubt, Execution, JobKind, JobSpec, SpecError};
 
 /// The largest number of jobs of a pipeline.
@@ -46,7 +46,11 @@ impl PipelineMember {
 
 impl KindSpec for PipelineSpec {
     /// Reads the members one by one, so that errors name a member's path and presets work inside.
-    fn read(mut fields: Map<String, Value>, mut found: SpecError) -> Result<Self, SpecError> {
+    fn read(
+        mut fields: Map<String, Value>,
+        mut found: SpecError,
+        schemas: &Components,
+    ) -> Result<Self, SpecError> {
         let members = match fields.insert("jobs".to_owned(), Value::Object(Map::new())) {
             Some(Value::Object(members)) => members,
             Some(other) => {
@@ -61,13 +65,13 @@ impl KindSpec for PipelineSpec {
         let mut jobs = BTreeMap::new();
         for (name, member) in members {
             let path = format!("jobs.{name}");
-            match read_member(&name, member, &names) {
+            match read_member(&name, member, &names, schemas) {
                 Ok(member) => drop(jobs.insert(name, member)),
                 Err(error) => found.append(error.within(&path)),
             }
         }
         if found.is_empty() {
-            let pipeline = from_fields(fields, found)?;
+            let pipeline = from_fields(fields, found, schemas)?;
             return Ok(Self { jobs, ..pipeline });
         }
         // The violations of readable members are reported together with those of unreadable ones.
@@ -76,7 +80,7 @@ impl KindSpec for PipelineSpec {
         if let Err(error) = violations.finish() {
             found.append(error);
         }
-        if let Err(error) = from_fields::<Self>(fields, SpecError::default()) {
+        if let Err(error) = from_fields::<Self>(fields, SpecError::default(), schemas) {
             found.append(error);
         }
         Err(found)
@@ -96,11 +100,16 @@ impl KindSpec for PipelineSpec {
 }
 
 /// Reads the member `name`. Fields in its errors are its own; `names` has the names of all members.
-fn read_member(name: &str, member: Value, names: &[String]) -> Result<PipelineMember, SpecError> {
+fn read_member(
+    name: &str,
+    member: Value,
+    names: &[String],
+    schemas: &Components,
+) -> Result<PipelineMember, SpecError> {
     let mut member = match member {
         Value::Object(member) => member,
         other => {
-            return JobSpec::from_json(other)
+            return JobSpec::from_json(other, schemas)
                 .map(|spec| PipelineMember { needs: Vec::new(), spec });
         }
     };
@@ -113,7 +122,7 @@ fn read_member(name: &str, member: Value, names: &[String]) -> Result<PipelineMe
     }
     let needs = member.remove("needs").unwrap_or_else(|| Value::Array(Vec::new()));
     let read_needs = serde_json::from_value(needs.clone());
-    let spec = JobSpec::from_json(Value::Object(member));
+    let spec = JobSpec::from_json(Value::Object(member), schemas);
     match (read_needs, spec) {
         (Ok(needs), Ok(spec)) => Ok(PipelineMember { needs, spec }),
         (Ok(_), Err(error)) => Err(error),

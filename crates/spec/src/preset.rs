@@ -7,8 +7,9 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
-use crate::fields::shorten;
+use crate::merge::merge;
 use crate::schema::{listed, nearest};
+use crate::shorten::shorten;
 use crate::{JobKind, SpecError, Violation, study};
 
 /// Name and text of each file in the folder `presets`, sorted.
@@ -142,29 +143,6 @@ fn unknown(name: &Value, place: PresetPlace, candidates: &[&Preset]) -> SpecErro
     let names: Vec<String> = candidates.iter().map(|preset| preset.name.clone()).collect();
     let meant = nearest(name.as_str().unwrap_or_default(), names.iter().map(String::as_str));
     SpecError::one("preset", shorten(name), listed(&names, meant))
-}
-
-/// Fields that hold one of several choices. They are replaced as a whole, because merging would mix
-/// two choices.
-pub(crate) const REPLACED_WHOLE: [&str; 6] =
-    ["frequency_hz", "data", "integrator", "checkpoints", "path", "residual"];
-
-/// Merges objects field by field. Every other value replaces the one before. That includes `null`,
-/// which is a value in specs and does not remove anything.
-pub(crate) fn merge(base: &mut Value, over: Value) {
-    match (base, over) {
-        (Value::Object(base), Value::Object(over)) => {
-            for (key, value) in over {
-                match base.get_mut(&key) {
-                    Some(slot) if !REPLACED_WHOLE.contains(&key.as_str()) => merge(slot, value),
-                    _ => {
-                        base.insert(key, value);
-                    }
-                }
-            }
-        }
-        (base, over) => *base = over,
-    }
 }
 
 #[cfg(test)]

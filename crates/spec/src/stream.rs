@@ -3,14 +3,19 @@
 use serde_json::{Map, Value};
 
 use crate::check::{Check, Violations};
-use crate::fields::shorten;
 use crate::preset::{self, presets_of_kind, text_for_object};
+use crate::schema::Components;
+use crate::shorten::shorten;
 use crate::{DataSource, JobKind, MAX_TRAJECTORIES, SpecError, Violation, simulate};
 
 /// Resolves the preset of a stream, and accepts the `kind` that a copied job may have.
-pub(crate) fn resolve(mut fields: Map<String, Value>, found: &mut SpecError) -> Map<String, Value> {
+pub(crate) fn resolve(
+    mut fields: Map<String, Value>,
+    found: &mut SpecError,
+    schemas: &Components,
+) -> Map<String, Value> {
     if let Some(stream) = stream_of(&mut fields)
-        && let Err(error) = resolve_fields(stream)
+        && let Err(error) = resolve_fields(stream, schemas)
     {
         found.append(error.within("data.stream"));
     }
@@ -45,11 +50,11 @@ fn stream_of(fields: &mut Map<String, Value>) -> Option<&mut Map<String, Value>>
     fields.get_mut("data")?.get_mut("stream")?.as_object_mut()
 }
 
-fn resolve_fields(stream: &mut Map<String, Value>) -> Result<(), SpecError> {
+fn resolve_fields(stream: &mut Map<String, Value>, schemas: &Components) -> Result<(), SpecError> {
     *stream = preset::resolve_job(std::mem::take(stream))?;
     match stream.remove("kind") {
-        None => simulate::complete(stream),
-        Some(kind) if kind == "simulate" => simulate::complete(stream),
+        None => simulate::complete(stream, schemas),
+        Some(kind) if kind == "simulate" => simulate::complete(stream, schemas),
         Some(other) => Err(SpecError::one("kind", shorten(&other), "simulate")),
     }
 }

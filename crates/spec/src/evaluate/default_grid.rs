@@ -3,7 +3,8 @@
 use serde_json::{Map, Value, json};
 
 use super::spec::EvaluateSpec;
-use crate::fields::from_fields;
+use crate::kind::from_fields;
+use crate::schema::Components;
 use crate::{DataSource, SpecError};
 
 /// Default horizon in samples, if the data has no length either.
@@ -19,12 +20,13 @@ const SCENARIOS: u32 = 100;
 pub(super) fn read(
     mut fields: Map<String, Value>,
     found: SpecError,
+    schemas: &Components,
 ) -> Result<EvaluateSpec, SpecError> {
     let names_data = fields.contains_key("data");
     if !names_data {
         fields.insert("data".to_owned(), stream_over_grid());
     }
-    let mut spec: EvaluateSpec = from_fields(fields, found)?;
+    let mut spec: EvaluateSpec = from_fields(fields, found, schemas)?;
     if !names_data {
         spec.fit_grid();
     }

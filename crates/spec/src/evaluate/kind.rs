@@ -7,11 +7,16 @@ use serde_json::{Map, Value};
 use super::default_grid;
 use super::spec::EvaluateSpec;
 use crate::kind::KindSpec;
+use crate::schema::Components;
 use crate::{Doubt, Execution, Reference, Referred, SpecError};
 
 impl KindSpec for EvaluateSpec {
-    fn read(fields: Map<String, Value>, found: SpecError) -> Result<Self, SpecError> {
-        default_grid::read(fields, found)
+    fn read(
+        fields: Map<String, Value>,
+        found: SpecError,
+        schemas: &Components,
+    ) -> Result<Self, SpecError> {
+        default_grid::read(fields, found, schemas)
     }
 
     fn execution(&self) -> Execution {

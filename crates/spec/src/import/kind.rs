@@ -3,20 +3,24 @@
 use serde_json::{Map, Value};
 
 use super::spec::ImportSpec;
-use crate::fields::from_fields;
-use crate::kind::KindSpec;
+use crate::kind::{KindSpec, from_fields};
+use crate::schema::Components;
 use crate::simulate::complete_robot;
 use crate::{DataSpec, Execution, Product, Reference, Referred, SpecError};
 
 impl KindSpec for ImportSpec {
-    fn read(mut fields: Map<String, Value>, mut found: SpecError) -> Result<Self, SpecError> {
-        if let Err(error) = complete_robot(&mut fields) {
+    fn read(
+        mut fields: Map<String, Value>,
+        mut found: SpecError,
+        schemas: &Components,
+    ) -> Result<Self, SpecError> {
+        if let Err(error) = complete_robot(&mut fields, schemas) {
             found.append(error);
         }
         if fields.get("robot").is_some_and(|robot| !robot.is_null()) {
             leave_ranges_to_robot(&mut fields);
         }
-        from_fields(fields, found)
+        from_fields(fields, found, schemas)
     }
 
     fn makes() -> Option<Product> {

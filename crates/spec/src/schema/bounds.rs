@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 use serde_json::Value;
 
-use super::{Components, referred};
+use super::words::{Components, referred};
 use crate::JobSpec;
 use crate::check::{Bound, Bounded, Check, Violations};
 

@@ -5,11 +5,10 @@ use std::fmt::Write;
 
 use serde_json::{Map, Value};
 
-use super::nearest::nearest;
-use super::words::{allowed, listed, range_of};
-use super::{Components, RESOLVED, referred};
+use super::nearest::{listed, nearest};
+use super::words::{Components, allowed, only_field, range_of, referred};
 use crate::error::FIELD_BYTES;
-use crate::fields::shorten;
+use crate::shorten::shorten;
 use crate::{Moment, SpecError, Violation};
 
 /// The violations of a schema.
@@ -20,17 +19,9 @@ pub(crate) struct Explained {
     pub is_misshapen: bool,
 }
 
-/// Checks `value` against the schema with this name.
-pub(crate) fn explain(name: &str, value: &Value) -> Explained {
-    explain_beside(name, value, &SpecError::default())
-}
-
-/// Does the same, without violations that those `found` before explain.
-pub(crate) fn explain_beside(name: &str, value: &Value, found: &SpecError) -> Explained {
-    explain_in(&RESOLVED, name, value, found)
-}
-
-pub(super) fn explain_in(
+/// Checks `value` against the schema with this name, without violations that those `found` before
+/// explain.
+pub(crate) fn explain(
     components: &Components,
     name: &str,
     value: &Value,
@@ -281,14 +272,6 @@ fn label_of<'a>(choice: &'a Value, tag: &str) -> Option<&'a str> {
         _ => None,
     });
     label?.as_str()
-}
-
-/// The only field of an object with one required field.
-pub(super) fn only_field(schema: &Value) -> Option<&str> {
-    let fields = schema.get("properties")?.as_object()?;
-    let (field, _) = fields.iter().next().filter(|_| fields.len() == 1)?;
-    let required = schema.get("required")?.as_array()?;
-    required.iter().any(|name| name == field.as_str()).then_some(field)
 }
 
 fn has_type(schema: &Value, value: &Value) -> bool {

@@ -18,16 +18,13 @@ use utoipa::ToSchema;
 
 use crate::SpecError;
 
-use explain::explain_in;
-pub(crate) use explain::{explain, explain_beside};
+pub(crate) use explain::explain;
+pub(crate) use nearest::listed;
 pub use nearest::nearest;
-pub(crate) use words::listed;
+pub(crate) use words::Components;
 
-/// Schemas by name.
-pub(crate) type Components = Map<String, Value>;
-
-/// The schemas of specs without presets. [`explain`] uses them.
-static RESOLVED: LazyLock<Components> = LazyLock::new(resolved::components);
+/// The schemas of specs without presets, for [`explain`].
+pub(crate) static RESOLVED: LazyLock<Components> = LazyLock::new(resolved::components);
 
 /// The schemas of all specs by name, for `components.schemas` of an OpenAPI 3.1 document.
 /// `SubmittedJob` is a job as submitted, and `JobSpec` is a job with its kind.
@@ -40,15 +37,5 @@ pub fn shape_violations<T: ToSchema>(value: &Value) -> SpecError {
     let name = T::name().into_owned();
     let mut schemas = vec![(name.clone(), T::schema())];
     T::schemas(&mut schemas);
-    explain_in(&resolved::strict(schemas), &name, value, &SpecError::default()).error
-}
-
-/// The name that a schema refers to.
-pub(crate) fn referred(schema: &Value) -> Option<&str> {
-    schema.get("$ref")?.as_str()?.rsplit('/').next()
-}
-
-/// A schema that refers to another.
-pub(crate) fn reference(name: &str) -> Value {
-    serde_json::json!({ "$ref": format!("#/components/schemas/{name}") })
+    explain(&resolved::strict(schemas), &name, value, &SpecError::default()).error
 }

@@ -23,6 +23,15 @@ pub fn nearest<'a>(name: &str, names: impl Iterator<Item = &'a str>) -> Option<&
     near.min_by_key(|(far, _)| *far).map(|(_, known)| known)
 }
 
+/// The allowed names, and the one that was probably meant.
+pub(crate) fn listed(names: &[String], meant: Option<&str>) -> String {
+    let names = names.join(", ");
+    match meant {
+        Some(meant) => format!("{names}; did you mean `{meant}`?"),
+        None => names,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -4,7 +4,8 @@ use serde_json::{Map, Value, json};
 use utoipa::openapi::{RefOr, Schema};
 use utoipa::{PartialSchema, ToSchema};
 
-use super::{Components, bounds, reference, referred};
+use super::bounds;
+use super::words::{Components, reference, referred};
 use crate::{Integrator, JobSpec, PipelineMember, PipelineSpec, RobotModel};
 
 /// Enums with a tag beside the fields of their variants.

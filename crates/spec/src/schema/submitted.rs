@@ -3,8 +3,8 @@
 use serde_json::{Map, Value, json};
 
 use super::resolved::require;
-use super::{Components, reference, referred};
-use crate::preset::REPLACED_WHOLE;
+use super::words::{Components, reference, referred};
+use crate::merge::REPLACED_WHOLE;
 use crate::{JobKind, PresetPlace, presets};
 
 /// All schemas of the document.

@@ -1,9 +1,19 @@
 //! Describes schemas in words, for errors that say what is allowed.
 
-use serde_json::Value;
+use serde_json::{Map, Value};
 
-use super::explain::only_field;
-use super::{Components, referred};
+/// Schemas by name.
+pub(crate) type Components = Map<String, Value>;
+
+/// The name that a schema refers to.
+pub(crate) fn referred(schema: &Value) -> Option<&str> {
+    schema.get("$ref")?.as_str()?.rsplit('/').next()
+}
+
+/// A schema that refers to another.
+pub(crate) fn reference(name: &str) -> Value {
+    serde_json::json!({ "$ref": format!("#/components/schemas/{name}") })
+}
 
 /// The values that `schema` allows, in words.
 pub(super) fn allowed(components: &Components, schema: &Value) -> String {
@@ -123,11 +133,10 @@ fn object(schema: &Value) -> String {
     }
 }
 
-/// The allowed names, and the one that was probably meant.
-pub(crate) fn listed(names: &[String], meant: Option<&str>) -> String {
-    let names = names.join(", ");
-    match meant {
-        Some(meant) => format!("{names}; did you mean `{meant}`?"),
-        None => names,
-    }
+/// The only field of an object with one required field.
+pub(super) fn only_field(schema: &Value) -> Option<&str> {
+    let fields = schema.get("properties")?.as_object()?;
+    let (field, _) = fields.iter().next().filter(|_| fields.len() == 1)?;
+    let required = schema.get("required")?.as_array()?;
+    required.iter().any(|name| name == field.as_str()).then_some(field)
 }

@@ -4,14 +4,17 @@ use serde::Serialize;
 use serde_json::{Map, Value};
 
 use super::robot_spec::{Friction, RobotSpec};
-use crate::fields::shorten;
-use crate::schema::explain;
+use crate::schema::{Components, explain};
+use crate::shorten::shorten;
 use crate::{RobotModel, SpecError};
 
 /// Completes a simulation's fields from the description of its robot. The types' own defaults are
 /// for the Panda, so a spec for a Panda needs nothing.
-pub(crate) fn complete(fields: &mut Map<String, Value>) -> Result<(), SpecError> {
-    let Some(model) = complete_robot(fields)? else { return Ok(()) };
+pub(crate) fn complete(
+    fields: &mut Map<String, Value>,
+    schemas: &Components,
+) -> Result<(), SpecError> {
+    let Some(model) = complete_robot(fields, schemas)? else { return Ok(()) };
     let description = model.description();
     let initial_state = fields.entry("initial_state").or_insert_with(|| Map::new().into());
     if let Value::Object(initial_state) = initial_state {
@@ -31,12 +34,13 @@ pub(crate) fn complete(fields: &mut Map<String, Value>) -> Result<(), SpecError>
 /// Completes only the field `robot`. Returns its model, unless it is the Panda.
 pub(crate) fn complete_robot(
     fields: &mut Map<String, Value>,
+    schemas: &Components,
 ) -> Result<Option<RobotModel>, SpecError> {
     let Some(robot) = fields.get_mut("robot").and_then(Value::as_object_mut) else {
         return Ok(None);
     };
     let Some(model) = robot.get("model") else { return Ok(None) };
-    let model = read_model(model).map_err(|error| error.within("robot.model"))?;
+    let model = read_model(model, schemas).map_err(|error| error.within("robot.model"))?;
     if model == RobotModel::panda() {
         return Ok(None);
     }
@@ -61,8 +65,8 @@ pub(crate) fn complete_robot(
     Ok(Some(model))
 }
 
-fn read_model(value: &Value) -> Result<RobotModel, SpecError> {
-    explain("RobotModel", value).error.into_result()?;
+fn read_model(value: &Value, schemas: &Components) -> Result<RobotModel, SpecError> {
+    explain(schemas, "RobotModel", value, &SpecError::default()).error.into_result()?;
     serde_json::from_value(value.clone())
         .map_err(|error| SpecError::one("", shorten(value), error.to_string()))
 }

@@ -5,16 +5,20 @@ use serde_json::{Map, Value};
 use super::completion::complete;
 use super::following::Doubt;
 use super::spec::SimulateSpec;
-use crate::fields::from_fields;
-use crate::kind::KindSpec;
+use crate::kind::{KindSpec, from_fields};
+use crate::schema::Components;
 use crate::{DataSpec, Execution, Product, SpecError};
 
 impl KindSpec for SimulateSpec {
-    fn read(mut fields: Map<String, Value>, mut found: SpecError) -> Result<Self, SpecError> {
-        if let Err(error) = complete(&mut fields) {
+    fn read(
+        mut fields: Map<String, Value>,
+        mut found: SpecError,
+        schemas: &Components,
+    ) -> Result<Self, SpecError> {
+        if let Err(error) = complete(&mut fields, schemas) {
             found.append(error);
         }
-        from_fields(fields, found)
+        from_fields(fields, found, schemas)
     }
 
     fn makes() -> Option<Product> {

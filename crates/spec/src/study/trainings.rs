@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use super::scale::StudyScale;
 use super::{Lengths, StudyModel, study_models};
 use crate::MAX_TRAJECTORIES;
-use crate::preset::merge;
+use crate::merge::merge;
 
 /// Number of samples that a model is given, and number of samples that it predicts.
 pub(super) const CONTEXT: u32 = 320;

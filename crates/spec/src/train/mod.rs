@@ -8,8 +8,8 @@ use serde_json::{Map, Value};
 use utoipa::ToSchema;
 
 use crate::check::{Check, Violations};
-use crate::fields::from_fields;
-use crate::kind::KindSpec;
+use crate::kind::{KindSpec, from_fields};
+use crate::schema::Components;
 use crate::{
     DataSource, DataSpec, Doubt, Execution, Length, Lengths, ModelSpec, Product, Reference,
     SpecError, preset, stream,
@@ -227,11 +227,15 @@ mod defaults {
 }
 
 impl KindSpec for TrainSpec {
-    fn read(mut fields: Map<String, Value>, mut found: SpecError) -> Result<Self, SpecError> {
+    fn read(
+        mut fields: Map<String, Value>,
+        mut found: SpecError,
+        schemas: &Components,
+    ) -> Result<Self, SpecError> {
         stream::make_endless(&mut fields);
         let fields = preset::resolve_model(fields, &mut found);
         let is_given = fields.contains_key("normalization");
-        let mut spec: Self = from_fields(fields, found)?;
+        let mut spec: Self = from_fields(fields, found, schemas)?;
         if !is_given {
             spec.normalization = Normalization::default_for(&spec.model);
         }

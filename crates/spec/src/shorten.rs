@@ -1,38 +1,8 @@
-//! The fields of a JSON object, before they become a spec.
+//! Values as text for errors.
 
 use std::io;
 
-use serde::de::DeserializeOwned;
-use serde_json::{Map, Value};
-use utoipa::ToSchema;
-
-use crate::SpecError;
-use crate::schema::explain_beside;
-
-/// Deserializes `fields`. An error names everything that is wrong with their shape, in addition to
-/// the violations `found` before.
-pub(crate) fn from_fields<T: DeserializeOwned + ToSchema>(
-    fields: Map<String, Value>,
-    mut found: SpecError,
-) -> Result<T, SpecError> {
-    if found.is_full() {
-        return Err(found);
-    }
-    let fields = Value::Object(fields);
-    let explained = explain_beside(&T::name(), &fields, &found);
-    if explained.is_misshapen || !found.is_empty() {
-        found.append(explained.error);
-        return Err(found);
-    }
-    serde_path_to_error::deserialize(&fields).map_err(|error| {
-        if !explained.error.is_empty() {
-            return explained.error;
-        }
-        let path = error.path().to_string();
-        let path = if path == "." { String::new() } else { path };
-        SpecError::one(path, "", error.into_inner().to_string())
-    })
-}
+use serde_json::Value;
 
 /// Characters of a value in an error about its shape.
 const SHORT: usize = 60;
