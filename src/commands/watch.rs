@@ -50,7 +50,7 @@ pub async fn follow_to_end(
             }
             (JobKind::Control, Some(run)) => {
                 let report = client.control_report(run).await?;
-                print!("{}", reports::closed_loop_text(&job.name, &report));
+                print!("{}", reports::closed_loop::text(&job.name, &report));
             }
             _ if job.dataset.is_none() && job.checkpoints.is_empty() => {
                 if let Some(findings) = wire::findings(&client.tasks(job.id).await?) {

@@ -3,7 +3,8 @@
 use askama::Template;
 use axum::extract::State;
 use axum::response::Response;
-use wire::{Artifact, CellTask};
+use reports::Table;
+use wire::{Artifact, CellTask, Report, Warning};
 
 use crate::app::App;
 use crate::extract::Path;
@@ -11,7 +12,6 @@ use crate::page::answer::{InPage, PageError, html};
 use crate::page::labels::Labelled;
 use crate::page::parts::{FileLink, JobHeader};
 use crate::page::predictions::Drawn;
-use crate::page::report::ReportView;
 use crate::page::spec_text::spec_text;
 
 #[derive(Template)]
@@ -27,6 +27,27 @@ struct EvaluationPage {
     artifacts: Vec<FileLink>,
     cells: Vec<CellTask>,
     spec: String,
+}
+
+/// The report in sentences and tables.
+struct ReportView {
+    setting: String,
+    /// Sentences about predictors without some answers.
+    failures: Vec<String>,
+    /// Sentences about data outside the checkpoints' training data.
+    warnings: Vec<String>,
+    tables: Vec<Table>,
+}
+
+impl ReportView {
+    fn new(report: &Report) -> Self {
+        Self {
+            setting: reports::evaluation::setting(report),
+            failures: reports::evaluation::failures(report),
+            warnings: Warning::sentences(&report.warnings, report.scenarios(), "scenarios"),
+            tables: reports::evaluation::tables(report),
+        }
+    }
 }
 
 /// A figure among the artifacts.

@@ -12,8 +12,8 @@ use crate::app::App;
 use crate::error::ApiError;
 use crate::page::control::ClosedLoop;
 use crate::page::parts::Link;
+use crate::page::text;
 use crate::page::verification::outcome;
-use crate::page::{control, report, text};
 
 /// The page with the results of a job with a run, if it is not the job's own page.
 pub fn own_page(kind: JobKind, job: i64, run: i64) -> Option<Link> {
@@ -105,7 +105,7 @@ pub async fn headlines(app: &App, jobs: &[&Job]) -> Result<BTreeMap<i64, String>
             }),
             Source::Evaluation(_) => evaluations.get(&job.id).cloned(),
             Source::ClosedLoop => results.get(&job.id).and_then(|result| {
-                ControlReport::deserialize(result).ok().as_ref().map(control::headline)
+                ControlReport::deserialize(result).ok().as_ref().map(reports::closed_loop::headline)
             }),
             Source::Agreement => agreements.get(&job.id).copied().map(outcome),
             Source::Result => results.get(&job.id).and_then(findings_of),
@@ -138,7 +138,7 @@ pub async fn evaluation_headlines(
             headlines.extend(headline.and_then(|headline| Some((*older.get(&run)?, headline))));
         }
     }
-    Ok(headlines.iter().map(|(job, headline)| (*job, report::headline(headline))).collect())
+    Ok(headlines.iter().map(|(job, headline)| (*job, reports::headline(headline))).collect())
 }
 
 /// The headline of a report. A damaged report only affects its own page, and not every list with

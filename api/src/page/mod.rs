@@ -18,7 +18,6 @@ mod login;
 mod parts;
 mod predictions;
 mod recordings;
-mod report;
 mod rows;
 mod run;
 mod spec_text;

@@ -127,7 +127,7 @@ async fn every_page_of_a_finished_experiment_is_there() {
     let evaluation = page(&server, "/evaluations/4").await;
     for text in [
         "/v1/runs/2/artifacts/rmse-multisine.svg",
-        "not told apart",
+        "not clear",
         "out of distribution",
         "[1.10, 1.27]",
     ] {

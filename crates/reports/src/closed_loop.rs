@@ -1,54 +1,81 @@
-use wire::{ControlReport, ControllerSummary, Interval};
+//! The report of a control job: its tables, and sentences about its setting and its result.
 
-use crate::table::{Align, Table};
+use wire::{ControlReport, ControllerSummary, PlanTime};
 
-/// The report of a control job as text, with one row per controller.
-pub fn closed_loop_text(name: &str, report: &ControlReport) -> String {
-    let seconds = f64::from(report.steps) / report.rate_hz;
+use crate::numbers::{count, degrees, value};
+use crate::{Cell, Table, TableOf};
+
+/// All tables with rows, in the order of the page.
+pub fn tables(report: &ControlReport) -> Vec<Table> {
+    let tables = [tracking(report), paired(report)];
+    tables.into_iter().filter(|table| !table.rows.is_empty()).collect()
+}
+
+/// The setting of the closed loops, in two sentences.
+pub fn setting(report: &ControlReport) -> String {
+    let planner = &report.planner;
+    let seconds = |samples: u32| value(f64::from(samples) / report.rate_hz);
     format!(
-        "\n{name}: tracking error in degrees of {} robots over {seconds} s: mean [95 % confidence \
-         interval]\n\n{}\n{}",
-        report.robots,
-        table(report),
+        "{} robots, each excited for {} samples and then controlled for {} s at {} Hz. Every {} \
+         samples ({} s) a plan of {} samples ({} s) is made from {} × {} foreseen torque sequences.",
+        count(report.robots),
+        report.context,
+        seconds(report.steps),
+        report.rate_hz,
+        planner.replan_every,
+        seconds(planner.replan_every),
+        planner.horizon,
+        seconds(planner.horizon),
+        planner.iterations,
+        planner.samples,
+    )
+}
+
+/// The tracking errors in one line.
+pub fn headline(report: &ControlReport) -> String {
+    let of = |controller: &ControllerSummary| match controller.rms_deg {
+        Some(rms) => format!("{} {}°", controller.info.name, degrees(rms.mean)),
+        None => format!("{} failed", controller.info.name),
+    };
+    report.controllers.iter().map(of).collect::<Vec<_>>().join(", ")
+}
+
+/// The report as text.
+pub fn text(name: &str, report: &ControlReport) -> String {
+    format!(
+        "\n{name}: {}\n\n{}{}",
+        setting(report),
+        tracking(report).with_title(),
         crate::warnings(&report.warnings, report.robots, "robots")
     )
 }
 
-fn table(report: &ControlReport) -> String {
-    let columns = [
-        ("", Align::Left),
-        ("RMS", Align::Right),
-        ("largest", Align::Right),
-        ("torque, N·m", Align::Right),
-        ("beyond excitation", Align::Right),
-        ("plan, median / p99 ms", Align::Right),
-    ];
-    let mut table = Table::new(columns);
-    for controller in &report.controllers {
-        table.push(row(controller));
-    }
-    table.render()
-}
-
-fn row(controller: &ControllerSummary) -> Vec<String> {
-    let number = |value: Option<f64>| value.map_or_else(none, |value| format!("{value:.2}"));
-    let rms = match (controller.rms_deg, &controller.failure) {
-        (Some(Interval { mean, low, high }), _) => format!("{mean:.2} [{low:.2}, {high:.2}]"),
-        (None, Some(reason)) => format!("failed {reason}"),
-        (None, None) => none(),
+fn tracking(report: &ControlReport) -> Table {
+    let joints = |controller: &&ControllerSummary| {
+        let joints = controller.joint_rms_deg.as_ref()?.iter().map(|rms| degrees(*rms));
+        Some(joints.collect::<Vec<_>>().join(" "))
     };
-    let share = controller.beyond_excitation.map(|share| format!("{:.1} %", 100.0 * share));
-    let plan = controller.plan.map(|plan| format!("{:.1} / {:.1}", plan.median_ms, plan.p99_ms));
-    vec![
-        controller.info.name.clone(),
-        rms,
-        number(controller.peak_deg),
-        number(controller.torque_rms_nm),
-        share.unwrap_or_else(none),
-        plan.unwrap_or_else(none),
-    ]
+    let failure = |controller: &&ControllerSummary| {
+        let reason = controller.failure.as_ref()?;
+        Some(format!("on {} robots: {reason}", controller.failed))
+    };
+    let plan = |PlanTime { median_ms, p99_ms, threads }: PlanTime| {
+        format!("{median_ms:.1} / {p99_ms:.1}, {threads} threads")
+    };
+    TableOf::new(&report.controllers)
+        .text("controller", |controller| controller.info.name.as_str())
+        .measures(ControllerSummary::measures(), |controller| Some(*controller))
+        .number("plan, median / p99 ms", |controller| controller.plan.map(plan))
+        .text("RMS of each joint, °", joints)
+        .text("failed", failure)
+        .titled("Tracking error, with 95 % intervals", "")
+        .without_empty_columns()
 }
 
-fn none() -> String {
-    "-".to_owned()
+fn paired(report: &ControlReport) -> Table {
+    TableOf::new(&report.paired)
+        .text("controller", |pair| pair.controller.as_str())
+        .text("against", |pair| pair.against.as_str())
+        .number("difference of RMS, °", |pair| Cell::Difference(pair.difference_deg))
+        .titled("Paired differences on the same robots", "")
 }

@@ -1,48 +1,48 @@
 //! Reports for people: tables and sentences for the terminal, and the report of the paper's study.
 
-mod closed_loop;
-mod error_table;
+mod cell;
+pub mod closed_loop;
+pub mod evaluation;
+pub mod numbers;
 mod outcome;
-mod rollout_table;
 pub mod study;
 mod table;
 mod verdict;
 
-pub use closed_loop::closed_loop_text;
-use error_table::{by_frequency, by_group};
+pub use cell::Cell;
 pub use outcome::ComparisonOutcome;
-use rollout_table::by_rollout;
-pub use table::{Align, Table};
-use verdict::verdicts;
+pub use table::{Align, Column, Table, TableOf};
 
-use wire::{PredictorInfo, PredictorKind, Report, Warning};
+use numbers::{degrees, signed_degrees};
+use verdict::verdicts;
+use wire::{Headline, MeanError, PredictorInfo, PredictorKind, Report, Warning};
 
 /// The report of an evaluation as text: tables of the errors, and a sentence about each model.
 pub fn text(report: &Report) -> String {
-    let (context, horizon) = (report.context, report.horizon);
-    let mut text = format!(
-        "\nRMSE in degrees over {horizon} samples at {} Hz, given the {context} before: mean \
-         [95 % confidence interval]\n\n{}\n",
-        report.rate_hz,
-        by_group(report)
-    );
-    let by_frequency = by_frequency(report);
-    if !by_frequency.is_empty() {
-        text += &format!("{by_frequency}* trained at this frequency\n\n");
+    let mut text = format!("\n{}\n\n", evaluation::setting(report));
+    for failure in evaluation::failures(report) {
+        text += &format!("failed: {failure}\n\n");
     }
-    let rollouts = by_rollout(report);
-    if !rollouts.is_empty() {
-        text += &format!(
-            "Error of the first sample, its change from sample to sample, at the seams of patches, and the \
-             largest, in degrees;\nshare of predictions that leave the joints' limits, and that get more than \
-             180° off\n\n{rollouts}\n"
-        );
-    }
+    let by_frequency = evaluation::by_frequency(report).into_iter().map(Table::means);
+    let tables = std::iter::once(evaluation::errors(report))
+        .chain(by_frequency)
+        .chain([evaluation::continuity(report)]);
+    text.extend(tables.map(|table| table.with_title()));
     text += &warnings(&report.warnings, report.scenarios(), "scenarios");
     for verdict in verdicts(report) {
         text += &format!("{verdict}\n\n");
     }
     text
+}
+
+/// The key result of an evaluation in a line.
+pub fn headline(headline: &Headline) -> String {
+    let error = |error: &MeanError| format!("{} {}°", error.predictor, degrees(error.rmse_deg));
+    let best: Vec<String> = headline.best.iter().map(error).collect();
+    match best.as_slice() {
+        [] => String::new(),
+        best => format!("{}: {}", headline.group, best.join(" · ")),
+    }
 }
 
 /// One line for each predictor and kind of warning.
@@ -58,36 +58,6 @@ fn warnings(warnings: &[Warning], all: u64, each: &str) -> String {
 /// The predictors that are no baselines: checkpoints, and files of predictions.
 fn models(report: &Report) -> impl Iterator<Item = &PredictorInfo> {
     report.predictors.iter().filter(|predictor| predictor.kind != PredictorKind::Baseline)
-}
-
-/// The name to print. It says if the predictor has seen the future that it predicts.
-fn label(predictor: &PredictorInfo) -> String {
-    let name = &predictor.name;
-    // Checkpoints carry their normalization in their name.
-    if predictor.sees_the_future() && !name.contains("paper-leaky") {
-        format!("{name} (leak: starts with the truth)")
-    } else {
-        name.clone()
-    }
-}
-
-/// An error in hundredths of a degree. Smaller ones have two significant digits, and at most six
-/// decimals.
-pub fn degrees(x: f64) -> String {
-    let decimals = match x.abs() {
-        0.0 | 0.1.. => 2,
-        0.01.. => 3,
-        0.001.. => 4,
-        1e-4.. => 5,
-        _ => 6,
-    };
-    format!("{x:.decimals$}")
-}
-
-/// A difference with its sign.
-fn signed_degrees(x: f64) -> String {
-    let sign = if x < 0.0 { "-" } else { "+" };
-    format!("{sign}{}", degrees(x.abs()))
 }
 
 #[cfg(test)]

@@ -1,43 +1,154 @@
-//! Tables in plain text.
+//! A result as a table: columns, and rows of cells. The page, the terminal, CSV and Markdown show it.
+
+use wire::Measure;
+
+use crate::Cell;
 
 /// The edge of its column at which a cell is aligned.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Align {
     Left,
+    /// Numbers are aligned at the right edge.
     Right,
 }
 
-/// A table in plain text: a header line and rows, with two spaces between columns.
+/// A result: columns, and rows of cells.
 #[derive(Debug)]
 pub struct Table {
-    columns: Vec<(String, Align)>,
-    rows: Vec<Vec<String>>,
+    pub title: String,
+    /// What the reader must know of the numbers; empty if there is nothing to say.
+    pub note: String,
+    pub columns: Vec<Column>,
+    pub rows: Vec<Vec<Cell>>,
+}
+
+#[derive(Clone, Debug)]
+pub struct Column {
+    pub heading: String,
+    pub align: Align,
+    /// What its cells mean; empty if the heading says it.
+    pub about: String,
+}
+
+/// A table that grows column by column over rows of an `R`.
+#[derive(Debug)]
+pub struct TableOf<R> {
+    rows: Vec<R>,
+    table: Table,
+}
+
+impl<R> TableOf<R> {
+    pub fn new(rows: impl IntoIterator<Item = R>) -> Self {
+        let rows: Vec<R> = rows.into_iter().collect();
+        let table = Table {
+            title: String::new(),
+            note: String::new(),
+            columns: Vec::new(),
+            rows: rows.iter().map(|_| Vec::new()).collect(),
+        };
+        Self { rows, table }
+    }
+
+    /// Adds a column of words.
+    #[must_use]
+    pub fn text<C: Into<Cell>>(self, heading: &str, cell: impl Fn(&R) -> C) -> Self {
+        self.column(heading, Align::Left, "", cell)
+    }
+
+    /// Adds a column of numbers.
+    #[must_use]
+    pub fn number<C: Into<Cell>>(self, heading: &str, cell: impl Fn(&R) -> C) -> Self {
+        self.column(heading, Align::Right, "", cell)
+    }
+
+    /// Adds a column for each measure, with values from the part of a row that holds them.
+    #[must_use]
+    pub fn measures<'a, T: 'a>(
+        self,
+        measures: impl IntoIterator<Item = Measure<T>>,
+        part: impl Fn(&R) -> Option<&'a T>,
+    ) -> Self {
+        measures.into_iter().fold(self, |table, Measure { title, unit, about, get, .. }| {
+            let heading = match unit.symbol() {
+                "" => title.to_owned(),
+                symbol => format!("{title}, {symbol}"),
+            };
+            let cell = |row: &R| part(row).map(|part| Cell::measured(get(part), unit));
+            table.column(&heading, Align::Right, about, cell)
+        })
+    }
+
+    /// Adds a column. `about` says what its cells mean.
+    #[must_use]
+    pub fn column<C: Into<Cell>>(
+        mut self,
+        heading: &str,
+        align: Align,
+        about: &str,
+        cell: impl Fn(&R) -> C,
+    ) -> Self {
+        let column = Column { heading: heading.to_owned(), align, about: about.to_owned() };
+        self.table.columns.push(column);
+        for (row, cells) in self.rows.iter().zip(&mut self.table.rows) {
+            cells.push(cell(row).into());
+        }
+        self
+    }
+
+    /// The table, with a title and a note.
+    pub fn titled(self, title: impl Into<String>, note: impl Into<String>) -> Table {
+        Table { title: title.into(), note: note.into(), ..self.table }
+    }
 }
 
 impl Table {
     pub fn new<S: Into<String>>(columns: impl IntoIterator<Item = (S, Align)>) -> Self {
-        let columns = columns.into_iter().map(|(name, align)| (name.into(), align)).collect();
-        Self { columns, rows: Vec::new() }
+        let column = |(heading, align): (S, Align)| Column {
+            heading: heading.into(),
+            align,
+            about: String::new(),
+        };
+        let columns = columns.into_iter().map(column).collect();
+        Self { title: String::new(), note: String::new(), columns, rows: Vec::new() }
+    }
+
+    /// The table without the intervals of its means.
+    #[must_use]
+    pub fn means(self) -> Self {
+        let mean = |row: Vec<Cell>| row.into_iter().map(Cell::mean).collect();
+        Self { rows: self.rows.into_iter().map(mean).collect(), ..self }
+    }
+
+    /// The table without columns in which no row has a value.
+    #[must_use]
+    pub fn without_empty_columns(self) -> Self {
+        let has_value = |k: &usize| self.rows.iter().any(|row| row[*k] != Cell::Missing);
+        let kept: Vec<usize> = (0..self.columns.len()).filter(has_value).collect();
+        let columns = kept.iter().map(|&k| self.columns[k].clone()).collect();
+        let row = |row: &Vec<Cell>| kept.iter().map(|&k| row[k].clone()).collect();
+        Self { columns, rows: self.rows.iter().map(row).collect(), ..self }
     }
 
     /// Adds a row. Missing cells stay empty.
-    pub fn push(&mut self, row: Vec<String>) {
-        self.rows.push(row);
+    pub fn push<C: Into<Cell>>(&mut self, row: Vec<C>) {
+        self.rows.push(row.into_iter().map(Into::into).collect());
     }
 
+    /// The table in plain text: a header line and rows, with two spaces between columns.
     pub fn render(&self) -> String {
-        let header: Vec<String> = self.columns.iter().map(|(name, _)| name.clone()).collect();
-        let lines = || std::iter::once(&header).chain(&self.rows);
+        let header = self.columns.iter().map(|column| column.heading.clone()).collect();
+        let rows = self.rows.iter().map(|row| row.iter().map(Cell::to_string).collect());
+        let lines: Vec<Vec<String>> = std::iter::once(header).chain(rows).collect();
         let widths: Vec<usize> = (0..self.columns.len())
-            .map(|k| lines().filter_map(|row| row.get(k)).map(|cell| width(cell)).max())
+            .map(|k| lines.iter().filter_map(|row| row.get(k)).map(|cell| width(cell)).max())
             .map(Option::unwrap_or_default)
             .collect();
         let mut text = String::new();
-        for row in lines() {
+        for row in &lines {
             let mut line = String::new();
             for (k, cell) in row.iter().take(self.columns.len()).enumerate() {
                 let gap = " ".repeat(widths[k] - width(cell));
-                match self.columns[k].1 {
+                match self.columns[k].align {
                     Align::Left => line.extend([cell, gap.as_str(), "  "]),
                     Align::Right => line.extend([gap.as_str(), cell, "  "]),
                 }
@@ -46,6 +157,16 @@ impl Table {
             text.push('\n');
         }
         text
+    }
+
+    /// The table in plain text, below its title and its note. Empty without rows.
+    pub fn with_title(&self) -> String {
+        let Self { title, note, .. } = self;
+        match (self.rows.is_empty(), note.is_empty()) {
+            (true, _) => String::new(),
+            (false, true) => format!("{title}\n\n{}\n", self.render()),
+            (false, false) => format!("{title}\n{note}\n\n{}\n", self.render()),
+        }
     }
 }
 
@@ -61,8 +182,8 @@ mod tests {
     #[test]
     fn columns_are_as_wide_as_their_widest_cell_and_lines_end_without_spaces() {
         let mut table = Table::new([("id", Align::Right), ("name", Align::Left)]);
-        table.push(vec!["7".into(), "a".into()]);
-        table.push(vec!["1234".into(), "längst".into()]);
+        table.push(vec!["7", "a"]);
+        table.push(vec!["1234", "längst"]);
         assert_eq!(table.render(), "  id  name\n   7  a\n1234  längst\n");
     }
 }

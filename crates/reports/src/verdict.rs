@@ -124,7 +124,7 @@ mod tests {
         let expected = "robomorph is worse than identification in distribution (by 0.0042°, \
                         95 % CI 0.0030° to 0.0050°); it is ";
         assert!(text.starts_with(expected), "{text}");
-        assert!(super::super::error_table::by_group(&report).contains("0.00090 [0.00080, 0.0010]"));
+        assert!(super::super::text(&report).contains("0.00090 [0.00080, 0.0010]"));
     }
 
     #[test]

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use spec::{Bootstrap, ControlPath, Digest, Planner};
 use utoipa::ToSchema;
 
+use crate::measures::measures;
 use crate::{Interval, PredictorKind, Warning};
 
 /// The result of a control job.
@@ -41,37 +42,39 @@ pub struct ControllerInfo {
     pub digest: Option<Digest>,
 }
 
-/// Means over robots. They are missing for a controller that failed on any robot.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct ControllerSummary {
-    #[serde(flatten)]
-    pub info: ControllerInfo,
-    /// RMS tracking error, mean over joints, in degrees.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub rms_deg: Option<Interval>,
-    /// RMS tracking error in degrees, a value per joint.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub joint_rms_deg: Option<Vec<f64>>,
-    /// Mean over robots of the largest error of any joint, degrees.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub peak_deg: Option<f64>,
-    /// Root mean square of the torques over time and joints, N·m.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub torque_rms_nm: Option<f64>,
-    /// Share of torques that are larger than 99 % of the excitation's torques.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub beyond_excitation: Option<f64>,
-    /// The smallest distance of any robot to a joint limit, rad; negative if a limit was exceeded.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub clearance_rad: Option<f64>,
-    /// The computing time of one plan.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub plan: Option<PlanTime>,
-    /// Number of robots on which the controller failed.
-    pub failed: u64,
-    /// The reason for the first failure.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub failure: Option<String>,
+measures! {
+    /// Means over robots. They are missing for a controller that failed on any robot.
+    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+    pub struct ControllerSummary {
+        #[serde(flatten)]
+        pub info: ControllerInfo,
+        /// RMS tracking error, mean over joints, in degrees.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        pub rms_deg: Option<Interval> = Control "RMS" Degrees,
+        /// RMS tracking error in degrees, a value per joint.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        pub joint_rms_deg: Option<Vec<f64>>,
+        /// Mean over robots of the largest error of any joint, degrees.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        pub peak_deg: Option<f64> = Control "largest" Degrees,
+        /// Root mean square of the torques over time and joints, N·m.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        pub torque_rms_nm: Option<f64> = Control "torque RMS" NewtonMetres,
+        /// Share of torques that are larger than 99 % of the excitation's torques.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        pub beyond_excitation: Option<f64> = Control "beyond excitation" Share,
+        /// The smallest distance of any robot to a joint limit, rad; negative if a limit was exceeded.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        pub clearance_rad: Option<f64> = Control "clearance" Radians,
+        /// The computing time of one plan.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        pub plan: Option<PlanTime>,
+        /// Number of robots on which the controller failed.
+        pub failed: u64,
+        /// The reason for the first failure.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        pub failure: Option<String>,
+    }
 }
 
 /// Computing times of plans, measured while the machine also did other work.

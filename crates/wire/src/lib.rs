@@ -25,6 +25,7 @@ mod jobs;
 mod labels;
 mod lists;
 mod logs;
+mod measures;
 mod predictions;
 mod presets;
 mod problem;
@@ -61,6 +62,7 @@ pub use jobs::{Job, Jobs, Member, Progress};
 pub use labels::{LabelChange, TextChange};
 pub use lists::{List, Listed};
 pub use logs::{LogChunk, Logs, left_out};
+pub use measures::{Measure, Measured, Topic, Unit};
 pub use predictions::{
     ObservedScenario, PredictedQuantile, PredictedScenario, PredictingModel, Prediction,
     PredictionLatency, PredictionRequest, PredictionSampling,

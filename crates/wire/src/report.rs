@@ -8,6 +8,7 @@ use spec::{Bootstrap, Digest, Family, Normalization, Range, SamplerKind, Start};
 use utoipa::ToSchema;
 
 use crate::Warning;
+use crate::measures::measures;
 
 /// The RMSE of every predictor in every cell, and over the cells in and out of distribution.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -117,20 +118,22 @@ pub struct SamplingInfo {
     pub start: Start,
 }
 
-/// Latencies of predictions for one robot. They depend on the machine and its load. So unlike the
-/// rest of a report, they differ when the evaluation is repeated.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct Latency {
-    pub median_ms: f64,
-    pub p99_ms: f64,
-    /// Number of timed predictions.
-    pub repeats: u64,
-    /// Number of threads that computed.
-    pub threads: u64,
-    pub device: String,
-    /// The machine's mean number of running threads in the minute before.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub load: Option<f64>,
+measures! {
+    /// Latencies of predictions for one robot. They depend on the machine and its load. So unlike the
+    /// rest of a report, they differ when the evaluation is repeated.
+    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+    pub struct Latency {
+        pub median_ms: f64 = Latency "median" Milliseconds,
+        pub p99_ms: f64 = Latency "99th percentile" Milliseconds,
+        /// Number of timed predictions.
+        pub repeats: u64,
+        /// Number of threads that computed.
+        pub threads: u64,
+        pub device: String,
+        /// The machine's mean number of running threads in the minute before.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        pub load: Option<f64>,
+    }
 }
 
 /// The master frequencies of one family that trainings drew from.
@@ -281,18 +284,20 @@ pub struct GroupSummary {
     pub rollouts: Vec<RolloutSummary>,
 }
 
-/// How far the predictions of one predictor went. Predictions that are not finite count in both
-/// numbers.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct RolloutSummary {
-    pub predictor: String,
-    /// Share of scenarios in which the prediction exceeds a joint limit. Missing if the limits are
-    /// not known.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub left_limits: Option<f64>,
-    /// Share of scenarios in which the prediction is not finite, or is more than 180° away from the
-    /// measured position.
-    pub diverged: f64,
+measures! {
+    /// How far the predictions of one predictor went. Predictions that are not finite count in both
+    /// numbers.
+    #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+    pub struct RolloutSummary {
+        pub predictor: String,
+        /// Share of scenarios in which the prediction exceeds a joint limit. Missing if the limits are
+        /// not known.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        pub left_limits: Option<f64> = Continuity "left limits" Share,
+        /// Share of scenarios in which the prediction is not finite, or is more than 180° away from the
+        /// measured position.
+        pub diverged: f64 = Continuity "diverged" Share,
+    }
 }
 
 /// Mean RMSE over scenarios with its interval, in degrees.
@@ -303,50 +308,53 @@ pub struct PredictorSummary {
     pub interval: Interval,
 }
 
-/// Further scores of one predictor: means over scenarios and joints. Scores that were not measured
-/// are missing.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct PredictorScores {
-    pub predictor: String,
-    /// Mean over scenarios, a value per joint.
-    pub joint_rmse_deg: Vec<f64>,
-    /// Root mean square over scenarios and joints, a value per step of the horizon.
-    pub step_rmse_deg: Vec<f64>,
-    /// Error of the first sample of the horizon: root mean square over scenarios and joints.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub first_sample_deg: Option<Interval>,
-    /// Change of the error from one sample of the horizon to the next, without seams: root mean
-    /// square over scenarios, joints and samples.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub jump_deg: Option<Interval>,
-    /// The same change at the seams of a model that predicts several samples at a time.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub seam_jump_deg: Option<Interval>,
-    /// The largest change of the error from one sample to the next, averaged over scenarios and
-    /// joints.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub largest_jump_deg: Option<Interval>,
-    /// Root mean square of the predictions' jitter, which is their part above the signal's band.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub jitter_deg: Option<Interval>,
-    /// The jitter after a zero-phase low-pass, which is also used for the smoothed RMSE.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub smoothed_jitter_deg: Option<Interval>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub smoothed_rmse_deg: Option<Interval>,
-    /// RMSE of the mean of the samples.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub mean_rmse_deg: Option<Interval>,
-    /// Continuous ranked probability score: a fair estimate from the samples.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub crps_deg: Option<Interval>,
-    /// Energy score: a fair estimate from the samples.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub energy_score_deg: Option<Interval>,
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub intervals: Vec<IntervalSummary>,
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub calibration: Vec<Calibration>,
+measures! {
+    /// Further scores of one predictor: means over scenarios and joints. Scores that were not measured
+    /// are missing.
+    #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+    pub struct PredictorScores {
+        pub predictor: String,
+        /// Mean over scenarios, a value per joint.
+        pub joint_rmse_deg: Vec<f64>,
+        /// Root mean square over scenarios and joints, a value per step of the horizon.
+        pub step_rmse_deg: Vec<f64>,
+        /// Error of the first sample of the horizon: root mean square over scenarios and joints.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        pub first_sample_deg: Option<Interval> = Continuity "first sample" Degrees,
+        /// Change of the error from one sample of the horizon to the next, without seams: root mean
+        /// square over scenarios, joints and samples.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        pub jump_deg: Option<Interval> = Continuity "jump" Degrees,
+        /// The same change at the seams of a model that predicts several samples at a time.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        pub seam_jump_deg: Option<Interval> = Continuity "at seams" Degrees,
+        /// The largest change of the error from one sample to the next, averaged over scenarios and
+        /// joints.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        pub largest_jump_deg: Option<Interval> = Continuity "largest" Degrees,
+        /// Root mean square of the predictions' jitter, which is their part above the signal's band.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        pub jitter_deg: Option<Interval> = Jitter "jitter" Degrees,
+        /// The jitter after a zero-phase low-pass, which is also used for the smoothed RMSE.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        pub smoothed_jitter_deg: Option<Interval> = Jitter "after a low-pass" Degrees,
+        /// RMSE after that low-pass.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        pub smoothed_rmse_deg: Option<Interval> = Jitter "RMSE after the low-pass" Degrees,
+        /// RMSE of the mean of the samples.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        pub mean_rmse_deg: Option<Interval> = Samples "RMSE of the mean" Degrees,
+        /// Continuous ranked probability score: a fair estimate from the samples.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        pub crps_deg: Option<Interval> = Samples "CRPS" Degrees,
+        /// Energy score: a fair estimate from the samples.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        pub energy_score_deg: Option<Interval> = Samples "energy score" Degrees,
+        #[serde(default, skip_serializing_if = "Vec::is_empty")]
+        pub intervals: Vec<IntervalSummary>,
+        #[serde(default, skip_serializing_if = "Vec::is_empty")]
+        pub calibration: Vec<Calibration>,
+    }
 }
 
 /// Central intervals of one probability.

@@ -7,10 +7,11 @@ use std::fmt::{self, Display, Formatter};
 use anyhow::{Context, bail};
 use indicatif::BinaryBytes;
 use models::TrainingMemory;
-use reports::study::{Plan, Scale};
+use reports::study::Plan;
 use reports::{Align, Table};
 use spec::{
-    CheckpointRef, DataSource, EvaluateSpec, JobSpec, PipelineSpec, SimulateSpec, Start, TrainSpec,
+    CheckpointRef, DataSource, EvaluateSpec, JobSpec, PipelineSpec, SimulateSpec, Start,
+    StudyScale, TrainSpec,
 };
 use worker::{DeviceKind, TrainingTimes};
 
@@ -23,7 +24,7 @@ const BYTES_PER_SAMPLE: u64 = 43;
 /// An estimate for every job.
 #[derive(Debug)]
 pub struct Estimate {
-    scale: Scale,
+    scale: StudyScale,
     rows: Vec<Row>,
     available: Option<u64>,
 }

@@ -10,8 +10,9 @@ mod gather;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use clap::Args;
-use reports::study::{self, Plan, Scale};
+use clap::{Args, ValueEnum};
+use reports::study::{self, Plan};
+use spec::StudyScale;
 use wire::{Job, JobState};
 
 use crate::client::{Client, JobEnded, Reuse, Submitted};
@@ -19,6 +20,27 @@ use crate::commands::serve::work_and_serve;
 use crate::logging::Logging;
 use crate::progress;
 use crate::server::{Options, Server};
+
+/// The scale of the study.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum Scale {
+    /// Every kind of job, in twenty minutes on two cores; too small for conclusions
+    Tiny,
+    /// Tiny models, trained long enough to compare them, in some hours on two cores
+    Small,
+    /// The paper's sizes
+    Paper,
+}
+
+impl From<Scale> for StudyScale {
+    fn from(scale: Scale) -> Self {
+        match scale {
+            Scale::Tiny => Self::Tiny,
+            Scale::Small => Self::Small,
+            Scale::Paper => Self::Paper,
+        }
+    }
+}
 
 #[derive(Debug, Args)]
 pub struct Arguments {
@@ -47,7 +69,7 @@ pub struct Arguments {
 }
 
 pub async fn run(arguments: Arguments, log: &Logging) -> anyhow::Result<ExitCode> {
-    let plan = Plan::of(arguments.scale)?;
+    let plan = Plan::of(arguments.scale.into())?;
     if arguments.dry_run {
         let device = arguments.server.device.device;
         let estimate =

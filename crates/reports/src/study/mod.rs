@@ -5,6 +5,6 @@ mod plan;
 mod report;
 mod results;
 
-pub use plan::{Plan, Scale};
+pub use plan::Plan;
 pub use report::{check_replaceable, write};
 pub use results::{Evaluation, File, JobRecord, Study, Training};

@@ -1,15 +1,15 @@
 //! The results of a study, from which its report is made.
 
 use serde::Serialize;
-use spec::{Digest, Family, PipelineSpec, StudyEvaluation, StudyQuestion, StudyTraining};
+use spec::{
+    Digest, Family, PipelineSpec, StudyEvaluation, StudyQuestion, StudyScale, StudyTraining,
+};
 use wire::{PredictorInfo, Report, Shift, ShiftScores, ShiftSummary};
-
-use super::plan::Scale;
 
 /// The results of a study.
 #[derive(Debug)]
 pub struct Study {
-    pub scale: Scale,
+    pub scale: StudyScale,
     /// Every job, with all defaults filled in.
     pub spec: PipelineSpec,
     /// The pipeline's job.

@@ -3,7 +3,8 @@
 use spec::{Start, StudyQuestion, study_models};
 use wire::{Latency, PredictorInfo, Report};
 
-use crate::{ComparisonOutcome, degrees};
+use crate::ComparisonOutcome;
+use crate::numbers::degrees;
 
 use super::super::results::{Evaluation, Study};
 use super::columns::{COLUMNS, ShiftColumn};

@@ -2,15 +2,15 @@
 //! the number of its set. Seeds differ by half a degree, and errors above the band are doubled.
 
 use serde_json::{Value, json};
-use spec::{Digest, Family, StudyEvaluation, StudyQuestion};
+use spec::{Digest, Family, StudyEvaluation, StudyQuestion, StudyScale};
 use wire::{Report, Shift};
 
-use super::super::plan::{Plan, Scale};
+use super::super::plan::Plan;
 use super::super::results::{Evaluation, File, JobRecord, Study, Training};
 use super::errors::IN_DISTRIBUTION;
 
 pub fn study() -> Study {
-    let plan = Plan::of(Scale::Tiny).unwrap();
+    let plan = Plan::of(StudyScale::Tiny).unwrap();
     let trainings: Vec<Training> = (0..)
         .zip(&plan.parts.trainings)
         .map(|(k, training)| Training {
@@ -37,7 +37,7 @@ pub fn study() -> Study {
         }
     };
     Study {
-        scale: Scale::Tiny,
+        scale: StudyScale::Tiny,
         spec: plan.pipeline.clone(),
         pipeline: record("paper-study-tiny", 1),
         evaluations: plan.parts.evaluations.iter().map(evaluation).collect(),

@@ -5,7 +5,7 @@ use std::fmt::Write;
 use spec::StudyQuestion;
 use wire::{Interval, Latency, ShiftScores};
 
-use crate::degrees;
+use crate::numbers::degrees;
 
 use super::super::results::Study;
 use super::columns::COLUMNS;

@@ -3,7 +3,7 @@
 use spec::StudyQuestion;
 use wire::{GroupSummary, PredictorScores};
 
-use crate::degrees;
+use crate::numbers::degrees;
 
 use super::super::results::{Evaluation, Study};
 use super::text::{markdown, none};

@@ -1,13 +1,12 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 
-use spec::{DataSource, JobSpec, PipelineSpec};
+use spec::{DataSource, JobSpec, PipelineSpec, StudyScale};
 use wire::Interval;
 
-use crate::degrees;
+use crate::numbers::degrees;
 
 use super::super::machine;
-use super::super::plan::Scale;
 use super::super::results::Study;
 use super::{claims, headline, samples};
 
@@ -130,19 +129,19 @@ fn image(name: &str) -> String {
     format!("![{name}](figures/{name}.svg)\n")
 }
 
-const fn about(scale: Scale) -> &'static str {
+const fn about(scale: StudyScale) -> &'static str {
     match scale {
-        Scale::Tiny => {
+        StudyScale::Tiny => {
             "Every kind of job of the study, each far too small: this shows that it runs, and nothing about \
              the models."
         }
-        Scale::Small => {
+        StudyScale::Small => {
             "Tiny models, 2500 steps of 32 trajectories each, the same for all networks: a hundredth of the \
              paper's samples and less; a `lagrangian` takes 5000 of 48. No two trainings of a model share robots, \
              nor does any share them with a test. Denoisers predict the clean series instead of the noise, which \
              trains faster, are trained on D1 alone, and are sampled by DDIM in 10 steps but for the warm start."
         }
-        Scale::Paper => {
+        StudyScale::Paper => {
             "The paper's sizes: 3.5e6 samples per training, networks of 17 to 63 M parameters."
         }
     }

@@ -1,0 +1,116 @@
+//! A cell of a table.
+
+use std::fmt::{self, Display, Formatter};
+
+use wire::{Interval, Measured, Unit};
+
+use crate::numbers::{count, degrees, percent, signed_degrees};
+
+/// A cell of a table.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Cell {
+    /// There is no value.
+    Missing,
+    Text(String),
+    Count(u64),
+    Number(f64, Unit),
+    /// A mean with its interval.
+    Interval(Interval, Unit),
+    /// The best mean of its column.
+    Best(Interval, Unit),
+    /// The difference of two means in degrees, with its sign.
+    Difference(Interval),
+}
+
+impl Cell {
+    /// The value of a measure.
+    pub fn measured(value: Measured, unit: Unit) -> Self {
+        match value {
+            Measured::Missing => Self::Missing,
+            Measured::Number(value) => Self::Number(value, unit),
+            Measured::Mean(interval) => Self::Interval(interval, unit),
+        }
+    }
+
+    /// The cell without its interval.
+    pub fn mean(self) -> Self {
+        match self {
+            Self::Interval(interval, unit) | Self::Best(interval, unit) => {
+                Self::Number(interval.mean, unit)
+            }
+            other => other,
+        }
+    }
+
+    pub const fn is_best(&self) -> bool {
+        matches!(self, Self::Best(..))
+    }
+
+    /// The text of its value; empty if it is missing.
+    pub fn value(&self) -> String {
+        match self {
+            Self::Missing => String::new(),
+            Self::Text(text) => text.clone(),
+            Self::Count(number) => count(*number),
+            Self::Number(value, unit) => in_unit(*value, *unit),
+            Self::Interval(interval, unit) | Self::Best(interval, unit) => {
+                in_unit(interval.mean, *unit)
+            }
+            Self::Difference(interval) => signed_degrees(interval.mean),
+        }
+    }
+
+    /// The ends of its interval; empty without one.
+    pub fn ends(&self) -> String {
+        let ends = |Interval { low, high, .. }: &Interval, show: &dyn Fn(f64) -> String| {
+            format!("[{}, {}]", show(*low), show(*high))
+        };
+        match self {
+            Self::Interval(interval, unit) | Self::Best(interval, unit) => {
+                ends(interval, &|value| in_unit(value, *unit))
+            }
+            Self::Difference(interval) => ends(interval, &signed_degrees),
+            _ => String::new(),
+        }
+    }
+}
+
+fn in_unit(value: f64, unit: Unit) -> String {
+    match unit {
+        Unit::Degrees | Unit::NewtonMetres => degrees(value),
+        Unit::Milliseconds | Unit::Radians => crate::numbers::value(value),
+        Unit::Share => percent(value),
+    }
+}
+
+/// The text of a cell on the terminal.
+impl Display for Cell {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        if *self == Self::Missing {
+            return f.write_str("-");
+        }
+        f.write_str(&self.value())?;
+        match self.ends() {
+            ends if ends.is_empty() => Ok(()),
+            ends => write!(f, " {ends}"),
+        }
+    }
+}
+
+impl<C: Into<Self>> From<Option<C>> for Cell {
+    fn from(value: Option<C>) -> Self {
+        value.map_or(Self::Missing, Into::into)
+    }
+}
+
+impl From<String> for Cell {
+    fn from(text: String) -> Self {
+        Self::Text(text)
+    }
+}
+
+impl From<&str> for Cell {
+    fn from(text: &str) -> Self {
+        Self::Text(text.to_owned())
+    }
+}
