@@ -13,6 +13,7 @@ mod examples;
 mod figure;
 mod given;
 mod learned;
+mod measures;
 pub mod metrics;
 mod predictor;
 mod report;
@@ -36,11 +37,9 @@ pub use figure::{
 };
 pub use given::Given;
 pub use learned::{FirstPrediction, LeakyLearned, Learned, OracleStarted, Start};
+pub use measures::{CentralInterval, INTERVALS, Measure};
 pub use metrics::rmse_deg;
 pub use predictor::{Answer, Predictor, Samples};
 pub use report::{Setting, paired_difference, summarize, trained_on};
-pub use rows::{MEASURES, Measure, Row};
-pub use scores::{
-    CALIBRATION, ContinuityErrors, INTERVALS, IntervalErrors, Jitter, PerJoint, SampleErrors,
-    ScenarioErrors, ScoredAs,
-};
+pub use rows::Row;
+pub use scores::{CALIBRATION, PerJoint, ScenarioErrors, ScoredAs};

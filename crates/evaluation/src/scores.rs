@@ -2,6 +2,7 @@
 
 use spec::Range;
 
+use crate::measures::{INTERVALS, Measure};
 use crate::metrics::{
     JitterMeter, beyond_limits_deg, central_interval, continuity, crps, energy_score,
     joint_rmse_deg, least_samples,
@@ -10,33 +11,17 @@ use crate::metrics::{
 /// A number per joint, in f32 as in the stored table.
 pub type PerJoint = Vec<f32>;
 
-/// Probabilities of the central intervals whose coverage and width are stored for each joint.
-pub const INTERVALS: [f64; 2] = [0.5, 0.9];
-
 /// Probabilities at which coverage is stored for all joints together.
 pub const CALIBRATION: [f64; 9] = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9];
 
-/// One predictor's errors on one scenario. All errors are in degrees.
-#[derive(Clone, Debug, PartialEq)]
+/// One predictor's errors on one scenario.
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct ScenarioErrors {
-    pub rmse_deg: PerJoint,
-    /// `None` in tables from before this measure existed.
-    pub continuity: Option<ContinuityErrors>,
-    /// The largest distance of the prediction beyond the limits of each joint; 0 within. `None`
-    /// where limits are not known.
-    pub beyond_limits_deg: Option<PerJoint>,
-    pub jitter: Option<Jitter>,
-    pub samples: Option<SampleErrors>,
-}
-
-/// How smoothly a prediction continues the measured positions, see [`continuity`].
-#[derive(Clone, Debug, PartialEq)]
-pub struct ContinuityErrors {
-    pub first_sample_deg: PerJoint,
-    pub jump_deg: PerJoint,
-    pub largest_jump_deg: PerJoint,
-    /// `None` without seams.
-    pub seam_jump_deg: Option<PerJoint>,
+    /// A number per joint for each of [`Measure::ALL`]; `None` for what was not measured.
+    values: [Option<PerJoint>; Measure::ALL.len()],
+    /// Share of the horizon, over all joints, inside the central intervals of [`CALIBRATION`] for
+    /// which there are enough samples. Rows of the table do not have it.
+    pub calibration: Vec<f32>,
 }
 
 /// The robot and the settings of the scores.
@@ -50,43 +35,6 @@ pub struct ScoredAs<'a> {
     pub meter: Option<&'a JitterMeter>,
 }
 
-/// The part of a prediction above the signal's band.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Jitter {
-    /// Root mean square above the band.
-    pub deg: PerJoint,
-    /// The same after a zero-phase low-pass at the band's edge.
-    pub smoothed_deg: PerJoint,
-    /// RMSE after that low-pass.
-    pub smoothed_rmse_deg: PerJoint,
-}
-
-/// The quality of several samples as a distribution.
-#[derive(Clone, Debug, PartialEq)]
-pub struct SampleErrors {
-    /// RMSE of the mean of the samples.
-    pub mean_rmse_deg: PerJoint,
-    /// Fair CRPS, mean over the horizon.
-    pub crps_deg: PerJoint,
-    /// Fair energy score of the whole horizon, all joints together.
-    pub energy_score_deg: f32,
-    /// The intervals of [`INTERVALS`] for which there are enough samples.
-    pub intervals: Vec<IntervalErrors>,
-    /// Share of the horizon, over all joints, inside the central intervals of [`CALIBRATION`] for
-    /// which there are enough samples.
-    pub calibration: Vec<f32>,
-}
-
-/// The central interval of one probability.
-#[derive(Clone, Debug, PartialEq)]
-pub struct IntervalErrors {
-    pub nominal: f64,
-    /// Share of the horizon inside the interval.
-    pub coverage: PerJoint,
-    /// Mean width over the horizon.
-    pub width_deg: PerJoint,
-}
-
 impl ScenarioErrors {
     /// `truth`, `predicted` and each of `samples` are `[horizon, joint]` in rad.
     pub fn new(
@@ -96,64 +44,97 @@ impl ScenarioErrors {
         scored_as: ScoredAs<'_>,
     ) -> Self {
         let ScoredAs { joints, patch, limits_rad, meter } = scored_as;
-        let rmse_deg = joint_rmse_deg(truth, predicted, joints);
-        let beyond = (!limits_rad.is_empty()).then(|| beyond_limits_deg(predicted, limits_rad));
-        Self {
-            rmse_deg: rmse_deg.into_iter().map(to_f32).collect(),
-            continuity: Some(ContinuityErrors::new(truth, predicted, joints, patch)),
-            beyond_limits_deg: beyond.map(|beyond| beyond.into_iter().map(to_f32).collect()),
-            jitter: meter.map(|meter| Jitter::new(truth, predicted, joints, meter)),
-            samples: SampleErrors::new(truth, samples, joints),
+        let mut errors = Self::default();
+        errors.set(Measure::RmseDeg, joint_rmse_deg(truth, predicted, joints));
+        if !limits_rad.is_empty() {
+            errors.set(Measure::BeyondLimitsDeg, beyond_limits_deg(predicted, limits_rad));
         }
+        errors.measure_continuity(truth, predicted, joints, patch);
+        if let Some(meter) = meter {
+            errors.measure_jitter(truth, predicted, joints, meter);
+        }
+        errors.measure_samples(truth, samples, joints);
+        errors
     }
-}
 
-impl ContinuityErrors {
-    fn new(truth: &[f32], predicted: &[f32], joints: usize, patch: Option<usize>) -> Self {
+    /// The errors of a scenario from the values of its rows, one row per joint. `None` without an
+    /// answer.
+    pub(crate) fn of_joints(values: impl Fn(Measure) -> Option<PerJoint>) -> Option<Self> {
+        let errors = Self { values: Measure::ALL.map(values), calibration: Vec::new() };
+        errors.get(Measure::RmseDeg).is_some().then_some(errors)
+    }
+
+    /// A number per joint. `None` if it was not measured, as in tables from before the measure
+    /// existed.
+    pub fn get(&self, measure: Measure) -> Option<&PerJoint> {
+        self.values[measure as usize].as_ref()
+    }
+
+    /// The mean of a measure over joints.
+    pub(crate) fn mean(&self, measure: Measure) -> Option<f64> {
+        let values = self.get(measure)?;
+        let sum: f64 = values.iter().map(|value| f64::from(*value)).sum();
+        Some(sum / values.len() as f64)
+    }
+
+    fn set(&mut self, measure: Measure, values: impl IntoIterator<Item = f64>) {
+        self.values[measure as usize] = Some(values.into_iter().map(to_f32).collect());
+    }
+
+    /// Measures how smoothly the prediction continues the measured positions, see [`continuity`].
+    fn measure_continuity(
+        &mut self,
+        truth: &[f32],
+        predicted: &[f32],
+        joints: usize,
+        patch: Option<usize>,
+    ) {
         let of_joint = |joint: usize| {
             continuity(&degrees(truth, joint, joints), &degrees(predicted, joint, joints), patch)
         };
         let found: Vec<_> = (0..joints).map(of_joint).collect();
-        Self {
-            first_sample_deg: found.iter().map(|joint| to_f32(joint.first_sample_deg)).collect(),
-            jump_deg: found.iter().map(|joint| to_f32(joint.jump_deg)).collect(),
-            largest_jump_deg: found.iter().map(|joint| to_f32(joint.largest_jump_deg)).collect(),
-            seam_jump_deg: found.iter().map(|joint| joint.seam_jump_deg.map(to_f32)).collect(),
+        self.set(Measure::FirstSampleDeg, found.iter().map(|joint| joint.first_sample_deg));
+        self.set(Measure::JumpDeg, found.iter().map(|joint| joint.jump_deg));
+        self.set(Measure::LargestJumpDeg, found.iter().map(|joint| joint.largest_jump_deg));
+        let seams: Option<Vec<f64>> = found.iter().map(|joint| joint.seam_jump_deg).collect();
+        if let Some(seams) = seams {
+            self.set(Measure::SeamJumpDeg, seams);
         }
     }
-}
 
-impl Jitter {
-    fn new(truth: &[f32], predicted: &[f32], joints: usize, meter: &JitterMeter) -> Self {
-        let mut jitter =
-            Self { deg: Vec::new(), smoothed_deg: Vec::new(), smoothed_rmse_deg: Vec::new() };
-        for joint in 0..joints {
+    /// Measures the part of the prediction above the signal's band, before and after a zero-phase
+    /// low-pass at the band's edge.
+    fn measure_jitter(
+        &mut self,
+        truth: &[f32],
+        predicted: &[f32],
+        joints: usize,
+        meter: &JitterMeter,
+    ) {
+        let of_joint = |joint: usize| {
             let (truth, predicted) =
                 (degrees(truth, joint, joints), degrees(predicted, joint, joints));
             let smoothed = meter.smoothed(&predicted);
             let squares: f64 = smoothed.iter().zip(&truth).map(|(a, b)| (a - b).powi(2)).sum();
-            jitter.deg.push(to_f32(meter.jitter(&predicted)));
-            jitter.smoothed_deg.push(to_f32(meter.jitter(&smoothed)));
-            jitter.smoothed_rmse_deg.push(to_f32((squares / truth.len() as f64).sqrt()));
+            let rmse = (squares / truth.len() as f64).sqrt();
+            [meter.jitter(&predicted), meter.jitter(&smoothed), rmse]
+        };
+        let found: Vec<[f64; 3]> = (0..joints).map(of_joint).collect();
+        let measures = [Measure::JitterDeg, Measure::SmoothedJitterDeg, Measure::SmoothedRmseDeg];
+        for (k, measure) in measures.into_iter().enumerate() {
+            self.set(measure, found.iter().map(|joint| joint[k]));
         }
-        jitter
     }
-}
 
-/// The positions of joint `joint` of `joints` over the horizon.
-pub(crate) fn degrees(positions: &[f32], joint: usize, joints: usize) -> Vec<f64> {
-    positions.iter().skip(joint).step_by(joints).map(|&q| f64::from(q).to_degrees()).collect()
-}
+    /// Measures samples as a distribution. Does nothing below two samples.
+    fn measure_samples(&mut self, truth: &[f32], samples: &[&[f32]], joints: usize) -> Option<()> {
+        let energy_score_deg = energy_score(samples, truth)?.to_degrees();
+        let enough = |probability: f64| least_samples(probability) <= samples.len();
+        let intervals = INTERVALS.iter().filter(|interval| enough(interval.nominal));
+        let intervals: Vec<_> = intervals.copied().collect();
+        let calibration: Vec<f64> = CALIBRATION.into_iter().filter(|&p| enough(p)).collect();
 
-impl SampleErrors {
-    /// Scores of samples. `None` below two samples.
-    fn new(truth: &[f32], samples: &[&[f32]], joints: usize) -> Option<Self> {
-        let energy_score_deg = to_f32(energy_score(samples, truth)?.to_degrees());
-        let enough = |probability: &&f64| least_samples(**probability) <= samples.len();
-        let intervals: Vec<f64> = INTERVALS.iter().filter(enough).copied().collect();
-        let calibration: Vec<f64> = CALIBRATION.iter().filter(enough).copied().collect();
-
-        let steps = truth.len() / joints;
+        let steps = (truth.len() / joints) as f64;
         let mut crps_sum = vec![0.0; joints];
         let mut mean_squares = vec![0.0; joints];
         let mut covered = vec![vec![0.0; joints]; intervals.len()];
@@ -169,8 +150,8 @@ impl SampleErrors {
             mean_squares[joint] += (mean - truth).powi(2);
             // This also sorts the samples, as the intervals need them.
             crps_sum[joint] += crps(&mut drawn, truth)?;
-            for (k, &probability) in intervals.iter().enumerate() {
-                let (low, high) = central_interval(&drawn, probability)?;
+            for (k, interval) in intervals.iter().enumerate() {
+                let (low, high) = central_interval(&drawn, interval.nominal)?;
                 covered[k][joint] += one_if((low..=high).contains(&truth));
                 widths[k][joint] += high - low;
             }
@@ -179,25 +160,21 @@ impl SampleErrors {
                 *sum += one_if((low..=high).contains(&truth));
             }
         }
-        let over_steps =
-            |sums: &[f64]| sums.iter().map(|sum| to_f32(sum / steps as f64)).collect::<PerJoint>();
-        let root = |sum: &f64| to_f32((sum / steps as f64).sqrt());
-        Some(Self {
-            mean_rmse_deg: mean_squares.iter().map(root).collect(),
-            crps_deg: over_steps(&crps_sum),
-            energy_score_deg,
-            intervals: intervals
-                .iter()
-                .zip(covered.into_iter().zip(widths))
-                .map(|(&nominal, (covered, widths))| IntervalErrors {
-                    nominal,
-                    coverage: over_steps(&covered),
-                    width_deg: over_steps(&widths),
-                })
-                .collect(),
-            calibration: calibrated.iter().map(|sum| to_f32(sum / truth.len() as f64)).collect(),
-        })
+        self.set(Measure::MeanRmseDeg, mean_squares.iter().map(|sum| (sum / steps).sqrt()));
+        self.set(Measure::CrpsDeg, crps_sum.iter().map(|sum| sum / steps));
+        self.set(Measure::EnergyScoreDeg, vec![energy_score_deg; joints]);
+        for (interval, (covered, widths)) in intervals.iter().zip(covered.iter().zip(&widths)) {
+            self.set(interval.coverage, covered.iter().map(|sum| sum / steps));
+            self.set(interval.width_deg, widths.iter().map(|sum| sum / steps));
+        }
+        self.calibration = calibrated.iter().map(|sum| to_f32(sum / truth.len() as f64)).collect();
+        Some(())
     }
+}
+
+/// The positions of joint `joint` of `joints` over the horizon.
+pub(crate) fn degrees(positions: &[f32], joint: usize, joints: usize) -> Vec<f64> {
+    positions.iter().skip(joint).step_by(joints).map(|&q| f64::from(q).to_degrees()).collect()
 }
 
 fn one_if(condition: bool) -> f64 {
@@ -236,28 +213,28 @@ mod tests {
 
     #[test]
     fn calibrated_samples_cover_what_they_say_and_no_more() {
-        let found = errors(60).samples.unwrap();
+        let found = errors(60);
         assert_eq!(found.calibration.len(), CALIBRATION.len());
         for (coverage, nominal) in found.calibration.iter().zip(CALIBRATION) {
             assert!((f64::from(*coverage) - nominal).abs() < 0.09, "{coverage} {nominal}");
         }
-        let mean = |values: &PerJoint| f64::from(values.iter().sum::<f32>()) / JOINTS as f64;
-        for (interval, width) in found.intervals.iter().zip([1.349, 3.290]) {
-            assert!((mean(&interval.width_deg) - width).abs() < 0.1 * width, "{interval:?}");
-            assert!((mean(&interval.coverage) - interval.nominal).abs() < 0.09, "{interval:?}");
+        let mean = |measure: Measure| found.mean(measure).unwrap();
+        for (interval, width) in INTERVALS.into_iter().zip([1.349, 3.290]) {
+            assert!((mean(interval.width_deg) - width).abs() < 0.1 * width, "{interval:?}");
+            assert!((mean(interval.coverage) - interval.nominal).abs() < 0.09, "{interval:?}");
         }
         // E |X - X'| / 2 for two standard normal numbers is 1 / √π.
-        assert!((mean(&found.crps_deg) - 0.5642).abs() < 0.06, "{}", mean(&found.crps_deg));
-        assert!((mean(&found.mean_rmse_deg) - 1.0).abs() < 0.1);
+        assert!((mean(Measure::CrpsDeg) - 0.5642).abs() < 0.06, "{}", mean(Measure::CrpsDeg));
+        assert!((mean(Measure::MeanRmseDeg) - 1.0).abs() < 0.1);
     }
 
     #[test]
     fn few_samples_have_no_wide_interval_and_one_has_none() {
-        let found = errors(10).samples.unwrap();
-        let nominal: Vec<f64> = found.intervals.iter().map(|interval| interval.nominal).collect();
-        assert_eq!(nominal, [0.5]);
+        let found = errors(10);
+        let measured = INTERVALS.map(|interval| found.get(interval.width_deg).is_some());
+        assert_eq!(measured, [true, false]);
         assert_eq!(found.calibration.len(), 8);
-        assert_eq!(errors(1).samples, None);
+        assert_eq!(errors(1).get(Measure::CrpsDeg), None);
     }
 
     #[test]
@@ -272,10 +249,12 @@ mod tests {
         let meter = JitterMeter::new(80, 5.0, 60.0).unwrap();
         let errors =
             ScenarioErrors::new(&truth, &predicted, &[], ScoredAs { meter: Some(&meter), ..AS });
-        let jitter = errors.jitter.unwrap();
+        let of_joint = |measure: Measure, joint: usize| errors.get(measure).unwrap()[joint];
         let expected = std::f32::consts::FRAC_1_SQRT_2;
-        assert!((jitter.deg[4] - expected).abs() < 0.02, "{jitter:?}");
-        assert!(jitter.smoothed_deg[4] < 0.02 && jitter.smoothed_rmse_deg[4] < 0.2, "{jitter:?}");
-        assert!(jitter.deg[3] < 1e-6 && (errors.rmse_deg[4] - expected).abs() < 0.02);
+        assert!((of_joint(Measure::JitterDeg, 4) - expected).abs() < 0.02, "{errors:?}");
+        assert!(of_joint(Measure::SmoothedJitterDeg, 4) < 0.02, "{errors:?}");
+        assert!(of_joint(Measure::SmoothedRmseDeg, 4) < 0.2, "{errors:?}");
+        assert!(of_joint(Measure::JitterDeg, 3) < 1e-6, "{errors:?}");
+        assert!((of_joint(Measure::RmseDeg, 4) - expected).abs() < 0.02);
     }
 }

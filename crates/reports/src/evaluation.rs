@@ -2,8 +2,8 @@
 
 use spec::{Family, Normalization};
 use wire::{
-    CellSummary, DataNoise, FailureSummary, GroupSummary, Latency, PredictorInfo, PredictorKind,
-    PredictorScores, PredictorSummary, Report, RolloutSummary, Topic, Unit, WorstCase, at_noise,
+    CellSummary, DataNoise, FailureSummary, GroupSummary, Latency, PredictorInfo, PredictorScores,
+    PredictorSummary, Report, RolloutSummary, Topic, Unit, WorstCase, at_noise,
 };
 
 use crate::numbers::{count, degrees, value};

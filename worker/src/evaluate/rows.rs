@@ -7,7 +7,7 @@ use arrow_array::{
     Array, ArrayRef, Float32Array, Float64Array, Int32Array, Int64Array, RecordBatch, StringArray,
 };
 use arrow_schema::ArrowError;
-use evaluation::{CellResult, MEASURES, Row};
+use evaluation::{CellResult, Measure, Row};
 use serde_json::Value;
 use spec::{Column, ColumnType};
 use store::{TableReader, table_schema};
@@ -35,9 +35,9 @@ pub(super) fn columns(joints: usize) -> Vec<Column> {
         Column::new(PREDICTOR, ColumnType::Text, "as the report calls it"),
         Column::new("joint", ColumnType::Int32, format!("1 to {joints}")),
     ];
-    let measured = MEASURES.iter().map(|measure| {
-        let column = Column::new(measure.name, ColumnType::Float32, measure.about);
-        let in_degrees = measure.name.contains("deg");
+    let measured = Measure::ALL.into_iter().map(|measure| {
+        let column = Column::new(measure.name(), ColumnType::Float32, measure.about());
+        let in_degrees = measure.name().contains("deg");
         nullable(if in_degrees { column.unit("deg") } else { column })
     });
     about.into_iter().chain(measured).collect()
@@ -76,8 +76,8 @@ pub(super) fn record_batch(
         Arc::new(StringArray::from_iter_values(rows.iter().map(|row| row.predictor))),
         Arc::new(Int32Array::from(joints)),
     ];
-    arrays.extend(MEASURES.iter().map(|measure| {
-        let values: Float32Array = rows.iter().map(|row| (measure.get)(row)).collect();
+    arrays.extend(Measure::ALL.into_iter().map(|measure| {
+        let values: Float32Array = rows.iter().map(|row| row.get(measure)).collect();
         Arc::new(values) as ArrayRef
     }));
     RecordBatch::try_new(table_schema(&columns(result.joints)), arrays)
@@ -96,19 +96,16 @@ pub(super) fn complete(result: &mut CellResult, table: &[RecordBatch]) -> Result
     for batch in table {
         let predictors = column::<StringArray>(batch, PREDICTOR)?;
         let first = rows.len();
-        rows.extend((0..batch.num_rows()).map(|k| Row {
-            predictor: predictors.value(k),
-            joint: (first + k) % joints + 1,
-            ..Row::default()
-        }));
-        for measure in MEASURES {
-            if batch.column_by_name(measure.name).is_none() {
+        let row = |k: usize| Row::empty(predictors.value(k), (first + k) % joints + 1);
+        rows.extend((0..batch.num_rows()).map(row));
+        for measure in Measure::ALL {
+            if batch.column_by_name(measure.name()).is_none() {
                 // The cell was evaluated by a version that did not measure this.
                 continue;
             }
-            let values = column::<Float32Array>(batch, measure.name)?;
+            let values = column::<Float32Array>(batch, measure.name())?;
             for (row, value) in rows[first..].iter_mut().zip(values) {
-                (measure.set)(row, value);
+                row.set(measure, value);
             }
         }
     }

@@ -4,6 +4,7 @@ use series::{Observed, SeriesView};
 use spec::{Family, Range};
 use wire::Warning;
 
+use crate::measures::Measure;
 use crate::metrics::{JitterMeter, beyond_limits_deg, has_diverged, squares_deg2};
 use crate::predictor::Answer;
 use crate::scores::{ScenarioErrors, ScoredAs, degrees};
@@ -56,7 +57,7 @@ pub struct PredictorErrors {
     /// answer.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub step_squares_deg2: Vec<Vec<f64>>,
-    /// Mean of [`crate::SampleErrors::calibration`] over the scenarios with an answer.
+    /// Mean of [`ScenarioErrors::calibration`] over the scenarios with an answer.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub calibration: Vec<f64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -70,6 +71,16 @@ pub struct PredictorErrors {
 }
 
 impl CellResult {
+    /// The errors of a predictor. `None` if it was not asked.
+    pub fn errors(&self, predictor: &str) -> Option<&PredictorErrors> {
+        self.predictors.iter().find(|errors| errors.predictor == predictor)
+    }
+
+    /// Number of its scenarios.
+    pub fn scenarios(&self) -> usize {
+        self.predictors.first().map_or(0, |errors| errors.rmse_deg.len())
+    }
+
     /// The share of scenarios within the torque limits. `None` where the limits are not known.
     pub fn share_within_torque_limits(&self) -> Option<f64> {
         let within = self.within_torque_limits.iter().filter(|within| **within).count();
@@ -246,7 +257,10 @@ impl Scorer<'_> {
         let first = scenarios.iter().position(Option::is_none);
         PredictorErrors {
             predictor: predictor.name().to_owned(),
-            rmse_deg: scenarios.iter().map(|errors| errors.as_ref().map(mean_rmse_deg)).collect(),
+            rmse_deg: scenarios
+                .iter()
+                .map(|errors| errors.as_ref()?.mean(Measure::RmseDeg))
+                .collect(),
             failure: first.map(|first| Failure {
                 scenarios: failed,
                 first,
@@ -330,19 +344,13 @@ impl Scorer<'_> {
 
 /// Mean over the scenarios with an answer. Empty without samples.
 fn calibration(scenarios: &[Option<ScenarioErrors>]) -> Vec<f64> {
-    let of_each: Vec<&[f32]> = scenarios
-        .iter()
-        .filter_map(|errors| Some(errors.as_ref()?.samples.as_ref()?.calibration.as_slice()))
-        .collect();
+    let of_each: Vec<&[f32]> =
+        scenarios.iter().flatten().map(|errors| errors.calibration.as_slice()).collect();
     let levels = of_each.first().map_or(0, |levels| levels.len());
     let mean = |level: usize| {
         of_each.iter().map(|levels| f64::from(levels[level])).sum::<f64>() / of_each.len() as f64
     };
     (0..levels).map(mean).collect()
-}
-
-fn mean_rmse_deg(errors: &ScenarioErrors) -> f64 {
-    errors.rmse_deg.iter().map(|rmse| f64::from(*rmse)).sum::<f64>() / errors.rmse_deg.len() as f64
 }
 
 #[cfg(test)]

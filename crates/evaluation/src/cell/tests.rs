@@ -1,7 +1,7 @@
 use series::{Series, Shape};
 
 use super::*;
-use crate::{DampedIntegrator, HoldLast, Row};
+use crate::{DampedIntegrator, HoldLast, Measure, Row};
 
 const JOINTS: usize = 7;
 
@@ -118,7 +118,7 @@ fn rollouts_that_leave_the_limits_and_those_that_diverge_are_counted() {
     assert_eq!(rollouts, expected);
     assert_eq!(found.measured_left_limits, Some(0.0));
     let scenario = found.predictors[0].scenarios[1].as_ref().unwrap();
-    let beyond = scenario.beyond_limits_deg.as_ref().unwrap();
+    let beyond = scenario.get(Measure::BeyondLimitsDeg).unwrap();
     assert!((f64::from(beyond[5]) - 0.5_f64.to_degrees()).abs() < 1e-4, "{beyond:?}");
     assert_eq!(beyond[4], 0.0);
 }
@@ -141,12 +141,15 @@ fn the_table_has_a_row_per_scenario_joint_and_predictor() {
     let last = &rows[2 * JOINTS + 6];
     assert_eq!((last.predictor, last.trajectory, last.joint), ("several", 202, 7));
     let of_scenario = &rows[2 * JOINTS..3 * JOINTS];
-    let mean = of_scenario.iter().map(|row| f64::from(row.rmse_deg.unwrap())).sum::<f64>();
+    let rmse = |row: &Row<'_>| f64::from(row.get(Measure::RmseDeg).unwrap());
+    let mean = of_scenario.iter().map(rmse).sum::<f64>();
     assert!((mean / 7.0 - found.predictors[0].rmse_deg[2].unwrap()).abs() < 1e-6);
-    assert!(last.crps_deg.is_some() && last.coverage_50.is_some() && last.jitter_deg.is_some());
+    for measure in [Measure::CrpsDeg, Measure::Coverage50, Measure::JitterDeg] {
+        assert!(last.get(measure).is_some(), "{measure:?}");
+    }
     // Four samples are too few for this interval.
-    assert_eq!(last.coverage_90, None);
-    assert_eq!(rows[3 * JOINTS].crps_deg, None);
+    assert_eq!(last.get(Measure::Coverage90), None);
+    assert_eq!(rows[3 * JOINTS].get(Measure::CrpsDeg), None);
 }
 
 #[test]
@@ -160,9 +163,9 @@ fn the_rows_of_a_scenario_hold_its_errors() {
     assert!(read.take_rows(&rows), "rows of this cell");
     for (read, made) in read.predictors.iter().zip(&found.predictors) {
         let mut made = made.scenarios.clone();
-        for samples in made.iter_mut().flatten().filter_map(|errors| errors.samples.as_mut()) {
+        for errors in made.iter_mut().flatten() {
             // The cell stores the calibration as a whole.
-            samples.calibration.clear();
+            errors.calibration.clear();
         }
         assert_eq!(read.scenarios, made);
     }
@@ -178,7 +181,8 @@ fn errors_of_steps_and_of_joints_are_the_same_errors() {
         let by_scenario: f64 = errors
             .scenarios
             .iter()
-            .map(|scenario| f64::from(scenario.as_ref().unwrap().rmse_deg[joint]).powi(2) * 40.0)
+            .flatten()
+            .map(|errors| f64::from(errors.get(Measure::RmseDeg).unwrap()[joint]).powi(2) * 40.0)
             .sum();
         assert!((by_step / by_scenario - 1.0).abs() < 1e-5, "{by_step} {by_scenario}");
     }

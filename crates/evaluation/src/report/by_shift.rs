@@ -6,8 +6,9 @@ use rayon::prelude::*;
 use spec::{Bootstrap, Family};
 use wire::{PredictorInfo, Shift, ShiftDifference, ShiftScores, ShiftSummary};
 
+use super::comparisons::is_compared;
 use super::replications::{self, BySeed};
-use super::summary::{errors, is_compared};
+use crate::measures::Measure;
 use crate::scores::ScenarioErrors;
 use crate::{CellResult, PredictorErrors};
 
@@ -79,10 +80,10 @@ struct Group<'a> {
 
 impl<'a> Group<'a> {
     fn new(cells: Vec<&'a CellResult>, bootstrap: Bootstrap) -> Self {
-        let scenarios = cells.iter().map(|cell| count(cell)).sum();
+        let scenarios = cells.iter().map(|cell| cell.scenarios()).sum();
         let scored = cells
             .iter()
-            .map(|cell| (0..count(cell)).filter(|&scenario| is_scored(cell, scenario)).count())
+            .map(|cell| (0..cell.scenarios()).filter(|&scenario| is_scored(cell, scenario)).count())
             .sum();
         Self { cells, scenarios, scored, bootstrap }
     }
@@ -141,15 +142,11 @@ impl<'a> Group<'a> {
         let joints = self.cells.first().map_or(0, |cell| cell.joints);
         let of_joint = |joint: usize| {
             let of_seeds =
-                values(&|errors| errors.rmse_deg.get(joint).map(|rmse| f64::from(*rmse)))?;
+                values(&|errors| Some(f64::from(*errors.get(Measure::RmseDeg)?.get(joint)?)))?;
             let means = replications::seed_means(&of_seeds);
             Some(means.iter().sum::<f64>() / means.len() as f64)
         };
-        let of_means = values(&|errors| {
-            let of_joints = &errors.samples.as_ref()?.mean_rmse_deg;
-            let sum: f64 = of_joints.iter().map(|rmse| f64::from(*rmse)).sum();
-            Some(sum / of_joints.len() as f64)
-        });
+        let of_means = values(&|errors| errors.mean(Measure::MeanRmseDeg));
         ShiftScores {
             predictors: group.iter().map(|info| info.name.clone()).collect(),
             rmse_deg: rmse.map(|values| replications::interval(values, self.bootstrap)),
@@ -167,7 +164,7 @@ impl<'a> Group<'a> {
     }
 
     fn is_asked(&self, predictor: &str) -> bool {
-        self.cells.iter().all(|cell| errors(cell, predictor).is_some())
+        self.cells.iter().all(|cell| cell.errors(predictor).is_some())
     }
 
     /// A value of each scored scenario, with a stratum per cell. `None` unless all have one.
@@ -177,8 +174,8 @@ impl<'a> Group<'a> {
         of: impl Fn(&PredictorErrors, usize) -> Option<f64>,
     ) -> Option<Vec<Vec<f64>>> {
         let of_cell = |cell: &&CellResult| {
-            let errors = errors(cell, predictor)?;
-            let scored = (0..count(cell)).filter(|&scenario| is_scored(cell, scenario));
+            let errors = cell.errors(predictor)?;
+            let scored = (0..cell.scenarios()).filter(|&scenario| is_scored(cell, scenario));
             scored.map(|scenario| of(errors, scenario)).collect::<Option<Vec<f64>>>()
         };
         self.cells.iter().map(of_cell).collect()
@@ -188,17 +185,13 @@ impl<'a> Group<'a> {
     fn diverged(&self, group: &[&PredictorInfo]) -> f64 {
         let count = |info: &&PredictorInfo| {
             let of_cell = |cell: &&CellResult| {
-                let found = errors(cell, &info.name).map_or(&[][..], |errors| &errors.diverged);
+                let found = cell.errors(&info.name).map_or(&[][..], |errors| &errors.diverged);
                 found.iter().filter(|&&scenario| is_scored(cell, scenario)).count()
             };
             self.cells.iter().map(of_cell).sum::<usize>()
         };
         group.iter().map(count).sum::<usize>() as f64 / (group.len() * self.scored) as f64
     }
-}
-
-fn count(cell: &CellResult) -> usize {
-    cell.predictors.first().map_or(0, |errors| errors.rmse_deg.len())
 }
 
 /// Whether a scenario is scored. Without torque limits, all scenarios are.

@@ -1,13 +1,15 @@
 //! Combines the cells of an evaluation into its [`wire::Report`].
 
 mod by_shift;
+mod comparisons;
 mod replications;
 mod scores;
 mod shift;
 mod summary;
 
+pub use comparisons::paired_difference;
 pub use shift::trained_on;
-pub use summary::{Setting, paired_difference, summarize};
+pub use summary::{Setting, summarize};
 
 #[cfg(test)]
 pub(crate) mod tests {

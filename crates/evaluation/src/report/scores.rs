@@ -4,9 +4,9 @@ use rayon::prelude::*;
 use spec::Bootstrap;
 use wire::{Calibration, Interval, IntervalSummary, PredictorInfo, PredictorScores};
 
-use super::summary::errors;
-use crate::scores::{ContinuityErrors, PerJoint, SampleErrors, ScenarioErrors};
-use crate::{CALIBRATION, CellResult, INTERVALS, PredictorErrors, stratified_mean};
+use crate::measures::{Aggregate, CentralInterval, INTERVALS, Measure, SUMMARIZED};
+use crate::scores::{PerJoint, ScenarioErrors};
+use crate::{CALIBRATION, CellResult, PredictorErrors, stratified_mean};
 
 /// The scores of the predictors that answered everything, for each measure that exists.
 pub(super) fn scores(
@@ -30,7 +30,7 @@ struct Measured<'a> {
 impl<'a> Measured<'a> {
     fn of(predictor: &str, cells: &[&'a CellResult], bootstrap: Bootstrap) -> Option<Self> {
         let cells: Vec<&PredictorErrors> =
-            cells.iter().map(|cell| errors(cell, predictor)).collect::<Option<_>>()?;
+            cells.iter().map(|cell| cell.errors(predictor)).collect::<Option<_>>()?;
         let strata: Vec<Vec<&ScenarioErrors>> = cells
             .iter()
             .map(|errors| errors.scenarios.iter().map(Option::as_ref).collect())
@@ -43,36 +43,31 @@ impl<'a> Measured<'a> {
     }
 
     fn scores(&self, predictor: &str) -> Option<PredictorScores> {
-        let of_joint = |joint: usize| self.mean(|errors| Some(f64::from(errors.rmse_deg[joint])));
-        let joint_rmse_deg: Vec<f64> = (0..self.joints()).map(of_joint).collect::<Option<_>>()?;
-        let jitter = |of: fn(&crate::Jitter) -> &PerJoint| {
-            self.interval(|errors| errors.jitter.as_ref().map(|jitter| mean(of(jitter))))
+        let joint_rmse_deg = |joint: usize| {
+            let values = self.values(Measure::RmseDeg, |of_joints| f64::from(of_joints[joint]))?;
+            let count = values.iter().map(Vec::len).sum::<usize>() as f64;
+            Some(values.iter().flatten().sum::<f64>() / count)
         };
-        let samples =
-            |of: fn(&SampleErrors) -> f64| self.interval(|errors| errors.samples.as_ref().map(of));
-        Some(PredictorScores {
+        let mut scores = PredictorScores {
             predictor: predictor.to_owned(),
-            joint_rmse_deg,
+            joint_rmse_deg: (0..self.joints()).map(joint_rmse_deg).collect::<Option<_>>()?,
             step_rmse_deg: self.step_rmse_deg(),
-            first_sample_deg: self
-                .root_mean_square(|continuity| Some(&continuity.first_sample_deg)),
-            jump_deg: self.root_mean_square(|continuity| Some(&continuity.jump_deg)),
-            seam_jump_deg: self.root_mean_square(|continuity| continuity.seam_jump_deg.as_ref()),
-            largest_jump_deg: self
-                .interval(|errors| Some(mean(&errors.continuity.as_ref()?.largest_jump_deg))),
-            jitter_deg: jitter(|jitter| &jitter.deg),
-            smoothed_jitter_deg: jitter(|jitter| &jitter.smoothed_deg),
-            smoothed_rmse_deg: jitter(|jitter| &jitter.smoothed_rmse_deg),
-            mean_rmse_deg: samples(|errors| mean(&errors.mean_rmse_deg)),
-            crps_deg: samples(|errors| mean(&errors.crps_deg)),
-            energy_score_deg: samples(|errors| f64::from(errors.energy_score_deg)),
-            intervals: INTERVALS.iter().filter_map(|&nominal| self.central(nominal)).collect(),
+            intervals: INTERVALS.iter().filter_map(|interval| self.central(interval)).collect(),
             calibration: self.calibration(),
-        })
+            ..PredictorScores::default()
+        };
+        for summarized in SUMMARIZED {
+            *(summarized.field)(&mut scores) = match summarized.aggregate {
+                Aggregate::Mean => self.mean(summarized.measure),
+                Aggregate::RootMeanSquare => self.root_mean_square(summarized.measure),
+            };
+        }
+        Some(scores)
     }
 
     fn joints(&self) -> usize {
-        self.strata.iter().flatten().next().map_or(0, |errors| errors.rmse_deg.len())
+        let first = self.strata.iter().flatten().next();
+        first.and_then(|errors| errors.get(Measure::RmseDeg)).map_or(0, Vec::len)
     }
 
     fn step_rmse_deg(&self) -> Vec<f64> {
@@ -84,18 +79,12 @@ impl<'a> Measured<'a> {
         (0..steps).map(|step| (squares(step) / entries).sqrt()).collect()
     }
 
-    fn central(&self, nominal: f64) -> Option<IntervalSummary> {
-        let of = |pick: fn(&crate::IntervalErrors) -> &PerJoint| {
-            self.interval(|errors| {
-                let samples = errors.samples.as_ref()?;
-                let found =
-                    samples.intervals.iter().find(|interval| interval.nominal == nominal)?;
-                Some(mean(pick(found)))
-            })
-        };
-        let coverage = of(|interval| &interval.coverage)?;
-        let width_deg = of(|interval| &interval.width_deg)?;
-        Some(IntervalSummary { nominal, coverage, width_deg })
+    fn central(&self, interval: &CentralInterval) -> Option<IntervalSummary> {
+        Some(IntervalSummary {
+            nominal: interval.nominal,
+            coverage: self.mean(interval.coverage)?,
+            width_deg: self.mean(interval.width_deg)?,
+        })
     }
 
     fn calibration(&self) -> Vec<Calibration> {
@@ -118,41 +107,28 @@ impl<'a> Measured<'a> {
             .collect()
     }
 
-    /// A value of each scenario. `None` unless all have one.
-    fn values(&self, of: impl Fn(&ScenarioErrors) -> Option<f64>) -> Option<Vec<Vec<f64>>> {
-        let of = &of;
-        self.strata
-            .iter()
-            .map(|stratum| stratum.iter().map(|errors| of(errors)).collect())
-            .collect()
+    /// A value of each scenario. `None` unless all were measured.
+    fn values(&self, measure: Measure, of: impl Fn(&PerJoint) -> f64) -> Option<Vec<Vec<f64>>> {
+        let of_scenario = |errors: &&ScenarioErrors| errors.get(measure).map(&of);
+        self.strata.iter().map(|stratum| stratum.iter().map(of_scenario).collect()).collect()
     }
 
-    fn interval(&self, of: impl Fn(&ScenarioErrors) -> Option<f64>) -> Option<Interval> {
-        Some(stratified_mean(&self.values(of)?, self.bootstrap))
+    fn mean(&self, measure: Measure) -> Option<Interval> {
+        let mean = |of_joints: &PerJoint| {
+            of_joints.iter().map(|value| f64::from(*value)).sum::<f64>() / of_joints.len() as f64
+        };
+        Some(stratified_mean(&self.values(measure, mean)?, self.bootstrap))
     }
 
     /// Over scenarios and joints. The root is monotonic, so its interval is the root of that of the
     /// mean square.
-    fn root_mean_square(
-        &self,
-        of: impl Fn(&ContinuityErrors) -> Option<&PerJoint>,
-    ) -> Option<Interval> {
-        let square = |errors: &ScenarioErrors| {
-            let values = of(errors.continuity.as_ref()?)?;
-            let squares = values.iter().map(|value| f64::from(*value).powi(2));
-            Some(squares.sum::<f64>() / values.len() as f64)
+    fn root_mean_square(&self, measure: Measure) -> Option<Interval> {
+        let square = |of_joints: &PerJoint| {
+            let squares = of_joints.iter().map(|value| f64::from(*value).powi(2));
+            squares.sum::<f64>() / of_joints.len() as f64
         };
-        let Interval { mean, low, high } = self.interval(square)?;
+        let Interval { mean, low, high } =
+            stratified_mean(&self.values(measure, square)?, self.bootstrap);
         Some(Interval { mean: mean.sqrt(), low: low.sqrt(), high: high.sqrt() })
     }
-
-    fn mean(&self, of: impl Fn(&ScenarioErrors) -> Option<f64>) -> Option<f64> {
-        let values = self.values(of)?;
-        let count = values.iter().map(Vec::len).sum::<usize>() as f64;
-        Some(values.iter().flatten().sum::<f64>() / count)
-    }
-}
-
-fn mean(values: &[f32]) -> f64 {
-    values.iter().map(|value| f64::from(*value)).sum::<f64>() / values.len() as f64
 }

@@ -2,12 +2,13 @@ use models::Interrupt;
 use rayon::prelude::*;
 use spec::{Bootstrap, Excitation};
 use wire::{
-    CellSummary, DataNoise, FailureSummary, GroupSummary, Interval, PairedDifference,
-    PredictorInfo, PredictorKind, PredictorSummary, Report, RolloutSummary, Shift, TrainedOn,
-    Warning, WorstCase, at_noise,
+    CellSummary, DataNoise, FailureSummary, GroupSummary, PairedDifference, PredictorInfo,
+    PredictorKind, PredictorSummary, Report, RolloutSummary, Shift, TrainedOn, Warning, WorstCase,
+    at_noise,
 };
 
 use super::by_shift::by_shift;
+use super::comparisons::{is_compared, paired_difference, rmse_deg};
 use super::scores::scores;
 use super::shift::{common, shift};
 use crate::{CellResult, EvaluationError, PredictorErrors, Rollouts, stratified_mean};
@@ -75,7 +76,7 @@ pub fn summarize(setting: Setting, results: &[CellResult]) -> Result<Report, Eva
             in_distribution: is_seen(cell),
             shift: shift(cell),
             within_torque_limits: cell.share_within_torque_limits(),
-            scenarios: scenarios(cell),
+            scenarios: cell.scenarios() as u64,
             rmse_deg: means(&predictors, &[cell], bootstrap),
             scores: scores(&predictors, &[cell], bootstrap),
             rollouts: rollouts(&predictors, &[cell]),
@@ -102,7 +103,7 @@ pub fn summarize(setting: Setting, results: &[CellResult]) -> Result<Report, Eva
             .map(|Group { name, position_noise_rad, cells }| GroupSummary {
                 name: name.clone(),
                 position_noise_rad: *position_noise_rad,
-                scenarios: cells.iter().map(|cell| scenarios(cell)).sum(),
+                scenarios: cells.iter().map(|cell| cell.scenarios() as u64).sum(),
                 rmse_deg: means(&predictors, cells, bootstrap),
                 scores: scores(&predictors, cells, bootstrap),
                 rollouts: rollouts(&predictors, cells),
@@ -145,27 +146,6 @@ fn levels(results: &[CellResult]) -> Vec<f64> {
     levels
 }
 
-/// Mean RMSE of `predictor` minus that of `against` over the scenarios of `cells`. A negative value
-/// is better. `None` if either has no answer to some of them.
-pub fn paired_difference(
-    cells: &[&CellResult],
-    predictor: &str,
-    against: &str,
-    bootstrap: Bootstrap,
-) -> Option<Interval> {
-    let (ours, theirs) = (rmse_deg(cells, predictor)?, rmse_deg(cells, against)?);
-    let differences: Vec<Vec<f64>> = ours
-        .iter()
-        .zip(theirs)
-        .map(|(ours, theirs)| ours.iter().zip(theirs).map(|(a, b)| a - b).collect())
-        .collect();
-    Some(stratified_mean(&differences, bootstrap))
-}
-
-fn scenarios(cell: &CellResult) -> u64 {
-    cell.predictors.first().map_or(0, |errors| errors.rmse_deg.len() as u64)
-}
-
 /// The mean RMSE of the predictors that answered everything.
 fn means(
     predictors: &[PredictorInfo],
@@ -179,10 +159,8 @@ fn means(
     predictors.iter().filter_map(summary).collect()
 }
 
-/// Each file of predictions and each checkpoint against all that come before it; without either, each baseline
-/// against those before it. Checkpoints that are sampled in several ways are compared with others that are
-/// sampled in the same way, and each with itself where steps or the rest is the same, and with its longest chain
-/// from noise: all pairs of a sweep over steps would be thousands.
+/// The differences between each model, which is a checkpoint or a file of predictions, and the
+/// predictors before it. Without models, the differences between baselines.
 fn paired(
     group: &Group<'_>,
     predictors: &[PredictorInfo],
@@ -216,47 +194,11 @@ fn paired(
         .collect()
 }
 
-/// Whether two predictors are compared. `theirs` comes before `ours` in every table.
-pub(super) fn is_compared(
-    ours: &PredictorInfo,
-    theirs: &PredictorInfo,
-    predictors: &[PredictorInfo],
-) -> bool {
-    is_told(ours, theirs) || is_longest(theirs, ours, predictors)
-}
-
-fn is_told(ours: &PredictorInfo, theirs: &PredictorInfo) -> bool {
-    let (Some(a), Some(b)) = (&ours.sampling, &theirs.sampling) else { return true };
-    let same_way = (a.kind, a.steps, a.start) == (b.kind, b.steps, b.start);
-    same_way || ours.digest == theirs.digest && (a.curve == b.curve || a.steps == b.steps)
-}
-
-/// Whether `chain` is the longest cold chain of the checkpoint of `ours` with the same kind of
-/// sampler.
-fn is_longest(chain: &PredictorInfo, ours: &PredictorInfo, predictors: &[PredictorInfo]) -> bool {
-    let cold_steps = |info: &PredictorInfo| {
-        let (theirs, ours) = (info.sampling.as_ref()?, ours.sampling.as_ref()?);
-        (theirs.start == spec::Start::Cold && theirs.kind == ours.kind).then_some(theirs.steps)
-    };
-    let of_same = predictors.iter().filter(|info| info.digest == ours.digest);
-    let longest = of_same.filter_map(cold_steps).max();
-    chain.digest == ours.digest && longest.is_some() && cold_steps(chain) == longest
-}
-
-/// The errors of one predictor, with a stratum per cell. `None` unless it answered everything.
-fn rmse_deg(cells: &[&CellResult], predictor: &str) -> Option<Vec<Vec<f64>>> {
-    cells.iter().map(|cell| errors(cell, predictor)?.rmse_deg.iter().copied().collect()).collect()
-}
-
-pub(super) fn errors<'a>(cell: &'a CellResult, predictor: &str) -> Option<&'a PredictorErrors> {
-    cell.predictors.iter().find(|errors| errors.predictor == predictor)
-}
-
 /// Summaries of the predictors that occur in all cells and did not fail on a whole cell.
 fn rollouts(predictors: &[PredictorInfo], cells: &[&CellResult]) -> Vec<RolloutSummary> {
     let summary = |info: &PredictorInfo| {
         let asked: Vec<&PredictorErrors> =
-            cells.iter().map(|cell| errors(cell, &info.name)).collect::<Option<_>>()?;
+            cells.iter().map(|cell| cell.errors(&info.name)).collect::<Option<_>>()?;
         let found: Vec<Rollouts> =
             asked.iter().map(|errors| errors.rollouts).collect::<Option<_>>()?;
         let scenarios: usize = asked.iter().map(|errors| errors.rmse_deg.len()).sum();
@@ -289,7 +231,7 @@ fn failures(cell: &CellResult) -> impl Iterator<Item = FailureSummary> {
 fn worst(predictor: &str, results: &[CellResult], seed: Option<u64>) -> Vec<WorstCase> {
     let mut cases: Vec<WorstCase> = results
         .iter()
-        .filter_map(|cell| Some((cell, errors(cell, predictor)?)))
+        .filter_map(|cell| Some((cell, cell.errors(predictor)?)))
         .flat_map(|(cell, errors)| {
             errors.rmse_deg.iter().enumerate().filter_map(move |(scenario, rmse)| {
                 Some(WorstCase {
