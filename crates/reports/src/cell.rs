@@ -80,6 +80,7 @@ fn in_unit(value: f64, unit: Unit) -> String {
         Unit::Degrees | Unit::NewtonMetres => degrees(value),
         Unit::Milliseconds | Unit::Radians => crate::numbers::value(value),
         Unit::Share => percent(value),
+        Unit::Ratio => format!("{value:.2}"),
     }
 }
 

@@ -97,7 +97,12 @@ impl<R> TableOf<R> {
 
     /// The table, with a title and a note.
     pub fn titled(self, title: impl Into<String>, note: impl Into<String>) -> Table {
-        Table { title: title.into(), note: note.into(), ..self.table }
+        self.table.titled(title, note)
+    }
+
+    /// The table in Markdown.
+    pub fn to_markdown(&self) -> String {
+        self.table.to_markdown()
     }
 }
 
@@ -129,9 +134,38 @@ impl Table {
         Self { columns, rows: self.rows.iter().map(row).collect(), ..self }
     }
 
+    /// Gives it a title and a note.
+    #[must_use]
+    pub fn titled(self, title: impl Into<String>, note: impl Into<String>) -> Self {
+        Self { title: title.into(), note: note.into(), ..self }
+    }
+
     /// Adds a row. Missing cells stay empty.
     pub fn push<C: Into<Cell>>(&mut self, row: Vec<C>) {
         self.rows.push(row.into_iter().map(Into::into).collect());
+    }
+
+    /// The table as CSV.
+    ///
+    /// # Errors
+    /// When a row has more or fewer cells than there are columns.
+    pub fn to_csv(&self) -> Result<String, csv::Error> {
+        let mut writer = csv::Writer::from_writer(Vec::new());
+        writer.write_record(self.columns.iter().map(|column| &column.heading))?;
+        for row in &self.rows {
+            writer.write_record(row.iter().map(Cell::value))?;
+        }
+        let bytes = writer.into_inner().map_err(|error| error.into_error())?;
+        Ok(String::from_utf8_lossy(&bytes).into_owned())
+    }
+
+    /// The table in Markdown.
+    pub fn to_markdown(&self) -> String {
+        let headings = self.columns.iter().map(|column| column.heading.clone());
+        let line = |cells: Vec<String>| format!("| {} |\n", cells.join(" | "));
+        let rows = self.rows.iter().map(|row| line(row.iter().map(Cell::to_string).collect()));
+        let rule = format!("|{}\n", "---|".repeat(self.columns.len()));
+        line(headings.collect()) + &rule + &rows.collect::<String>()
     }
 
     /// The table in plain text: a header line and rows, with two spaces between columns.

@@ -41,6 +41,8 @@ pub enum Unit {
     Milliseconds,
     /// A part of 1, shown in percent.
     Share,
+    /// A number without a unit.
+    Ratio,
 }
 
 impl Unit {
@@ -51,7 +53,7 @@ impl Unit {
             Self::Radians => "rad",
             Self::NewtonMetres => "N·m",
             Self::Milliseconds => "ms",
-            Self::Share => "",
+            Self::Share | Self::Ratio => "",
         }
     }
 }

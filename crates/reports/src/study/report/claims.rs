@@ -1,15 +1,14 @@
 //! The paper's three claims and the baselines without training, compared with the measurements.
 
 use spec::{Start, StudyQuestion, study_models};
-use wire::{Latency, PredictorInfo, Report};
+use wire::{Latency, PredictorInfo, Report, Unit};
 
-use crate::ComparisonOutcome;
 use crate::numbers::degrees;
+use crate::{Cell, ComparisonOutcome, TableOf};
 
 use super::super::results::{Evaluation, Study};
 use super::columns::{COLUMNS, ShiftColumn};
 use super::errors::{IN_DISTRIBUTION, OUT_OF_DISTRIBUTION, difference, rmse};
-use super::text::{markdown, none, with_interval};
 
 /// The deterministic model of the paper's comparison.
 const REFERENCE: &str = "robomorph";
@@ -44,27 +43,25 @@ impl Tally {
         tally
     }
 
-    fn words(self) -> String {
+    /// `None` if no training set has both models.
+    fn words(self) -> Option<String> {
         let Self { better, worse, all } = self;
-        if all == 0 { none() } else { format!("{better} better, {worse} worse of {all}") }
+        (all > 0).then(|| format!("{better} better, {worse} worse of {all}"))
     }
 }
 
 /// For each of `names`, the number of sets on which it is better and worse than `against`, by
 /// column.
 fn outcomes<'a>(study: &Study, names: impl Iterator<Item = &'a str>, against: &[&str]) -> String {
-    let mut rows = Vec::new();
-    for name in names {
-        for against in against.iter().filter(|against| **against != name) {
-            let mut row = vec![name.to_owned(), (*against).to_owned()];
-            let tallies = COLUMNS.iter().map(|column| Tally::of(study, column, name, against));
-            row.extend(tallies.map(Tally::words));
-            rows.push(row);
-        }
-    }
-    let mut columns = vec!["", "against"];
-    columns.extend(COLUMNS.iter().map(|column| column.title));
-    markdown(&columns, &rows)
+    let pairs = names.flat_map(|name| against.iter().map(move |against| (name, *against)));
+    let pairs = TableOf::new(pairs.filter(|(name, against)| name != against))
+        .text("", |(name, _)| *name)
+        .text("against", |(_, against)| *against);
+    let with_columns = COLUMNS.iter().fold(pairs, |table, column| {
+        let tally = |name: &str, against: &str| Tally::of(study, column, name, against).words();
+        table.text(column.title, |(name, against)| tally(name, against))
+    });
+    with_columns.to_markdown()
 }
 
 /// "Diffusion models hold up out of distribution, where the deterministic model degrades."
@@ -117,7 +114,7 @@ pub fn warm_start(study: &Study) -> String {
             (Start::Oracle, FEW_STEPS),
         ] {
             let Some(info) = find(start, steps) else { continue };
-            rows.push(warm_start_row(report, model, info, start, steps));
+            rows.push(WarmStart { model, info, start, steps });
         }
         if let Some(shifted) = find(Start::Shifted, FEW_STEPS) {
             text += &sentence(
@@ -129,43 +126,37 @@ pub fn warm_start(study: &Study) -> String {
             );
         }
     }
-    let columns = [
-        "predictor",
-        "start",
-        "steps",
-        "RMSE in distribution",
-        "RMSE out of it",
-        "median",
-        "p99",
-        "within 40 ms",
-    ];
-    format!("{text}\n{}", markdown(&columns, &rows))
+    format!("{text}\n{}", warm_starts(report, rows))
 }
 
-fn warm_start_row(
-    report: &Report,
-    model: &str,
-    info: &PredictorInfo,
+/// A table of denoisers, each sampled in one way.
+fn warm_starts(report: &Report, rows: Vec<WarmStart<'_>>) -> String {
+    let error = |row: &WarmStart<'_>, group: &str| {
+        Some(Cell::Interval(rmse(report, group, &row.info.name)?, Unit::Degrees))
+    };
+    let ms = |row: &WarmStart<'_>, of: fn(&Latency) -> f64| {
+        row.info.latency.as_ref().map(|latency| format!("{:.1} ms", of(latency)))
+    };
+    let is_within = |latency: &Latency| if latency.p99_ms <= BUDGET_MS { "yes" } else { "no" };
+    let leak = |start| if start == Start::Oracle { " (knows the future)" } else { "" };
+    TableOf::new(rows)
+        .text("predictor", |row| row.model)
+        .text("start", |row| format!("{}{}", row.start, leak(row.start)))
+        .text("steps", |row| row.steps.to_string())
+        .text("RMSE in distribution", |row| error(row, IN_DISTRIBUTION))
+        .text("RMSE out of it", |row| error(row, OUT_OF_DISTRIBUTION))
+        .text("median", |row| ms(row, |latency| latency.median_ms))
+        .text("p99", |row| ms(row, |latency| latency.p99_ms))
+        .text("within 40 ms", |row| row.info.latency.as_ref().map(is_within))
+        .to_markdown()
+}
+
+/// A denoiser that is sampled in one way.
+struct WarmStart<'a> {
+    model: &'a str,
+    info: &'a PredictorInfo,
     start: Start,
     steps: u32,
-) -> Vec<String> {
-    let latency = info.latency.as_ref();
-    let ms = |of: fn(&Latency) -> f64| {
-        latency.map_or_else(none, |latency| format!("{:.1} ms", of(latency)))
-    };
-    let leak = if start == Start::Oracle { " (knows the future)" } else { "" };
-    vec![
-        model.to_owned(),
-        format!("{start}{leak}"),
-        steps.to_string(),
-        rmse(report, IN_DISTRIBUTION, &info.name).map_or_else(none, with_interval),
-        rmse(report, OUT_OF_DISTRIBUTION, &info.name).map_or_else(none, with_interval),
-        ms(|latency| latency.median_ms),
-        ms(|latency| latency.p99_ms),
-        latency.map_or_else(none, |latency| {
-            if latency.p99_ms <= BUDGET_MS { "yes" } else { "no" }.to_owned()
-        }),
-    ]
 }
 
 /// The cost and the accuracy of five warm steps, compared with all steps and with five cold steps.

@@ -3,26 +3,25 @@
 use std::fmt::Write;
 
 use spec::StudyQuestion;
-use wire::{Interval, Latency, ShiftScores};
+use wire::{Latency, ShiftScores, Unit};
 
-use crate::numbers::degrees;
+use crate::{Cell, TableOf};
 
-use super::super::results::Study;
-use super::columns::COLUMNS;
-use super::text::{markdown, none, with_interval};
+use super::super::results::{Study, Training};
+use super::columns::{COLUMNS, ShiftColumn};
 
 /// Tables of errors, one per training set.
 pub fn errors(study: &Study) -> String {
-    let of_set =
-        |set: usize| table(study, set, |scores| scores.rmse_deg.map_or_else(none, with_interval));
-    each_set(study, of_set)
+    each_set(study, |set| {
+        table(study, set, |scores| Some(Cell::Interval(scores.rmse_deg?, Unit::Degrees)))
+    })
 }
 
 /// Tables of skill: 1 - RMSE / RMSE of the damped integrator.
 pub fn skill(study: &Study) -> String {
-    let share = |Interval { mean, low, high }: Interval| format!("{mean:.2} [{low:.2}, {high:.2}]");
-    let of_set = |set: usize| table(study, set, |scores| scores.skill.map_or_else(none, share));
-    each_set(study, of_set)
+    each_set(study, |set| {
+        table(study, set, |scores| Some(Cell::Interval(scores.skill?, Unit::Ratio)))
+    })
 }
 
 fn each_set(study: &Study, table: impl Fn(usize) -> String) -> String {
@@ -33,61 +32,57 @@ fn each_set(study: &Study, table: impl Fn(usize) -> String) -> String {
     text
 }
 
-fn table(study: &Study, set: usize, cell: impl Fn(&ShiftScores) -> String) -> String {
-    let mut columns = vec!["", "trainings"];
-    columns.extend(COLUMNS.iter().map(|column| column.title));
-    let mut rejected = vec!["*rejected*".to_owned(), String::new()];
-    rejected.extend(COLUMNS.iter().map(|column| {
-        column.of(study, set).map_or_else(none, |(_, shift)| {
-            let beyond = (shift.scenarios - shift.scored) as f64;
-            format!("*{:.0} % of {}*", 100.0 * beyond / shift.scenarios as f64, shift.scenarios)
-        })
-    }));
-    let mut rows = vec![rejected];
+fn table(study: &Study, set: usize, cell: impl Fn(&ShiftScores) -> Option<Cell>) -> String {
+    let rejected = |column: &ShiftColumn| {
+        let (_, shift) = column.of(study, set)?;
+        let beyond = (shift.scenarios - shift.scored) as f64;
+        let percent = 100.0 * beyond / shift.scenarios as f64;
+        Some(Cell::from(format!("*{percent:.0} % of {}*", shift.scenarios)))
+    };
+    let trainings = |name: &str| {
+        let is_counted = |training: &&Training| {
+            let plan = &training.plan;
+            plan.set == set && plan.model == name && plan.length.is_none()
+        };
+        let count = study.trainings.iter().filter(is_counted).count();
+        (count > 0).then(|| count.to_string())
+    };
     let names = study.evaluation(set, StudyQuestion::Sweep).map(|sweep| study.names(sweep));
-    for name in names.unwrap_or_default() {
-        let trainings = study.trainings.iter().filter(|training| {
-            training.plan.set == set
-                && training.plan.model == name
-                && training.plan.length.is_none()
-        });
-        let count = trainings.count();
-        let mut row = vec![name.to_owned(), if count > 0 { count.to_string() } else { none() }];
-        row.extend(
-            COLUMNS.iter().map(|column| column.scores(study, set, name).map_or_else(none, &cell)),
-        );
-        rows.push(row);
-    }
-    markdown(&columns, &rows)
+    let names = names.unwrap_or_default().into_iter().map(Some);
+    // The first row says how many scenarios are left out.
+    let rows = TableOf::new(std::iter::once(None).chain(names))
+        .text("", |name| name.unwrap_or("*rejected*"))
+        .text("trainings", |name| name.map_or(Some(String::new()), trainings));
+    let with_columns = COLUMNS.iter().fold(rows, |table, column| {
+        table.text(column.title, |name| match name {
+            Some(name) => column.scores(study, set, name).and_then(&cell),
+            None => rejected(column),
+        })
+    });
+    with_columns.to_markdown()
 }
 
 /// Tables of the worst scenario, the diverged share and the latency beside the error, over all
 /// columns of a set.
 pub fn worst(study: &Study) -> String {
     let of_set = |set: usize| {
-        let columns = ["", "worst RMSE", "diverged", "median latency", "p99"];
         let Some(sweep) = study.evaluation(set, StudyQuestion::Sweep) else { return String::new() };
-        let row = |name: &str| {
-            let scores: Vec<&ShiftScores> =
-                COLUMNS.iter().filter_map(|column| column.scores(study, set, name)).collect();
-            let worst = scores.iter().filter_map(|scores| scores.worst_deg).reduce(f64::max);
-            let diverged = scores.iter().map(|scores| scores.diverged).reduce(f64::max);
-            let mut predictors = sweep.report.predictors.iter();
-            let timed = predictors.find(|info| study.name_of(info) == name);
-            let latency = timed.and_then(|info| info.latency.as_ref());
-            let ms = |of: fn(&Latency) -> f64| {
-                latency.map_or_else(none, |latency| format!("{:.1} ms", of(latency)))
-            };
-            vec![
-                name.to_owned(),
-                worst.map_or_else(none, degrees),
-                diverged.map_or_else(none, |share| format!("{:.1} %", 100.0 * share)),
-                ms(|latency| latency.median_ms),
-                ms(|latency| latency.p99_ms),
-            ]
+        let largest = |name: &str, of: fn(&ShiftScores) -> Option<f64>, unit: Unit| {
+            let scores = COLUMNS.iter().filter_map(|column| column.scores(study, set, name));
+            Some(Cell::Number(scores.filter_map(of).reduce(f64::max)?, unit))
         };
-        let rows: Vec<Vec<String>> = study.names(sweep).into_iter().map(row).collect();
-        markdown(&columns, &rows)
+        let ms = |name: &str, of: fn(&Latency) -> f64| {
+            let mut predictors = sweep.report.predictors.iter();
+            let timed = predictors.find(|info| study.name_of(info) == name)?;
+            Some(format!("{:.1} ms", of(timed.latency.as_ref()?)))
+        };
+        TableOf::new(study.names(sweep))
+            .text("", |name| *name)
+            .text("worst RMSE", |name| largest(name, |scores| scores.worst_deg, Unit::Degrees))
+            .text("diverged", |name| largest(name, |scores| Some(scores.diverged), Unit::Share))
+            .text("median latency", |name| ms(name, |latency| latency.median_ms))
+            .text("p99", |name| ms(name, |latency| latency.p99_ms))
+            .to_markdown()
     };
     each_set(study, of_set)
 }
@@ -97,17 +92,18 @@ pub fn joints(study: &Study) -> String {
     let set = 1;
     let within = &COLUMNS[0];
     let Some((evaluation, _)) = within.of(study, set) else { return String::new() };
-    let mut rows = Vec::new();
-    let mut joints = 0;
-    for name in study.names(evaluation) {
-        let Some(scores) = within.scores(study, set, name) else { continue };
-        joints = joints.max(scores.joint_rmse_deg.len());
-        let of_joints = scores.joint_rmse_deg.iter().map(|&rmse| degrees(rmse));
-        rows.push([name.to_owned()].into_iter().chain(of_joints).collect());
-    }
-    let titles: Vec<String> = (1..=joints).map(|joint| format!("joint {joint}")).collect();
-    let columns: Vec<&str> = [""].into_iter().chain(titles.iter().map(String::as_str)).collect();
-    markdown(&columns, &rows)
+    let names = study.names(evaluation).into_iter();
+    let rows: Vec<(&str, &ShiftScores)> =
+        names.filter_map(|name| Some((name, within.scores(study, set, name)?))).collect();
+    let joints = rows.iter().map(|(_, scores)| scores.joint_rmse_deg.len()).max().unwrap_or(0);
+    let names = TableOf::new(rows).text("", |(name, _)| *name);
+    let with_joints = (0..joints).fold(names, |table, joint| {
+        let rmse = |scores: &ShiftScores| {
+            Some(Cell::Number(*scores.joint_rmse_deg.get(joint)?, Unit::Degrees))
+        };
+        table.text(&format!("joint {}", joint + 1), |(_, scores)| rmse(scores))
+    });
+    with_joints.to_markdown()
 }
 
 /// Tables of RMSE by context and by horizon, for models trained on D1.
@@ -126,27 +122,18 @@ pub fn lengths(study: &Study) -> String {
             })
             .collect();
         of_lengths.sort_by_key(|((context, horizon), _)| (*horizon, *context));
-        let titles: Vec<String> = of_lengths
-            .iter()
-            .map(|((context, horizon), _)| format!("{context} → {horizon}"))
-            .collect();
-        let names: Vec<&str> = match of_lengths.first() {
-            Some((_, evaluation)) => study.names(evaluation),
-            None => continue,
-        };
-        let rows = names.into_iter().map(|name| {
-            let of_each = of_lengths.iter().map(|(_, evaluation)| {
-                let found = column.in_evaluation(evaluation);
-                let scores = found.and_then(|shift| study.scores(evaluation, shift, name));
-                scores.and_then(|scores| scores.rmse_deg).map_or_else(none, with_interval)
-            });
-            [name.to_owned()].into_iter().chain(of_each).collect()
+        let Some((_, first)) = of_lengths.first() else { continue };
+        let names = TableOf::new(study.names(first)).text("", |name| *name);
+        let table = of_lengths.iter().fold(names, |table, ((context, horizon), evaluation)| {
+            let shift = column.in_evaluation(evaluation);
+            let rmse = |name: &str| {
+                let scores = study.scores(evaluation, shift?, name)?;
+                Some(Cell::Interval(scores.rmse_deg?, Unit::Degrees))
+            };
+            table.text(&format!("{context} → {horizon}"), |name| rmse(name))
         });
-        let rows: Vec<Vec<String>> = rows.collect();
-        let columns: Vec<&str> =
-            [""].into_iter().chain(titles.iter().map(String::as_str)).collect();
         let _ = writeln!(text, "RMSE {what}, context → horizon in samples:\n");
-        let _ = writeln!(text, "{}", markdown(&columns, &rows));
+        let _ = writeln!(text, "{}", table.to_markdown());
     }
     text
 }

@@ -26,7 +26,7 @@ pub use folder::check_replaceable;
 pub fn write(out: &Path, study: &Study) -> anyhow::Result<()> {
     let mut folder = Folder::new();
     for table in tables::all(study) {
-        folder.add(format!("tables/{}.csv", table.name), table.to_csv()?);
+        folder.add(format!("tables/{}.csv", table.title), table.to_csv()?);
     }
     for figure in figures::all(study)? {
         folder.add(format!("figures/{}", figure.name), figure.bytes);
@@ -74,8 +74,8 @@ mod tests {
     use super::*;
 
     fn csv(name: &str) -> String {
-        let table = tables::all(&fixture::study()).into_iter().find(|table| table.name == name);
-        String::from_utf8(table.unwrap().to_csv().unwrap()).unwrap()
+        let table = tables::all(&fixture::study()).into_iter().find(|table| table.title == name);
+        table.unwrap().to_csv().unwrap()
     }
 
     #[test]

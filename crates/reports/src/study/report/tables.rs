@@ -3,30 +3,14 @@
 use spec::StudyQuestion;
 use wire::{Interval, Latency, PredictorInfo, PredictorScores, ShiftSummary};
 
+use crate::{Align, Table};
+
 use super::super::results::{Evaluation, Study};
 
-/// Rows under names.
-#[derive(Debug)]
-pub struct Table {
-    pub name: &'static str,
-    pub columns: Vec<&'static str>,
-    pub rows: Vec<Vec<String>>,
-}
-
-impl Table {
-    /// `columns` has the names, separated by spaces.
-    fn new(name: &'static str, columns: &'static str) -> Self {
-        Self { name, columns: columns.split_whitespace().collect(), rows: Vec::new() }
-    }
-
-    pub fn to_csv(&self) -> anyhow::Result<Vec<u8>> {
-        let mut writer = csv::Writer::from_writer(Vec::new());
-        writer.write_record(&self.columns)?;
-        for row in &self.rows {
-            writer.write_record(row)?;
-        }
-        Ok(writer.into_inner()?)
-    }
+/// A table that is named as its file. `columns` has the names, separated by spaces.
+fn table(name: &str, columns: &str) -> Table {
+    let columns = columns.split_whitespace().map(|column| (column, Align::Left));
+    Table::new(columns).titled(name, "")
 }
 
 pub fn all(study: &Study) -> Vec<Table> {
@@ -61,14 +45,14 @@ fn of_shifts(
                 let mut whole = about.to_vec();
                 whole.extend(row);
                 whole.extend(source(evaluation));
-                table.rows.push(whole);
+                table.push(whole);
             }
         }
     }
 }
 
 fn shifts(study: &Study) -> Table {
-    let mut table = Table::new(
+    let mut table = table(
         "shifts",
         "training_set evaluation shift family scenarios scored predictor trainings rmse_deg low \
          high skill skill_low skill_high mean_rmse_deg worst_deg diverged job digest",
@@ -91,7 +75,7 @@ fn shifts(study: &Study) -> Table {
 
 /// A table of each training's error.
 fn seeds(study: &Study) -> Table {
-    let mut table = Table::new(
+    let mut table = table(
         "seeds",
         "training_set evaluation shift family predictor training rmse_deg job digest",
     );
@@ -108,10 +92,8 @@ fn seeds(study: &Study) -> Table {
 }
 
 fn joints(study: &Study) -> Table {
-    let mut table = Table::new(
-        "joints",
-        "training_set evaluation shift family predictor joint rmse_deg job digest",
-    );
+    let mut table =
+        table("joints", "training_set evaluation shift family predictor joint rmse_deg job digest");
     of_shifts(study, &mut table, |evaluation, shift| {
         let each = shift.models.iter().flat_map(|scores| {
             let name = name(study, evaluation, &scores.predictors);
@@ -125,7 +107,7 @@ fn joints(study: &Study) -> Table {
 }
 
 fn differences(study: &Study) -> Table {
-    let mut table = Table::new(
+    let mut table = table(
         "differences",
         "training_set evaluation shift family predictor against difference_deg low high job digest",
     );
@@ -145,7 +127,7 @@ fn differences(study: &Study) -> Table {
 
 /// A table of every predictor in every cell, over all scenarios.
 fn cells(study: &Study) -> Table {
-    let mut table = Table::new(
+    let mut table = table(
         "cells",
         "training_set evaluation family frequency_hz shift scenarios within_torque_limits predictor \
          training rmse_deg low high job digest",
@@ -166,7 +148,7 @@ fn cells(study: &Study) -> Table {
                 ];
                 row.extend(interval(error.interval));
                 row.extend(source(evaluation));
-                table.rows.push(row);
+                table.push(row);
             }
         }
     }
@@ -175,7 +157,7 @@ fn cells(study: &Study) -> Table {
 
 /// A table of several predictions per scenario, scored as distributions, training by training.
 fn samples(study: &Study) -> Table {
-    let mut table = Table::new(
+    let mut table = table(
         "samples",
         "training_set group predictor training samples rmse_deg rmse_of_mean_deg crps_deg \
          energy_score_deg coverage_50 width_50_deg coverage_90 width_90_deg job digest",
@@ -203,7 +185,7 @@ fn samples(study: &Study) -> Table {
                     row.extend(coverage(scores, nominal));
                 }
                 row.extend(source(evaluation));
-                table.rows.push(row);
+                table.push(row);
             }
         }
     }
@@ -216,8 +198,7 @@ fn coverage(scores: &PredictorScores, nominal: f64) -> [String; 2] {
 }
 
 fn warm_start(study: &Study) -> Table {
-    let mut table =
-        Table::new("warm-start", "group predictor start steps rmse_deg low high job digest");
+    let mut table = table("warm-start", "group predictor start steps rmse_deg low high job digest");
     let Some(evaluation) = study.warm_start() else { return table };
     let report = &evaluation.report;
     for group in &report.groups {
@@ -230,14 +211,14 @@ fn warm_start(study: &Study) -> Table {
             row.extend(how(info));
             row.extend(interval(error.interval));
             row.extend(source(evaluation));
-            table.rows.push(row);
+            table.push(row);
         }
     }
     table
 }
 
 fn latency(study: &Study) -> Table {
-    let mut table = Table::new(
+    let mut table = table(
         "latency",
         "training_set predictor training start steps median_ms p99_ms repeats threads device load job \
          digest",
@@ -262,14 +243,14 @@ fn latency(study: &Study) -> Table {
             ]);
             row.extend([device.clone(), text(*load)]);
             row.extend(source(evaluation));
-            table.rows.push(row);
+            table.push(row);
         }
     }
     table
 }
 
 fn trainings(study: &Study) -> Table {
-    let mut table = Table::new(
+    let mut table = table(
         "trainings",
         "training_set model seed context horizon steps seconds reused validation_rmse_deg checkpoint \
          sha256 job digest",
@@ -277,7 +258,7 @@ fn trainings(study: &Study) -> Table {
     for training in &study.trainings {
         let (record, plan) = (&training.record, &training.plan);
         let (context, horizon) = plan.length.unzip();
-        table.rows.push(vec![
+        table.push(vec![
             format!("D{}", plan.set),
             plan.model.clone(),
             plan.seed.to_string(),

@@ -1,10 +1,8 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 
+use crate::{Align, Table};
 use spec::{DataSource, JobSpec, PipelineSpec, StudyScale};
-use wire::Interval;
-
-use crate::numbers::degrees;
 
 use super::super::machine;
 use super::super::results::Study;
@@ -148,19 +146,16 @@ const fn about(scale: StudyScale) -> &'static str {
 }
 
 fn setting(study: &Study) -> String {
-    let mut rows = vec![
-        vec!["machine".to_owned(), machine::describe()],
-        vec!["torqued".to_owned(), env!("CARGO_PKG_VERSION").to_owned()],
-        vec![
-            "pipeline".to_owned(),
-            format!("job {}, digest `{}`", study.pipeline.job, study.pipeline.digest),
-        ],
-    ];
+    let mut table = Table::new([("", Align::Left), ("", Align::Left)]);
+    let mut add = |name: &str, value: String| table.push(vec![name.to_owned(), value]);
+    add("machine", machine::describe());
+    add("torqued", env!("CARGO_PKG_VERSION").to_owned());
+    add("pipeline", format!("job {}, digest `{}`", study.pipeline.job, study.pipeline.digest));
     if let Some(seconds) = study.pipeline.seconds {
-        rows.push(vec!["time".to_owned(), format!("{:.0} min", seconds / 60.0)]);
+        add("time", format!("{:.0} min", seconds / 60.0));
     }
-    rows.push(vec!["seeds".to_owned(), seeds(&study.spec)]);
-    markdown(&["", ""], &rows)
+    add("seeds", seeds(&study.spec));
+    table.to_markdown()
 }
 
 /// A list of the seeds of all jobs, each once.
@@ -190,21 +185,4 @@ fn seeds(pipeline: &PipelineSpec) -> String {
         format!("{what} {}", seeds.join(", "))
     });
     each.collect::<Vec<_>>().join("; ")
-}
-
-/// A table in Markdown.
-pub fn markdown(columns: &[&str], rows: &[Vec<String>]) -> String {
-    let mut text = format!("| {} |\n|{}\n", columns.join(" | "), "---|".repeat(columns.len()));
-    for row in rows {
-        let _ = writeln!(text, "| {} |", row.join(" | "));
-    }
-    text
-}
-
-pub fn with_interval(Interval { mean, low, high }: Interval) -> String {
-    format!("{} [{}, {}]", degrees(mean), degrees(low), degrees(high))
-}
-
-pub fn none() -> String {
-    "-".to_owned()
 }
