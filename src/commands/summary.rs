@@ -1,9 +1,8 @@
 use std::process::ExitCode;
 
 use clap::{Args, ValueEnum};
-use reports::{Align, Table};
 use spec::JobKind;
-use wire::{ChannelSummary, Summary};
+use wire::Summary;
 
 use crate::arguments::{OutputArguments, ServerArguments};
 use crate::progress::measure;
@@ -54,23 +53,6 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let is_simulated = dataset.spec["kind"] == JobKind::Simulate.as_str();
     let rejected = if is_simulated { format!(", {rejected} draws refused") } else { String::new() };
     println!("{trajectories} trajectories, {samples} samples{rejected}");
-    let mut table = Table::new([
-        ("channel", Align::Left),
-        ("unit", Align::Left),
-        ("lowest", Align::Right),
-        ("highest", Align::Right),
-        ("mean", Align::Right),
-        ("std", Align::Right),
-    ]);
-    for channel in summary.channels {
-        table.push(row(channel));
-    }
-    print!("{}", table.render());
+    print!("{}", reports::channels::table(&summary).render());
     Ok(ExitCode::SUCCESS)
-}
-
-fn row(channel: ChannelSummary) -> Vec<String> {
-    let ChannelSummary { name, unit, min, max, mean, std, .. } = channel;
-    let numbers = [min, max, mean, std].map(|number| format!("{number:.4}"));
-    [name, unit.unwrap_or_default()].into_iter().chain(numbers).collect()
 }

@@ -4,6 +4,7 @@ use askama::Template;
 use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::{IntoResponse, Redirect, Response};
+use reports::Table;
 use serde::Deserialize;
 use spec::JobKind;
 use wire::{Dataset, DatasetFile, FileKind, Job, JobState};
@@ -11,7 +12,6 @@ use wire::{Dataset, DatasetFile, FileKind, Job, JobState};
 use crate::app::App;
 use crate::extract::{Path, Query};
 use crate::page::answer::{InPage, PageError, html};
-use crate::page::channels::ChannelRow;
 use crate::page::labels::Labelled;
 use crate::page::parts::{Commands, Fact, FileRow, JobHeader};
 use crate::page::spec_text::spec_text;
@@ -41,7 +41,8 @@ struct DatasetPage {
     /// Whether it can be verified.
     complete: bool,
     checked: Checked,
-    channels: Vec<ChannelRow>,
+    /// The table of channels; none before the first shard.
+    channels: Vec<Table>,
     has_spectra: bool,
     /// A sentence about trajectories that the channels do not cover.
     left_out: String,
@@ -91,7 +92,10 @@ pub async fn show(
         facts,
         complete: dataset.completed_at.is_some(),
         checked,
-        channels: summary.channels.iter().map(ChannelRow::from).collect(),
+        channels: (!summary.channels.is_empty())
+            .then(|| reports::channels::table(&summary))
+            .into_iter()
+            .collect(),
         has_spectra: summary.spectra.iter().any(|spectrum| spectrum.density.len() > 1),
         left_out: match summary.trajectories - summary.summarized.min(summary.trajectories) {
             0 => String::new(),

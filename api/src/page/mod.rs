@@ -2,7 +2,6 @@
 
 mod answer;
 mod assets;
-mod channels;
 mod checkpoint;
 mod control;
 mod dataset;

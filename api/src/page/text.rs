@@ -48,11 +48,6 @@ pub fn rate(per_second: f64) -> String {
     format!("{:.1}/min", per_second * 60.0)
 }
 
-/// Like [`value`], with a minus sign as wide as a digit.
-pub fn signed(x: f64) -> String {
-    value(x).replace('-', "\u{2212}")
-}
-
 /// An RFC 3339 time to the second.
 pub fn instant(time: &str) -> String {
     let seconds = time.split('.').next().unwrap_or("").trim_end_matches('Z');

@@ -4,7 +4,7 @@ use std::fmt::{self, Display, Formatter};
 
 use wire::{Interval, Measured, Unit};
 
-use crate::numbers::{count, degrees, percent, signed_degrees};
+use crate::numbers::{count, degrees, percent, signed_degrees, value as significant};
 
 /// A cell of a table.
 #[derive(Clone, Debug, PartialEq)]
@@ -78,7 +78,7 @@ impl Cell {
 fn in_unit(value: f64, unit: Unit) -> String {
     match unit {
         Unit::Degrees | Unit::NewtonMetres => degrees(value),
-        Unit::Milliseconds | Unit::Radians => crate::numbers::value(value),
+        Unit::Milliseconds | Unit::Radians | Unit::Other => significant(value),
         Unit::Share => percent(value),
         Unit::Ratio => format!("{value:.2}"),
     }

@@ -1,6 +1,7 @@
 //! Reports for people: tables and sentences for the terminal, and the report of the paper's study.
 
 mod cell;
+pub mod channels;
 pub mod closed_loop;
 pub mod evaluation;
 pub mod numbers;

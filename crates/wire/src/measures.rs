@@ -43,6 +43,8 @@ pub enum Unit {
     Share,
     /// A number without a unit.
     Ratio,
+    /// Another unit, which stands beside the value.
+    Other,
 }
 
 impl Unit {
@@ -53,7 +55,7 @@ impl Unit {
             Self::Radians => "rad",
             Self::NewtonMetres => "N·m",
             Self::Milliseconds => "ms",
-            Self::Share | Self::Ratio => "",
+            Self::Share | Self::Ratio | Self::Other => "",
         }
     }
 }
