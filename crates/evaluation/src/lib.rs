@@ -13,7 +13,6 @@ mod examples;
 mod figure;
 mod given;
 mod learned;
-mod measures;
 pub mod metrics;
 mod predictor;
 mod report;
@@ -37,9 +36,10 @@ pub use figure::{
 };
 pub use given::Given;
 pub use learned::{FirstPrediction, LeakyLearned, Learned, OracleStarted, Start};
-pub use measures::{CentralInterval, INTERVALS, Measure};
 pub use metrics::rmse_deg;
 pub use predictor::{Answer, Predictor, Samples};
 pub use report::{Setting, paired_difference, summarize, trained_on};
 pub use rows::Row;
-pub use scores::{CALIBRATION, PerJoint, ScenarioErrors, ScoredAs};
+pub use scores::{
+    CALIBRATION, CentralInterval, INTERVALS, Measure, PerJoint, ScenarioErrors, ScoredAs,
+};

@@ -1,7 +1,6 @@
 //! The result table: one row per scenario, joint and predictor.
 
-use crate::measures::Measure;
-use crate::scores::ScenarioErrors;
+use crate::scores::{Measure, ScenarioErrors};
 use crate::{CellResult, PredictorErrors};
 
 /// One scenario, joint and predictor.

@@ -4,10 +4,9 @@ use series::{Observed, SeriesView};
 use spec::{Family, Range};
 use wire::Warning;
 
-use crate::measures::Measure;
 use crate::metrics::{JitterMeter, beyond_limits_deg, has_diverged, squares_deg2};
 use crate::predictor::Answer;
-use crate::scores::{ScenarioErrors, ScoredAs, degrees};
+use crate::scores::{Measure, ScenarioErrors, ScoredAs, degrees};
 use crate::{EvaluationError, Predictor};
 
 /// The errors of every predictor on the same scenarios of one cell.

@@ -8,8 +8,7 @@ use wire::{PredictorInfo, Shift, ShiftDifference, ShiftScores, ShiftSummary};
 
 use super::comparisons::is_compared;
 use super::replications::{self, BySeed};
-use crate::measures::Measure;
-use crate::scores::ScenarioErrors;
+use crate::scores::{Measure, ScenarioErrors};
 use crate::{CellResult, PredictorErrors};
 
 /// Cells with their shift, in order.

@@ -4,8 +4,9 @@ use rayon::prelude::*;
 use spec::Bootstrap;
 use wire::{Calibration, Interval, IntervalSummary, PredictorInfo, PredictorScores};
 
-use crate::measures::{Aggregate, CentralInterval, INTERVALS, Measure, SUMMARIZED};
-use crate::scores::{PerJoint, ScenarioErrors};
+use crate::scores::{
+    Aggregate, CentralInterval, INTERVALS, Measure, PerJoint, SUMMARIZED, ScenarioErrors,
+};
 use crate::{CALIBRATION, CellResult, PredictorErrors, stratified_mean};
 
 /// The scores of the predictors that answered everything, for each measure that exists.
