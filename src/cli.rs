@@ -3,13 +3,12 @@
 use clap::{Parser, Subcommand};
 
 use crate::commands::{
-    access, attempts, checkpoints, copies, datasets, delete, doctor, documents, download,
-    evaluations, events, export, gc, health, import, jobs, label, logs, metrics, open, predict,
-    presets, queue, reindex, runs, serve, show, simulate, study, submit, summary, tasks,
-    trajectory, trash, undelete, verify, watch, worker, workers,
+    access, attempts, copies, delete, doctor, documents, download, events, export, gc, health,
+    import, label, logs, metrics, open, predict, presets, queue, reindex, serve, show, simulate,
+    study, submit, summary, tasks, trajectory, trash, undelete, verify, watch, worker, workers,
 };
-use crate::exit;
 use crate::logging::{LOG_FORMAT, LogFormat};
+use crate::{exit, lists};
 
 /// In-context identification of robot dynamics as a service: simulate, train, evaluate.
 #[derive(Debug, Parser)]
@@ -60,15 +59,15 @@ pub enum Command {
     /// Show whether the queue is paused, and how many tasks it has
     Queue(queue::Arguments),
     /// List jobs, newest first
-    Jobs(jobs::Arguments),
+    Jobs(lists::Arguments<wire::Job>),
     /// List datasets, newest first
-    Datasets(datasets::Arguments),
+    Datasets(lists::Arguments<wire::Dataset>),
     /// List runs, newest first: the records of trainings, evaluations and control jobs
-    Runs(runs::Arguments),
+    Runs(lists::Arguments<wire::Run>),
     /// List checkpoints, newest first
-    Checkpoints(checkpoints::Arguments),
+    Checkpoints(lists::Arguments<wire::Checkpoint>),
     /// List evaluations, newest first
-    Evaluations(evaluations::Arguments),
+    Evaluations(lists::Arguments<wire::Evaluation>),
     /// Show a job, a dataset, a run, a checkpoint or an evaluation
     Show(show::Arguments),
     /// Download the files of a dataset, a checkpoint, a run or an evaluation

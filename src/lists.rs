@@ -1,15 +1,31 @@
-//! Lists: their shared flags, their pages, and their last line.
+//! Lists of the server's resources, and tables of items. The columns, filters and orders are declared
+//! in `wire`.
 
-use clap::Args;
+use std::marker::PhantomData;
+use std::process::ExitCode;
+
+use clap::builder::PossibleValuesParser;
+use clap::{Arg, ArgMatches, Args, Command, FromArgMatches};
+use reports::{Align, Table};
 use reqwest::Url;
-use serde::Deserialize;
+use wire::{ListCell, ListColumn, ListPage as _, Listed, Tabled};
 
 use crate::arguments::{OutputArguments, ServerArguments};
-use crate::client::Client;
+use crate::progress::measure;
 
-/// Flags for the part of a list, and for its order.
+/// The flags of the list of `T`.
+#[derive(Debug)]
+pub struct Arguments<T> {
+    /// The values of the filters and the order that the list of `T` declares, by the name of the
+    /// parameter.
+    declared: Vec<(&'static str, String)>,
+    list: ListArguments,
+    items: PhantomData<T>,
+}
+
+/// Flags that all lists have.
 #[derive(Debug, Args)]
-pub struct ListArguments {
+struct ListArguments {
     /// Only those with this tag, on themselves or on their job; with several flags, with all of the
     /// tags
     #[arg(long = "tag", value_name = "TAG")]
@@ -26,10 +42,6 @@ pub struct ListArguments {
     /// Only those created before this time
     #[arg(long, value_name = "MOMENT")]
     until: Option<String>,
-
-    /// Sort order, such as name or -finished; a dash reverses it
-    #[arg(long, value_name = "ORDER", allow_hyphen_values = true)]
-    sort: Option<String>,
 
     /// Largest number of items to list
     #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=500))]
@@ -48,119 +60,232 @@ pub struct ListArguments {
     cursor: Option<String>,
 
     #[command(flatten)]
-    pub output: OutputArguments,
+    output: OutputArguments,
 
     #[command(flatten)]
-    pub server: ServerArguments,
+    server: ServerArguments,
 }
 
 /// Number of items per page when all are listed: the most that the server sends at once.
 const LONGEST_PAGE: u32 = 500;
 
-/// How a list continues.
-pub struct Rest {
-    cursor: Option<String>,
-}
-
-/// The field of every page that leads to the next one.
-#[derive(Deserialize)]
-struct Next {
-    next: Option<String>,
-}
-
-impl ListArguments {
-    /// Passes on each page of the list at `path`, as the server wrote it. `filters` are further
-    /// filters of this list.
-    pub async fn each_page(
-        &self,
-        client: &Client,
-        path: &str,
-        filters: &[(&str, &Option<String>)],
-        mut show: impl FnMut(&str) -> anyhow::Result<()>,
-    ) -> anyhow::Result<Rest> {
-        let mut cursor = self.cursor.clone();
-        loop {
-            let page = client.raw(&self.address(path, filters, cursor.as_deref())?).await?;
-            cursor = serde_json::from_str::<Next>(&page)?.next;
-            show(&page)?;
-            if !self.all || cursor.is_none() {
-                return Ok(Rest { cursor });
-            }
-        }
+impl<T: Listed> Args for Arguments<T> {
+    fn augment_args(command: Command) -> Command {
+        ListArguments::augment_args(command.args(declared::<T>()))
     }
 
-    fn address(
-        &self,
-        path: &str,
-        filters: &[(&str, &Option<String>)],
-        cursor: Option<&str>,
-    ) -> anyhow::Result<String> {
-        let limit = if self.all { LONGEST_PAGE } else { self.limit };
+    fn augment_args_for_update(command: Command) -> Command {
+        Self::augment_args(command)
+    }
+}
+
+impl<T: Listed> FromArgMatches for Arguments<T> {
+    fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
+        let value = |name| Some((name, matches.try_get_one::<String>(name).ok()??.clone()));
+        Ok(Self {
+            declared: ["kind", "state", "sort"].into_iter().filter_map(value).collect(),
+            list: ListArguments::from_arg_matches(matches)?,
+            items: PhantomData,
+        })
+    }
+
+    fn update_from_arg_matches(&mut self, matches: &ArgMatches) -> Result<(), clap::Error> {
+        *self = Self::from_arg_matches(matches)?;
+        Ok(())
+    }
+}
+
+/// The flags that the list of `T` declares.
+fn declared<T: Listed>() -> Vec<Arg> {
+    let list = const { &T::LIST };
+    let flag =
+        |name: &'static str, value: &'static str| Arg::new(name).long(name).value_name(value);
+    let mut flags = Vec::new();
+    if !list.kinds.is_empty() {
+        let kind = flag("kind", "KIND").value_parser(PossibleValuesParser::new(list.kinds));
+        flags.push(kind.help("Only those of jobs of this kind"));
+    }
+    if !list.states.is_empty() {
+        let state = flag("state", "STATE").value_parser(PossibleValuesParser::new(list.states));
+        flags.push(state.help("Only those in this state"));
+    }
+    let words: Vec<&str> = list.sorts.iter().map(|sort| sort.as_str()).collect();
+    let about = format!("Sort order: {}; a dash before it reverses it", words.join(", "));
+    let sort = flag("sort", "ORDER").value_parser(order::<T>).help(about);
+    flags.push(sort.allow_hyphen_values(true));
+    flags
+}
+
+fn order<T: Listed>(value: &str) -> Result<String, String> {
+    let orders = T::LIST.orders();
+    if orders.iter().any(|order| order == value) {
+        return Ok(value.to_owned());
+    }
+    Err(format!("allowed: {}", orders.join(", ")))
+}
+
+/// Lists the items of `T` as a table, or as the server wrote them.
+pub async fn run<T: Listed>(arguments: Arguments<T>) -> anyhow::Result<ExitCode> {
+    let list = &arguments.list;
+    let client = list.server.client()?;
+    let (mut cursor, mut items) = (list.cursor.clone(), Vec::new());
+    loop {
+        let page = client.raw(&arguments.address(cursor.as_deref())?).await?;
+        if list.output.json {
+            println!("{page}");
+        }
+        let page: T::Page = serde_json::from_str(&page)?;
+        let (of_page, next) = page.into_parts();
+        items.extend(of_page);
+        cursor = next;
+        if !list.all || cursor.is_none() {
+            break;
+        }
+    }
+    if !list.output.json {
+        print!("{}", listed(&items));
+        arguments.print_rest(cursor.as_deref(), items.last().map(T::id));
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+impl<T: Listed> Arguments<T> {
+    /// The path and the query of a page.
+    fn address(&self, cursor: Option<&str>) -> anyhow::Result<String> {
+        let ListArguments { tags, text, since, until, limit, all, before, .. } = &self.list;
+        let limit = if *all { LONGEST_PAGE } else { *limit };
+        let path = format!("/v1/{}", T::LIST.name);
         let mut address = Url::parse("http://localhost")?;
-        address.set_path(path);
         let mut query = address.query_pairs_mut();
         query.append_pair("limit", &limit.to_string());
-        for (name, value) in filters {
+        query.extend_pairs(&self.declared);
+        query.extend_pairs(tags.iter().map(|tag| ("tag", tag)));
+        for (name, value) in [("text", text), ("since", since), ("until", until)] {
             query.extend_pairs(value.iter().map(|value| (name, value)));
         }
-        query.extend_pairs(self.tags.iter().map(|tag| ("tag", tag)));
-        let own = [
-            ("text", &self.text),
-            ("since", &self.since),
-            ("until", &self.until),
-            ("sort", &self.sort),
-        ];
-        for (name, value) in own {
-            query.extend_pairs(value.iter().map(|value| (name, value)));
-        }
-        query.extend_pairs(self.before.iter().map(|id| ("before", id.to_string())));
+        query.extend_pairs(before.iter().map(|id| ("before", id.to_string())));
         query.extend_pairs(cursor.map(|cursor| ("cursor", cursor)));
         drop(query);
         Ok(format!("{path}?{}", address.query().unwrap_or_default()))
     }
 
     /// Prints how to continue the list after the item with the id `last`, if there is more.
-    pub fn print_rest(&self, command: &str, rest: &Rest, last: Option<i64>) {
-        let Some(cursor) = &rest.cursor else { return };
-        match last.filter(|_| self.sort.is_none() && self.cursor.is_none()) {
-            Some(last) => println!("older ones: torqued {command} --before {last}"),
+    fn print_rest(&self, next: Option<&str>, last: Option<i64>) {
+        let Some(cursor) = next else { return };
+        let is_sorted = self.declared.iter().any(|(name, _)| *name == "sort");
+        match last.filter(|_| !is_sorted && self.list.cursor.is_none()) {
+            Some(last) => println!("older ones: torqued {} --before {last}", T::LIST.name),
             None => println!("more: the same with --cursor {cursor}"),
         }
     }
 }
 
-/// Tags of a thing and of its job, for one cell of a table.
-pub fn both(tags: &[String], job_tags: &[String]) -> String {
-    let others = job_tags.iter().filter(|tag| !tags.contains(tag));
-    tags.iter().chain(others).map(String::as_str).collect::<Vec<_>>().join(" ")
+/// The items of a list as a table.
+fn listed<T: Listed>(items: &[T]) -> String {
+    let columns = T::COLUMNS.iter().map(head);
+    let mut table = Table::new(
+        [("id", Align::Right), ("name", Align::Left)]
+            .into_iter()
+            .chain(columns)
+            .chain([("tags", Align::Left)]),
+    );
+    for item in items {
+        let mut row = vec![item.id().to_string(), item.name().to_owned()];
+        row.extend(T::COLUMNS.iter().map(|column| shown((column.cell)(item))));
+        row.push(item.tags().join(" "));
+        table.push(row);
+    }
+    table.render()
+}
+
+/// Items as a table.
+pub fn table<T: Tabled>(items: &[T]) -> String {
+    let mut table = Table::new(T::COLUMNS.iter().map(head));
+    for item in items {
+        table.push(T::COLUMNS.iter().map(|column| shown((column.cell)(item))).collect());
+    }
+    table.render()
+}
+
+fn head<T>(column: &ListColumn<T>) -> (&'static str, Align) {
+    (column.heading, if column.is_number { Align::Right } else { Align::Left })
+}
+
+/// A cell, in the form of the command line.
+fn shown(cell: ListCell) -> String {
+    match cell {
+        ListCell::Missing => String::new(),
+        ListCell::Text(words) => words,
+        ListCell::State(_, word) => word.to_owned(),
+        ListCell::Count(number) => measure::count(number),
+        ListCell::Bytes(bytes) => measure::size(bytes),
+        ListCell::Degrees(angle) => format!("{}°", reports::numbers::degrees(angle)),
+        ListCell::Headline(headline) => reports::headline(&headline),
+        ListCell::Percent(percent) => format!("{percent:.0} %"),
+        ListCell::Part(done, all) => format!("{} of {}", measure::count(done), measure::count(all)),
+        ListCell::Moment(time) => measure::ago(&time),
+        ListCell::Span(from, to) => {
+            measure::since(&from, to.as_deref()).map(measure::duration).unwrap_or_default()
+        }
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use clap::Parser;
+    use wire::{Evaluation, Job, Run};
 
     use super::*;
 
     #[derive(Parser)]
-    struct List {
+    struct List<T: Listed + Send + Sync> {
         #[command(flatten)]
-        arguments: ListArguments,
+        arguments: Arguments<T>,
     }
 
     fn address(flags: &[&str]) -> String {
-        let list = List::try_parse_from([&["list"], flags].concat()).unwrap();
-        let kind = Some("train".to_owned());
-        let filters = [("kind", &kind), ("state", &None)];
-        list.arguments.address("/v1/runs", &filters, Some("c+c")).unwrap()
+        let list = List::<Run>::try_parse_from([&["list"], flags].concat()).unwrap();
+        list.arguments.address(Some("c+c")).unwrap()
     }
 
     #[test]
     fn every_flag_is_a_parameter() {
-        let flags = ["--tag", "a", "--tag", "lr=1", "--text", "50 % & ä", "--sort", "-name"];
-        let expected = "/v1/runs?limit=20&kind=train&tag=a&tag=lr%3D1&text=50+%25+%26+%C3%A4&sort=-name&cursor=c%2Bc";
+        let flags = [
+            "--kind",
+            "train",
+            "--tag",
+            "a",
+            "--tag",
+            "lr=1",
+            "--text",
+            "50 % & ä",
+            "--sort",
+            "-name",
+        ];
+        let expected = "/v1/runs?limit=20&kind=train&sort=-name&tag=a&tag=lr%3D1&text=50+%25+%26+%C3%A4&cursor=c%2Bc";
         assert_eq!(address(&flags), expected);
         let flags = ["--all", "--since", "2026-12-01T08:00:00+01:00", "--before", "7"];
-        let expected = "/v1/runs?limit=500&kind=train&since=2026-12-01T08%3A00%3A00%2B01%3A00&before=7&cursor=c%2Bc";
+        let expected =
+            "/v1/runs?limit=500&since=2026-12-01T08%3A00%3A00%2B01%3A00&before=7&cursor=c%2Bc";
         assert_eq!(address(&flags), expected);
+    }
+
+    /// Catches a hand-written list of kinds, which lacked `control`.
+    #[test]
+    fn jobs_of_every_kind_can_be_listed() {
+        for kind in spec::JobKind::WORDS {
+            assert!(List::<Job>::try_parse_from(["jobs", "--kind", kind]).is_ok());
+        }
+    }
+
+    #[test]
+    fn an_order_that_a_list_does_not_have_is_refused_with_those_that_it_has() {
+        assert!(List::<Evaluation>::try_parse_from(["list", "--sort", "rmse"]).is_ok());
+        let error = List::<Job>::try_parse_from(["list", "--sort", "rmse"]).err().unwrap();
+        let error = error.to_string();
+        assert!(
+            error.contains("'rmse' for '--sort <ORDER>': allowed: created, -created,"),
+            "{error}"
+        );
     }
 }

@@ -1,7 +1,7 @@
 use std::process::ExitCode;
 
 use clap::Args;
-use wire::{Deleted, Dependent, Dependents, Relation};
+use wire::{Deleted, Dependent, Dependents};
 
 use crate::arguments::{OutputArguments, ServerArguments};
 use crate::output::write_json;
@@ -71,12 +71,7 @@ fn foretold(found: &Dependents) -> String {
 }
 
 fn dependent(job: &Dependent) -> String {
-    let relation = match job.relation {
-        Relation::Reads => "reads it",
-        Relation::Needs => "needs it",
-        Relation::Continues => "continues from it",
-        Relation::Holds => "has it as a member",
-    };
+    let relation = job.relation.phrase();
     let Dependent { id, kind, name, state, .. } = job;
     let weight = if state.is_final() { "--force ignores it" } else { "prevents the deletion" };
     format!("{kind} job {id} ({name}, {state}) {relation}: {weight}")

@@ -2,20 +2,16 @@
 
 pub mod access;
 pub mod attempts;
-pub mod checkpoints;
 pub mod copies;
-pub mod datasets;
 pub mod delete;
 pub mod doctor;
 pub mod documents;
 pub mod download;
-pub mod evaluations;
 pub mod events;
 pub mod export;
 pub mod gc;
 pub mod health;
 pub mod import;
-pub mod jobs;
 pub mod label;
 pub mod logs;
 pub mod metrics;
@@ -24,7 +20,6 @@ pub mod predict;
 pub mod presets;
 pub mod queue;
 pub mod reindex;
-pub mod runs;
 pub mod serve;
 pub mod show;
 pub mod simulate;
@@ -43,6 +38,7 @@ pub mod workers;
 use std::process::ExitCode;
 
 use crate::cli::Command;
+use crate::lists;
 use crate::logging::Logging;
 
 /// Runs a command.
@@ -58,7 +54,7 @@ pub async fn run(command: Command, log: &Logging) -> anyhow::Result<ExitCode> {
         Command::Submit(arguments) => submit::run(arguments).await,
         Command::Import(arguments) => import::run(arguments).await,
         Command::Workers(arguments) => workers::run(arguments).await,
-        Command::Jobs(arguments) => jobs::run(arguments).await,
+        Command::Jobs(arguments) => lists::run(arguments).await,
         Command::Attempts(arguments) => attempts::run(arguments).await,
         Command::Logs(arguments) => logs::run(arguments).await,
         Command::Label(arguments) => label::run(arguments).await,
@@ -81,20 +77,20 @@ pub async fn run(command: Command, log: &Logging) -> anyhow::Result<ExitCode> {
         Command::Restore(arguments) => copies::restore(arguments).await,
         Command::Migrate(arguments) => copies::migrate(arguments).await,
         Command::Presets(arguments) => presets::run(arguments).await,
-        Command::Checkpoints(arguments) => checkpoints::run(arguments).await,
+        Command::Checkpoints(arguments) => lists::run(arguments).await,
         Command::Completions(arguments) => documents::completions(&arguments),
-        Command::Datasets(arguments) => datasets::run(arguments).await,
+        Command::Datasets(arguments) => lists::run(arguments).await,
         Command::Doctor(arguments) => doctor::run(arguments).await,
         Command::Download(arguments) => download::run(arguments).await,
         Command::Export(arguments) => export::run(arguments).await,
-        Command::Evaluations(arguments) => evaluations::run(arguments).await,
+        Command::Evaluations(arguments) => lists::run(arguments).await,
         Command::Health(arguments) => health::run(arguments).await,
         Command::Man(arguments) => documents::man(&arguments),
         Command::Metrics(arguments) => metrics::run(arguments).await,
         Command::Open(arguments) => open::run(arguments).await,
         Command::Predict(arguments) => predict::run(arguments).await,
         Command::Queue(arguments) => queue::run(arguments).await,
-        Command::Runs(arguments) => runs::run(arguments).await,
+        Command::Runs(arguments) => lists::run(arguments).await,
         Command::Show(arguments) => show::run(arguments).await,
         Command::Stream(arguments) => predict::stream(arguments).await,
         Command::Summary(arguments) => summary::run(arguments).await,

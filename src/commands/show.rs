@@ -11,7 +11,6 @@ use serde_json::Value;
 use wire::{Checkpoint, Dataset, Evaluation, Job, LatestMetric, Member, Run, TaskState};
 
 use crate::arguments::{OutputArguments, ServerArguments};
-use crate::commands::checkpoints::marks;
 use crate::progress::measure;
 use crate::resource::Resource;
 
@@ -120,7 +119,7 @@ fn checkpoint_text(checkpoint: &Checkpoint) -> String {
     facts.add_labels(&checkpoint.tags, &checkpoint.job_tags, checkpoint.note.as_deref());
     facts.add("model", &checkpoint.architecture);
     facts.add("step", measure::count(checkpoint.step));
-    facts.add_some("is", Some(marks(checkpoint)).filter(|marks| !marks.is_empty()));
+    facts.add_some("is", Some(checkpoint.marks().join(", ")).filter(|marks| !marks.is_empty()));
     facts.add("job", checkpoint.job);
     facts.add("run", checkpoint.run);
     for (key, value) in &checkpoint.metrics {

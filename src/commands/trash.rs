@@ -1,11 +1,10 @@
 use std::process::ExitCode;
 
 use clap::Args;
-use reports::{Align, Table};
-use wire::{Trash, TrashedItem};
+use wire::Trash;
 
 use crate::arguments::{OutputArguments, ServerArguments};
-use crate::progress::measure;
+use crate::lists;
 
 #[derive(Debug, Args)]
 pub struct Arguments {
@@ -33,33 +32,9 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         return Ok(ExitCode::SUCCESS);
     }
     let Trash { items, next } = client.get(&path).await?;
-    let mut table = Table::new([
-        ("kind", Align::Left),
-        ("id", Align::Right),
-        ("name", Align::Left),
-        ("size", Align::Right),
-        ("deleted", Align::Right),
-        ("kept until", Align::Left),
-        ("why", Align::Left),
-    ]);
-    for item in items {
-        table.push(row(item));
-    }
-    print!("{}", table.render());
+    print!("{}", lists::table(&items));
     if let Some(next) = next {
         println!("deleted before: torqued trash --before {next}");
     }
     Ok(ExitCode::SUCCESS)
-}
-
-fn row(item: TrashedItem) -> Vec<String> {
-    vec![
-        item.kind.to_string(),
-        item.id.to_string(),
-        item.name,
-        measure::size(item.bytes),
-        measure::ago(&item.deleted_at),
-        item.purge_at,
-        item.reason.unwrap_or_default(),
-    ]
 }

@@ -68,10 +68,10 @@ async fn everything_that_a_pipeline_leaves_is_listed_shown_and_downloaded() {
     assert_eq!(pipeline["state"], "succeeded");
 
     for (command, columns) in [
-        ("jobs", "id  kind"),
+        ("jobs", "id  name"),
         ("datasets", "trajectories"),
         ("runs", "step"),
-        ("checkpoints", "error"),
+        ("checkpoints", "validation RMSE"),
         ("evaluations", "cells"),
         ("workers", "offers"),
     ] {

@@ -4,13 +4,13 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use serde::Deserialize;
 use serde_json::Value;
-use store::{CheckpointId, JobId, Listed};
-use wire::{Checkpoint, Checkpoints, StoredFile};
+use store::{CheckpointId, JobId, Listed, Listing, Store, StoreError};
+use wire::{Checkpoint, StoredFile};
 
 use crate::app::App;
 use crate::app::archive::{Content, Member};
 use crate::app::files::Download;
-use crate::app::listing::ListRequest;
+use crate::app::resources::{Downloaded, Resource};
 use crate::error::ApiError;
 
 /// The numbers of samples in a model's context and horizon.
@@ -18,6 +18,55 @@ use crate::error::ApiError;
 pub struct Extents {
     pub context: u32,
     pub horizon: u32,
+}
+
+impl Resource for Checkpoint {
+    type Row = store::Checkpoint;
+
+    async fn rows(store: &Store, listing: &Listing) -> Result<Listed<Self::Row>, StoreError> {
+        store.list_checkpoints(listing).await
+    }
+
+    fn spec(_: &Self::Row) -> Option<&Value> {
+        None
+    }
+
+    async fn complete(app: &App, rows: Vec<Self::Row>) -> Result<Vec<Self>, ApiError> {
+        let trainings: BTreeSet<JobId> = rows.iter().map(|row| row.job).collect();
+        let trainings: Vec<JobId> = trainings.into_iter().collect();
+        let specs: BTreeMap<JobId, Value> =
+            app.store.specs(&trainings).await?.into_iter().collect();
+        let checkpoint = |row: store::Checkpoint| {
+            let spec = specs.get(&row.job);
+            checkpoint(row, spec.unwrap_or(&Value::Null))
+        };
+        Ok(rows.into_iter().map(checkpoint).collect())
+    }
+
+    async fn find(app: &App, id: i64) -> Result<Self, ApiError> {
+        app.checkpoint(id).await
+    }
+}
+
+impl Downloaded for Checkpoint {
+    async fn file(app: &App, id: i64, name: &str) -> Result<Download, ApiError> {
+        let checkpoint = app.store.checkpoint(CheckpointId(id)).await?;
+        let object = checkpoint
+            .file(name)
+            .ok_or_else(|| ApiError::not_found("file", format!("{name:?} in checkpoint {id}")))?;
+        let file = format!("{name} of checkpoint {id}");
+        Ok(Download::new(format!("checkpoint-{id}-{name}"), media_type(name), object, file))
+    }
+
+    async fn tar(app: &App, id: i64) -> Result<Download, ApiError> {
+        let checkpoint = app.store.checkpoint(CheckpointId(id)).await?;
+        let member = |file: store::CheckpointFile| {
+            let what = format!("{} of checkpoint {id}", file.name);
+            Member { name: file.name, content: Content::Stored { object: file.object, file: what } }
+        };
+        let files = checkpoint.files.into_iter().map(member).collect();
+        Download::tar(&format!("checkpoint-{id}"), files)
+    }
 }
 
 impl App {
@@ -37,45 +86,11 @@ impl App {
         Ok(checkpoint(row, &job.spec))
     }
 
-    pub async fn checkpoints(&self, request: &ListRequest) -> Result<Checkpoints, ApiError> {
-        let Listed { items: rows, end } = self.store.list_checkpoints(&request.listing).await?;
-        let trainings: BTreeSet<JobId> = rows.iter().map(|row| row.job).collect();
-        let trainings: Vec<JobId> = trainings.into_iter().collect();
-        let specs: BTreeMap<JobId, Value> =
-            self.store.specs(&trainings).await?.into_iter().collect();
-        let checkpoint = |row: store::Checkpoint| {
-            let spec = specs.get(&row.job);
-            checkpoint(row, spec.unwrap_or(&Value::Null))
-        };
-        let checkpoints = rows.into_iter().map(checkpoint).collect();
-        Ok(Checkpoints { checkpoints, next: request.next(end) })
-    }
-
     /// The checkpoints that a training has made so far, oldest first.
     pub async fn checkpoints_of_job(&self, job: i64) -> Result<Vec<Checkpoint>, ApiError> {
         let spec = self.store.job(JobId(job)).await?.spec;
         let rows = self.store.checkpoints_of_job(JobId(job)).await?;
         Ok(rows.into_iter().map(|row| checkpoint(row, &spec)).collect())
-    }
-
-    pub async fn checkpoint_file(&self, id: i64, name: &str) -> Result<Download, ApiError> {
-        let checkpoint = self.store.checkpoint(CheckpointId(id)).await?;
-        let object = checkpoint
-            .file(name)
-            .ok_or_else(|| ApiError::not_found("file", format!("{name:?} in checkpoint {id}")))?;
-        let file = format!("{name} of checkpoint {id}");
-        Ok(Download::new(format!("checkpoint-{id}-{name}"), media_type(name), object, file))
-    }
-
-    /// All files of a checkpoint as a tar.
-    pub async fn checkpoint_tar(&self, id: i64) -> Result<Download, ApiError> {
-        let checkpoint = self.store.checkpoint(CheckpointId(id)).await?;
-        let member = |file: store::CheckpointFile| {
-            let what = format!("{} of checkpoint {id}", file.name);
-            Member { name: file.name, content: Content::Stored { object: file.object, file: what } }
-        };
-        let files = checkpoint.files.into_iter().map(member).collect();
-        Download::tar(&format!("checkpoint-{id}"), files)
     }
 }
 

@@ -2,17 +2,79 @@
 
 use std::collections::BTreeMap;
 
+use serde_json::Value;
 use spec::{DataSpec, Digest, JobSpec};
-use store::{DatasetDescription, DatasetId, FileContent, Listed, Shard, ShardDescription};
-use wire::{Dataset, DatasetFile, Datasets, FileKind};
+use store::{
+    DatasetDescription, DatasetId, FileContent, Listed, Listing, Shard, ShardDescription, Store,
+    StoreError,
+};
+use wire::{Dataset, DatasetFile, FileKind};
 
 use crate::app::App;
 use crate::app::archive::{Content, Member};
 use crate::app::files::Download;
-use crate::app::listing::ListRequest;
+use crate::app::resources::{Downloaded, Resource};
 use crate::error::ApiError;
 
 const PARQUET: &str = "application/vnd.apache.parquet";
+
+impl Resource for Dataset {
+    type Row = store::Dataset;
+
+    async fn rows(store: &Store, listing: &Listing) -> Result<Listed<Self::Row>, StoreError> {
+        store.list_datasets(listing).await
+    }
+
+    fn spec(row: &Self::Row) -> Option<&Value> {
+        Some(&row.spec)
+    }
+
+    async fn complete(_: &App, rows: Vec<Self::Row>) -> Result<Vec<Self>, ApiError> {
+        Ok(rows.into_iter().map(without_files).collect())
+    }
+
+    async fn find(app: &App, id: i64) -> Result<Self, ApiError> {
+        app.dataset(id).await
+    }
+}
+
+impl Downloaded for Dataset {
+    async fn file(app: &App, id: i64, name: &str) -> Result<Download, ApiError> {
+        let dataset = app.store.dataset(DatasetId(id)).await?;
+        let shards = app.store.shards(dataset.id).await?;
+        let saved_as = format!("dataset-{id}-{name}");
+        if name == DatasetDescription::FILE_NAME
+            && let Some(json) = description(&dataset, &shards)
+        {
+            return Ok(Download::made(saved_as, "application/json", json));
+        }
+        let file = shards.iter().find_map(|shard| {
+            let mut files = shard.contents.files().into_iter();
+            let (_, file) = files.find(|(content, _)| content.file_name(shard.ordinal) == name)?;
+            Some(file)
+        });
+        let file =
+            file.ok_or_else(|| ApiError::not_found("file", format!("{name:?} in dataset {id}")))?;
+        Ok(Download::new(saved_as, PARQUET, file, format!("{name} of dataset {id}")))
+    }
+
+    async fn tar(app: &App, id: i64) -> Result<Download, ApiError> {
+        let dataset = app.store.dataset(DatasetId(id)).await?;
+        let shards = app.store.shards(dataset.id).await?;
+        let description = description(&dataset, &shards).map(|json| Member {
+            name: DatasetDescription::FILE_NAME.to_owned(),
+            content: Content::Made(json.into()),
+        });
+        let files = shards.iter().flat_map(|shard| {
+            shard.contents.files().map(|(content, object)| {
+                let name = content.file_name(shard.ordinal);
+                let file = format!("{name} of dataset {id}");
+                Member { name, content: Content::Stored { object: object.clone(), file } }
+            })
+        });
+        Download::tar(&format!("dataset-{id}"), description.into_iter().chain(files).collect())
+    }
+}
 
 impl App {
     pub async fn dataset(&self, id: i64) -> Result<Dataset, ApiError> {
@@ -32,54 +94,6 @@ impl App {
         let ids: Vec<DatasetId> = ids.iter().copied().map(DatasetId).collect();
         let rows = self.store.datasets_by_id(&ids).await?;
         Ok(rows.into_iter().map(|row| (row.id.0, without_files(row))).collect())
-    }
-
-    pub async fn datasets(&self, request: &ListRequest) -> Result<Datasets, ApiError> {
-        let mut listed = self.store.list_datasets(&request.listing).await?;
-        let specs = listed.items.iter().map(|row| &row.spec);
-        if let Some(shorter) = request.shorter(specs) {
-            listed = self.store.list_datasets(&shorter).await?;
-        }
-        let Listed { items, end } = listed;
-        let datasets = items.into_iter().map(without_files).collect();
-        Ok(Datasets { datasets, next: request.next(end) })
-    }
-
-    pub async fn dataset_file(&self, id: i64, name: &str) -> Result<Download, ApiError> {
-        let dataset = self.store.dataset(DatasetId(id)).await?;
-        let shards = self.store.shards(dataset.id).await?;
-        let saved_as = format!("dataset-{id}-{name}");
-        if name == DatasetDescription::FILE_NAME
-            && let Some(json) = description(&dataset, &shards)
-        {
-            return Ok(Download::made(saved_as, "application/json", json));
-        }
-        let file = shards.iter().find_map(|shard| {
-            let mut files = shard.contents.files().into_iter();
-            let (_, file) = files.find(|(content, _)| content.file_name(shard.ordinal) == name)?;
-            Some(file)
-        });
-        let file =
-            file.ok_or_else(|| ApiError::not_found("file", format!("{name:?} in dataset {id}")))?;
-        Ok(Download::new(saved_as, PARQUET, file, format!("{name} of dataset {id}")))
-    }
-
-    /// All files of a dataset so far, as a tar.
-    pub async fn dataset_tar(&self, id: i64) -> Result<Download, ApiError> {
-        let dataset = self.store.dataset(DatasetId(id)).await?;
-        let shards = self.store.shards(dataset.id).await?;
-        let description = description(&dataset, &shards).map(|json| Member {
-            name: DatasetDescription::FILE_NAME.to_owned(),
-            content: Content::Made(json.into()),
-        });
-        let files = shards.iter().flat_map(|shard| {
-            shard.contents.files().map(|(content, object)| {
-                let name = content.file_name(shard.ordinal);
-                let file = format!("{name} of dataset {id}");
-                Member { name, content: Content::Stored { object: object.clone(), file } }
-            })
-        });
-        Download::tar(&format!("dataset-{id}"), description.into_iter().chain(files).collect())
     }
 }
 

@@ -2,17 +2,39 @@
 
 use std::collections::{BTreeMap, HashMap};
 
+use serde::Deserialize as _;
 use serde::de::DeserializeOwned;
+use serde_json::Value;
 use spec::JobKind;
-use store::{Artifact, JobId, Listed, RunId};
-use wire::{CellTask, Evaluation, Evaluations};
+use store::{Artifact, JobId, Listed, Listing, RunId, Store, StoreError};
+use wire::{CellTask, Evaluation, EvaluationResult, Headline, Report};
 
 use crate::app::App;
-use crate::app::listing::ListRequest;
+use crate::app::resources::Resource;
 use crate::error::ApiError;
 
 /// The artifact of the last task of an evaluation or a control job.
 const REPORT: &str = "report.json";
+
+impl Resource for Evaluation {
+    type Row = store::Job;
+
+    async fn rows(store: &Store, listing: &Listing) -> Result<Listed<Self::Row>, StoreError> {
+        store.list_jobs(listing).await
+    }
+
+    fn spec(row: &Self::Row) -> Option<&Value> {
+        Some(&row.spec)
+    }
+
+    async fn complete(app: &App, rows: Vec<Self::Row>) -> Result<Vec<Self>, ApiError> {
+        app.complete_evaluations(rows).await
+    }
+
+    async fn find(app: &App, id: i64) -> Result<Self, ApiError> {
+        app.evaluation(id).await
+    }
+}
 
 impl App {
     pub async fn evaluation(&self, id: i64) -> Result<Evaluation, ApiError> {
@@ -26,17 +48,6 @@ impl App {
         let mut evaluation = completed.ok_or_else(|| ApiError::not_found("evaluation", id))?;
         evaluation.report = self.report(evaluation.run).await?;
         Ok(evaluation)
-    }
-
-    pub async fn evaluations(&self, request: &ListRequest) -> Result<Evaluations, ApiError> {
-        let mut listed = self.store.list_jobs(&request.listing).await?;
-        let specs = listed.items.iter().map(|row| &row.spec);
-        if let Some(shorter) = request.shorter(specs) {
-            listed = self.store.list_jobs(&shorter).await?;
-        }
-        let Listed { items, end } = listed;
-        let evaluations = self.complete_evaluations(items).await?;
-        Ok(Evaluations { evaluations, next: request.next(end) })
     }
 
     /// The report of a run's job. `None` before its last task has ended, and for the report of
@@ -53,10 +64,51 @@ impl App {
     }
 
     /// The report files of `runs`, by run.
-    pub async fn report_files(&self, runs: &[i64]) -> Result<BTreeMap<i64, Artifact>, ApiError> {
+    async fn report_files(&self, runs: &[i64]) -> Result<BTreeMap<i64, Artifact>, ApiError> {
         let runs: Vec<RunId> = runs.iter().copied().map(RunId).collect();
         let artifacts = self.store.artifacts_named(&runs, REPORT).await?;
         Ok(artifacts.into_iter().map(|artifact| (artifact.run.0, artifact)).collect())
+    }
+
+    /// The headlines of `evaluations`, which are pairs of job and run, by job. The number of
+    /// statements does not depend on the number of evaluations.
+    ///
+    /// The result of an evaluation's last task is the headline. Evaluations of earlier versions have
+    /// only the report, which is read for them.
+    pub async fn evaluation_headlines(
+        &self,
+        evaluations: &[(i64, i64)],
+    ) -> Result<BTreeMap<i64, Headline>, ApiError> {
+        let jobs: Vec<i64> = evaluations.iter().map(|(job, _)| *job).collect();
+        let results = self.sole_results(&jobs).await?;
+        let left = |(job, result): (&i64, &Value)| {
+            Some((*job, EvaluationResult::deserialize(result).ok()?.headline))
+        };
+        let mut headlines: BTreeMap<i64, Headline> = results.iter().filter_map(left).collect();
+        let is_older = |(job, _): &&(i64, i64)| !headlines.contains_key(job);
+        let older: BTreeMap<i64, i64> =
+            evaluations.iter().filter(is_older).map(|(job, run)| (*run, *job)).collect();
+        if !older.is_empty() {
+            let runs: Vec<i64> = older.keys().copied().collect();
+            for (run, file) in self.report_files(&runs).await? {
+                let headline = self.headline_of_report(&file).await?;
+                headlines.extend(headline.and_then(|headline| Some((*older.get(&run)?, headline))));
+            }
+        }
+        Ok(headlines)
+    }
+
+    /// The headline of a report. A damaged report only affects its own page, and not every list with
+    /// its job.
+    async fn headline_of_report(&self, file: &Artifact) -> Result<Option<Headline>, ApiError> {
+        match self.read_report::<Report>(file).await {
+            Ok(report) => Ok(report.as_ref().map(Headline::of)),
+            Err(error @ ApiError::Damaged { .. }) => {
+                error.log();
+                Ok(None)
+            }
+            Err(error) => Err(error),
+        }
     }
 
     /// # Errors
@@ -89,6 +141,10 @@ impl App {
             });
         }
         let mut artifacts = self.artifacts(&runs).await?;
+        let with_run = |job: &store::Job| Some((job.id.0, job.run?.0));
+        let mut headlines = self
+            .evaluation_headlines(&jobs.iter().filter_map(with_run).collect::<Vec<_>>())
+            .await?;
         let evaluation = |job: store::Job| {
             let run = job.run?;
             Some(Evaluation {
@@ -102,6 +158,7 @@ impl App {
                 digest: job.digest,
                 state: job.state,
                 error: job.error,
+                headline: headlines.remove(&job.id.0),
                 spec: job.spec,
                 report: None,
                 created_at: job.created_at.to_string(),

@@ -20,6 +20,6 @@ impl App {
         let mut request = ListRequest::read(&EXPERIMENTS, parameters)?;
         request.listing.experiments_alone = true;
         request.listing.limit = limit;
-        self.jobs(&request).await
+        self.list::<Job>(&request).await
     }
 }

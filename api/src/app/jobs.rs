@@ -4,28 +4,38 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 use serde_json::Value;
 use spec::{JobKind, Product};
-use store::{JobId, Listed, Timestamp};
-use wire::{Job, JobProgress, JobState, Jobs, Member, Progress};
+use store::{JobId, Listed, Listing, Store, StoreError, Timestamp};
+use wire::{Job, JobProgress, JobState, Member, Progress};
 
 use crate::app::App;
-use crate::app::listing::ListRequest;
+use crate::app::resources::Resource;
 use crate::app::waits::sentence;
 use crate::error::ApiError;
+
+impl Resource for Job {
+    type Row = store::Job;
+
+    async fn rows(store: &Store, listing: &Listing) -> Result<Listed<Self::Row>, StoreError> {
+        store.list_jobs(listing).await
+    }
+
+    fn spec(row: &Self::Row) -> Option<&Value> {
+        Some(&row.spec)
+    }
+
+    async fn complete(app: &App, rows: Vec<Self::Row>) -> Result<Vec<Self>, ApiError> {
+        app.complete(rows).await
+    }
+
+    async fn find(app: &App, id: i64) -> Result<Self, ApiError> {
+        app.job(id).await
+    }
+}
 
 impl App {
     pub async fn job(&self, id: i64) -> Result<Job, ApiError> {
         let row = self.store.job(JobId(id)).await?;
         self.complete(vec![row]).await?.pop().ok_or(ApiError::Internal)
-    }
-
-    pub async fn jobs(&self, request: &ListRequest) -> Result<Jobs, ApiError> {
-        let mut listed = self.store.list_jobs(&request.listing).await?;
-        let specs = listed.items.iter().map(|row| &row.spec);
-        if let Some(shorter) = request.shorter(specs) {
-            listed = self.store.list_jobs(&shorter).await?;
-        }
-        let Listed { items, end } = listed;
-        Ok(Jobs { jobs: self.complete(items).await?, next: request.next(end) })
     }
 
     /// Those of the jobs with these ids that exist, by id.

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use store::{Labels, Thing};
-use wire::{LabelChange, TextChange};
+use wire::{ItemKind, LabelChange, TextChange};
 
 use crate::app::App;
 use crate::app::questions::RequestViolations;
@@ -19,8 +19,19 @@ pub const TAG_PATTERN: &str = "^[A-Za-z0-9][A-Za-z0-9._:/@+=-]{0,63}$";
 impl App {
     /// # Errors
     /// When the labels are not allowed, there would be too many tags, or the thing does not exist.
-    pub async fn label(&self, thing: Thing, id: i64, change: &LabelChange) -> Result<(), ApiError> {
+    pub async fn label(
+        &self,
+        kind: ItemKind,
+        id: i64,
+        change: &LabelChange,
+    ) -> Result<(), ApiError> {
         check(change)?;
+        let thing = match kind {
+            ItemKind::Job => Thing::Job,
+            ItemKind::Run => Thing::Run,
+            ItemKind::Dataset => Thing::Dataset,
+            ItemKind::Checkpoint => Thing::Checkpoint,
+        };
         Ok(self.store.change_labels(thing, id, change).await?)
     }
 }

@@ -27,6 +27,7 @@ mod predictions;
 mod questions;
 mod queue;
 mod quota;
+pub mod resources;
 mod runs;
 mod shards;
 pub mod streams;

@@ -2,31 +2,42 @@
 
 use std::collections::{BTreeMap, HashMap};
 
+use serde_json::Value;
 use spec::ValidationMetric;
-use store::{CurvePoint, Listed, RunId};
-use wire::{Artifact, LatestMetric, Metric, MetricPoint, Run, Runs};
+use store::{CurvePoint, Listed, Listing, RunId, Store, StoreError};
+use wire::{Artifact, LatestMetric, Metric, MetricPoint, Run};
 
 use crate::app::App;
 use crate::app::files::Download;
-use crate::app::listing::ListRequest;
+use crate::app::resources::Resource;
 use crate::charts::TrainingCurves;
 use crate::error::ApiError;
 use crate::limits::POINTS_DEFAULT;
+
+impl Resource for Run {
+    type Row = store::Run;
+
+    async fn rows(store: &Store, listing: &Listing) -> Result<Listed<Self::Row>, StoreError> {
+        store.list_runs(listing).await
+    }
+
+    fn spec(row: &Self::Row) -> Option<&Value> {
+        Some(&row.spec)
+    }
+
+    async fn complete(app: &App, rows: Vec<Self::Row>) -> Result<Vec<Self>, ApiError> {
+        app.complete_runs(rows).await
+    }
+
+    async fn find(app: &App, id: i64) -> Result<Self, ApiError> {
+        app.run(id).await
+    }
+}
 
 impl App {
     pub async fn run(&self, id: i64) -> Result<Run, ApiError> {
         let row = self.store.run(RunId(id)).await?;
         self.complete_runs(vec![row]).await?.pop().ok_or(ApiError::Internal)
-    }
-
-    pub async fn runs(&self, request: &ListRequest) -> Result<Runs, ApiError> {
-        let mut listed = self.store.list_runs(&request.listing).await?;
-        let specs = listed.items.iter().map(|row| &row.spec);
-        if let Some(shorter) = request.shorter(specs) {
-            listed = self.store.list_runs(&shorter).await?;
-        }
-        let Listed { items, end } = listed;
-        Ok(Runs { runs: self.complete_runs(items).await?, next: request.next(end) })
     }
 
     pub async fn metric(&self, run: i64, key: &str, points: u32) -> Result<Metric, ApiError> {

@@ -63,7 +63,7 @@ pub async fn show(
         ),
         run: checkpoint.run,
         step: text::count(checkpoint.step),
-        marks: marks(&checkpoint),
+        marks: checkpoint.marks().join(", "),
         metrics: facts(&checkpoint),
         snippet: snippet(&commands, &checkpoint.files),
         drawn,
@@ -76,15 +76,6 @@ pub async fn show(
         spec: spec_text(&job.spec),
     };
     Ok(html(&page)?)
-}
-
-/// Its marks: `final`, `best`, `last`.
-pub fn marks(checkpoint: &Checkpoint) -> String {
-    let Checkpoint { is_final, is_best, is_last, .. } = checkpoint;
-    let marks = [(*is_final, "final"), (*is_best, "best"), (*is_last && !is_final, "last")];
-    let marks: Vec<&str> =
-        marks.into_iter().filter(|(holds, _)| *holds).map(|(_, mark)| mark).collect();
-    marks.join(", ")
 }
 
 fn facts(checkpoint: &Checkpoint) -> Vec<Fact> {

@@ -5,12 +5,12 @@ use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::Response;
 use spec::JobKind;
-use wire::JobState;
+use wire::{Job, JobState, Listed as _};
 
 use crate::app::App;
 use crate::extract::QueryPairs;
 use crate::page::answer::{PageError, html};
-use crate::page::filter_query::FilterQuery;
+use crate::page::filter_query::{FilterQuery, Order};
 use crate::page::labels::TagLink;
 use crate::page::parts::{Commands, JobHeader};
 use crate::page::rows::Row;
@@ -29,6 +29,8 @@ struct ExperimentsPage {
     state: String,
     kinds: Vec<Choice>,
     filtered: bool,
+    sort: String,
+    orders: Vec<Order>,
     settled: bool,
     /// Sentences about why experiments wait.
     obstacles: Vec<String>,
@@ -60,7 +62,7 @@ pub async fn show(
     pairs: QueryPairs,
     headers: HeaderMap,
 ) -> Result<Response, PageError> {
-    let asked = FilterQuery::new("/", pairs);
+    let asked = FilterQuery::new("/".to_owned(), pairs);
     let jobs = app.experiments(asked.pairs(), PAGE).await?;
     let rows = Row::of_each(&app, &jobs.jobs).await?;
     let experiments = jobs.jobs.iter().zip(rows).map(|(job, rows)| Experiment {
@@ -81,7 +83,9 @@ pub async fn show(
         text: asked.value("text"),
         tags: asked.value("tag"),
         kinds: JobKind::ALL.iter().map(choice).collect(),
-        filtered: !asked.is_empty(),
+        filtered: asked.is_filtered(),
+        orders: asked.orders(&Job::LIST),
+        sort: asked.order(),
         settled,
         experiments: experiments.collect(),
         older: jobs.next.map(|cursor| asked.with("cursor", Some(&cursor))),

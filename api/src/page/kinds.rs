@@ -5,8 +5,7 @@ use std::collections::BTreeMap;
 
 use serde::Deserialize;
 use spec::{JobKind, ValidationMetric};
-use store::Artifact;
-use wire::{ControlReport, EvaluationResult, Headline, Job, JobState, findings_of};
+use wire::{ControlReport, Job, JobState, findings_of};
 
 use crate::app::App;
 use crate::error::ApiError;
@@ -89,7 +88,7 @@ pub async fn headlines(app: &App, jobs: &[&Job]) -> Result<BTreeMap<i64, String>
 
     let datasets = app.datasets_by_id(&datasets).await?;
     let recorded = app.latest_values(&recorded, ValidationMetric::RmseDeg.key()).await?;
-    let evaluations = evaluation_headlines(app, &evaluations).await?;
+    let evaluations = app.evaluation_headlines(&evaluations).await?;
     let agreements = app.agreements(&verifications).await?;
     let results = app.sole_results(&others).await?;
     let mut headlines = BTreeMap::new();
@@ -103,7 +102,7 @@ pub async fn headlines(app: &App, jobs: &[&Job]) -> Result<BTreeMap<i64, String>
                 let rmse_deg = latest.value.unwrap_or(f64::NAN);
                 format!("validation RMSE {}°", text::degrees(rmse_deg))
             }),
-            Source::Evaluation(_) => evaluations.get(&job.id).cloned(),
+            Source::Evaluation(_) => evaluations.get(&job.id).map(reports::headline),
             Source::ClosedLoop => results.get(&job.id).and_then(|result| {
                 ControlReport::deserialize(result).ok().as_ref().map(reports::closed_loop::headline)
             }),
@@ -113,43 +112,4 @@ pub async fn headlines(app: &App, jobs: &[&Job]) -> Result<BTreeMap<i64, String>
         headlines.extend(headline.map(|headline| (job.id, headline)));
     }
     Ok(headlines)
-}
-
-/// The mean errors of `evaluations`, which are pairs of job and run, in a line each, by job. The
-/// number of statements does not depend on the number of evaluations.
-///
-/// The result of an evaluation's last task is the headline. Evaluations of earlier versions have
-/// only the report, which is read for them.
-pub async fn evaluation_headlines(
-    app: &App,
-    evaluations: &[(i64, i64)],
-) -> Result<BTreeMap<i64, String>, ApiError> {
-    let jobs: Vec<i64> = evaluations.iter().map(|(job, _)| *job).collect();
-    let results = app.sole_results(&jobs).await?;
-    let left = |(job, result)| Some((job, EvaluationResult::deserialize(result).ok()?.headline));
-    let mut headlines: BTreeMap<i64, Headline> =
-        results.iter().map(|(job, result)| (*job, result)).filter_map(left).collect();
-    let older = |(job, run): &(i64, i64)| (!headlines.contains_key(job)).then_some((*run, *job));
-    let older: BTreeMap<i64, i64> = evaluations.iter().filter_map(older).collect();
-    if !older.is_empty() {
-        let runs: Vec<i64> = older.keys().copied().collect();
-        for (run, file) in app.report_files(&runs).await? {
-            let headline = headline_of_report(app, &file).await?;
-            headlines.extend(headline.and_then(|headline| Some((*older.get(&run)?, headline))));
-        }
-    }
-    Ok(headlines.iter().map(|(job, headline)| (*job, reports::headline(headline))).collect())
-}
-
-/// The headline of a report. A damaged report only affects its own page, and not every list with
-/// its job.
-async fn headline_of_report(app: &App, file: &Artifact) -> Result<Option<Headline>, ApiError> {
-    match app.read_report(file).await {
-        Ok(report) => Ok(report.as_ref().map(Headline::of)),
-        Err(error @ ApiError::Damaged { .. }) => {
-            error.log();
-            Ok(None)
-        }
-        Err(error) => Err(error),
-    }
 }

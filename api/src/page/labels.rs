@@ -1,10 +1,10 @@
 //! Name, note and tags of a thing: shows them, and changes them by a form.
 
 use axum::extract::State;
-use axum::response::{IntoResponse, Redirect, Response};
+use axum::response::Redirect;
+use axum::routing::{MethodRouter, post};
 use serde::Deserialize;
-use store::Thing;
-use wire::{Job, LabelChange, TextChange};
+use wire::{ItemKind, Job, LabelChange, TextChange};
 
 use crate::app::App;
 use crate::error::ApiError;
@@ -94,44 +94,14 @@ impl Fields {
     }
 }
 
-type FormResult = Result<Response, PageError>;
-type LabelForm = Result<Form<Fields>, ApiError>;
-
-pub async fn job(
-    State(app): State<App>,
-    InPage(Path(id)): InPage<Path<i64>>,
-    form: LabelForm,
-) -> FormResult {
-    change(&app, Thing::Job, id, form).await
-}
-
-pub async fn run(
-    State(app): State<App>,
-    InPage(Path(id)): InPage<Path<i64>>,
-    form: LabelForm,
-) -> FormResult {
-    change(&app, Thing::Run, id, form).await
-}
-
-pub async fn dataset(
-    State(app): State<App>,
-    InPage(Path(id)): InPage<Path<i64>>,
-    form: LabelForm,
-) -> FormResult {
-    change(&app, Thing::Dataset, id, form).await
-}
-
-pub async fn checkpoint(
-    State(app): State<App>,
-    InPage(Path(id)): InPage<Path<i64>>,
-    form: LabelForm,
-) -> FormResult {
-    change(&app, Thing::Checkpoint, id, form).await
-}
-
-/// Changes the labels, and shows the thing.
-async fn change(app: &App, thing: Thing, id: i64, form: LabelForm) -> FormResult {
-    let Form(fields) = form?;
-    app.label(thing, id, &fields.change()).await?;
-    Ok(Redirect::to(&format!("/{}s/{id}", thing.as_str())).into_response())
+/// The form that changes the labels of a thing of this kind, and shows the thing.
+pub fn form(kind: ItemKind) -> MethodRouter<App> {
+    let change = async move |State(app): State<App>,
+                             InPage(Path(id)): InPage<Path<i64>>,
+                             form: Result<Form<Fields>, ApiError>| {
+        let Form(fields) = form?;
+        app.label(kind, id, &fields.change()).await?;
+        Ok::<Redirect, PageError>(Redirect::to(&format!("/{kind}s/{id}")))
+    };
+    post(change)
 }

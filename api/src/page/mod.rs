@@ -31,7 +31,7 @@ use axum::extract::Request;
 use axum::http::HeaderMap;
 use axum::response::{IntoResponse, Response};
 use axum::routing::{MethodRouter, get, post};
-use wire::ItemKind;
+use wire::{Checkpoint, Dataset, Evaluation, ItemKind, Run};
 
 use crate::access::{LOGIN, LOGOUT, accepts_html};
 use crate::app::App;
@@ -46,18 +46,18 @@ pub fn routes() -> Router<App> {
 pub fn paths() -> [(&'static str, MethodRouter<App>); 32] {
     [
         ("/", get(experiments::show)),
-        ("/jobs/{id}", get(job::show).post(labels::job)),
+        ("/jobs/{id}", get(job::show).merge(labels::form(ItemKind::Job))),
         ("/jobs/{id}/cancel", post(job::cancel)),
         ("/jobs/{id}/retry", post(job::retry)),
-        ("/runs", get(lists::runs)),
-        ("/runs/{id}", get(run::show).post(labels::run)),
-        ("/evaluations", get(lists::evaluations)),
+        ("/runs", get(lists::show::<Run>)),
+        ("/runs/{id}", get(run::show).merge(labels::form(ItemKind::Run))),
+        ("/evaluations", get(lists::show::<Evaluation>)),
         ("/evaluations/{id}", get(evaluation::show)),
-        ("/datasets", get(lists::datasets)),
-        ("/datasets/{id}", get(dataset::show).post(labels::dataset)),
+        ("/datasets", get(lists::show::<Dataset>)),
+        ("/datasets/{id}", get(dataset::show).merge(labels::form(ItemKind::Dataset))),
         ("/datasets/{id}/verify", post(dataset::verify)),
-        ("/checkpoints", get(lists::checkpoints)),
-        ("/checkpoints/{id}", get(checkpoint::show).post(labels::checkpoint)),
+        ("/checkpoints", get(lists::show::<Checkpoint>)),
+        ("/checkpoints/{id}", get(checkpoint::show).merge(labels::form(ItemKind::Checkpoint))),
         ("/workers", get(workers::show)),
         ("/workers/{name}/drain", post(workers::drain)),
         ("/workers/{name}/undrain", post(workers::undrain)),

@@ -11,7 +11,6 @@ use wire::{Checkpoint, LatestMetric};
 use crate::app::App;
 use crate::extract::Path;
 use crate::page::answer::{InPage, PageError, html};
-use crate::page::checkpoint::marks;
 use crate::page::kinds::own_page;
 use crate::page::labels::Labelled;
 use crate::page::parts::{Fact, JobHeader};
@@ -91,7 +90,7 @@ impl From<&Checkpoint> for CheckpointRow {
         Self {
             id: checkpoint.id,
             step: text::count(checkpoint.step),
-            marks: marks(checkpoint),
+            marks: checkpoint.marks().join(", "),
             rmse_deg: checkpoint
                 .metrics
                 .get(ValidationMetric::RmseDeg.key())

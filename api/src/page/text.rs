@@ -48,6 +48,12 @@ pub fn rate(per_second: f64) -> String {
     format!("{:.1}/min", per_second * 60.0)
 }
 
+/// A heading, with its first letter in upper case.
+pub fn title(heading: &str) -> String {
+    let mut letters = heading.chars();
+    letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect())
+}
+
 /// An RFC 3339 time to the second.
 pub fn instant(time: &str) -> String {
     let seconds = time.split('.').next().unwrap_or("").trim_end_matches('Z');

@@ -6,7 +6,7 @@ use axum::response::{Redirect, Response};
 use axum::routing::{MethodRouter, get, post};
 use serde::Deserialize;
 use store::Respect;
-use wire::{Dependents, ItemKind, Relation, Trash, TrashedItem};
+use wire::{Dependents, ItemKind, Trash, TrashedItem};
 
 use crate::app::App;
 use crate::extract::{Path, Query};
@@ -108,12 +108,7 @@ fn page(found: &Dependents, days: u64) -> DeletePage {
         id: job.id,
         name: job.name.clone(),
         state: job.state,
-        relation: match job.relation {
-            Relation::Reads => "reads it",
-            Relation::Needs => "needs it",
-            Relation::Continues => "continues from it",
-            Relation::Holds => "has it as a member",
-        },
+        relation: job.relation.phrase(),
     };
     DeletePage {
         kind: found.kind,

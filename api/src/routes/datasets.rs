@@ -1,103 +1,84 @@
-//! Datasets and their files.
+//! Datasets: uploads of recordings, and verifications.
 
 use axum::Json;
 use axum::extract::State;
+use axum::http::StatusCode;
 use axum::http::header::LOCATION;
-use axum::http::{HeaderMap, Method, StatusCode};
 use axum::response::{IntoResponse, Response};
-use store::Thing;
-use wire::{Dataset, Datasets, Job, LabelChange, Listed};
+use serde::Deserialize;
+use spec::ImportSpec;
+use utoipa::{IntoParams, ToSchema};
+use wire::Job;
 
 use crate::app::App;
-use crate::app::listing::ListRequest;
+use crate::app::submission::Reuse;
 use crate::error::ApiError;
-use crate::extract::{PatchBytes, Path, Query, QueryPairs};
-use crate::routes::files::{DatasetFile, FileParameters, TarFile, send, send_or_redirect};
-use crate::routes::lists::Parameters;
+use crate::extract::{IdempotencyKey, Path, Query};
+use crate::upload::IncomingFile;
 
-/// List datasets, newest first unless `sort` says otherwise.
+#[derive(Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
+#[expect(dead_code, reason = "`IncomingFile` reads spec and name; here they are documented")]
+pub struct UploadParameters {
+    /// If the body is the file itself: the import spec as JSON. It may leave out `kind`, `file` and
+    /// `format`.
+    spec: Option<String>,
+    /// If the body is the file itself: the file's name.
+    name: Option<String>,
+    /// Import again, even if the same file was imported in the same way before.
+    #[serde(default)]
+    force: bool,
+}
+
+/// A form with a file: first the spec, then the file.
+#[derive(ToSchema)]
+#[expect(dead_code, reason = "a shape for the document; `IncomingFile` reads it")]
+pub struct UploadForm {
+    /// The import spec. It may leave out `kind`, `file` and, if the part `file` has a media type,
+    /// `format`.
+    spec: ImportSpec,
+    #[schema(value_type = String, format = Binary)]
+    file: Vec<u8>,
+}
+
+/// Upload recordings as CSV or Parquet, and import them as a dataset.
+///
+/// The file is stored under its digest, so `POST /v1/jobs` can import it again in another way. If
+/// an import with the same digest exists, done or not, the answer is 200 with that job.
 #[utoipa::path(
-    get,
+    post,
     path = "/v1/datasets",
     tag = "datasets",
-    params(Parameters<Dataset>),
-    responses((status = 200, body = Datasets)),
-)]
-pub async fn list(State(app): State<App>, pairs: QueryPairs) -> Result<Json<Datasets>, ApiError> {
-    Ok(Json(app.datasets(&ListRequest::read(&Dataset::LIST, &pairs.0)?).await?))
-}
-
-/// Get a dataset with the files that exist so far.
-#[utoipa::path(
-    get,
-    path = "/v1/datasets/{id}",
-    tag = "datasets",
-    params(("id" = i64, Path)),
-    responses((status = 200, body = Dataset)),
-)]
-pub async fn show(State(app): State<App>, Path(id): Path<i64>) -> Result<Json<Dataset>, ApiError> {
-    Ok(Json(app.dataset(id).await?))
-}
-
-/// Change a dataset's name, note or tags.
-#[utoipa::path(
-    patch,
-    path = "/v1/datasets/{id}",
-    tag = "datasets",
     security((), ("token" = ["submit"])),
-    params(("id" = i64, Path)),
+    params(
+        UploadParameters,
+        (
+            "Idempotency-Key" = Option<String>,
+            Header,
+            description = "A repeated request with the same key, spec and file gets the same job",
+        ),
+    ),
     request_body(content(
-        (LabelChange = "application/merge-patch+json"),
-        (LabelChange = "application/json"),
+        (UploadForm = "multipart/form-data"),
+        (Vec<u8> = "text/csv"),
+        (Vec<u8> = "application/vnd.apache.parquet"),
     )),
-    responses((status = 200, body = Dataset)),
+    responses(
+        (status = 202, body = Job, headers(("Location" = String))),
+        (status = 200, body = Job, description = "The import exists already"),
+    ),
 )]
-pub async fn label(
+pub async fn create(
     State(app): State<App>,
-    Path(id): Path<i64>,
-    PatchBytes(body): PatchBytes,
-) -> Result<Json<Dataset>, ApiError> {
-    app.label(Thing::Dataset, id, &app.read_body(body).await?).await?;
-    Ok(Json(app.dataset(id).await?))
-}
-
-/// Download a file of a dataset: a Parquet file with the samples or the robots of a shard, or
-/// `dataset.json`, which describes them.
-#[utoipa::path(
-    get,
-    path = "/v1/datasets/{id}/files/{name}",
-    tag = "datasets",
-    params(("id" = i64, Path), ("name" = String, Path), FileParameters),
-    responses(DatasetFile),
-)]
-pub async fn file(
-    State(app): State<App>,
-    Path((id, name)): Path<(i64, String)>,
-    Query(parameters): Query<FileParameters>,
-    method: Method,
-    headers: HeaderMap,
+    Query(parameters): Query<UploadParameters>,
+    IdempotencyKey(key): IdempotencyKey,
+    file: IncomingFile,
 ) -> Result<Response, ApiError> {
-    let file = app.dataset_file(id, &name).await?;
-    send_or_redirect(&app, &method, &headers, file, &parameters).await
-}
-
-/// Download all files of a dataset as one tar.
-///
-/// The tar is streamed. Its size is known at once, and ranges of it can be requested.
-#[utoipa::path(
-    get,
-    path = "/v1/datasets/{id}/tar",
-    tag = "datasets",
-    params(("id" = i64, Path)),
-    responses(TarFile),
-)]
-pub async fn tar(
-    State(app): State<App>,
-    Path(id): Path<i64>,
-    method: Method,
-    headers: HeaderMap,
-) -> Result<Response, ApiError> {
-    send(&app, &method, &headers, app.dataset_tar(id).await?).await
+    let reuse = if parameters.force { Reuse::Never } else { Reuse::SameDigest };
+    let submitted = app.import(file, reuse, key).await?;
+    let status = if submitted.created { StatusCode::ACCEPTED } else { StatusCode::OK };
+    let location = format!("/v1/jobs/{}", submitted.job.id);
+    Ok((status, [(LOCATION, location)], Json(submitted.job)).into_response())
 }
 
 /// Verify a dataset: make every shard again and compare it.

@@ -7,17 +7,15 @@ use axum::http::header::LOCATION;
 use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
 use spec::JobSpec;
-use store::Thing;
 use utoipa::IntoParams;
-use wire::{Attempts, Job, Jobs, LabelChange, Listed, Tasks};
+use wire::{Attempts, Job, Tasks};
 
-use crate::app::listing::ListRequest;
 use crate::app::paging::TaskPaging;
 use crate::app::submission::{Reuse, Submitted};
 use crate::app::{App, labels};
 use crate::error::ApiError;
-use crate::extract::{IdempotencyKey, JsonBytes, PatchBytes, Path, Query, QueryPairs};
-use crate::routes::lists::{ListParameters, Parameters, TagParameters};
+use crate::extract::{IdempotencyKey, JsonBytes, Path, Query, QueryPairs};
+use crate::routes::lists::{ListParameters, TagParameters};
 
 #[derive(Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
@@ -93,52 +91,6 @@ fn answer(submitted: Submitted) -> Response {
 )]
 pub async fn retry(State(app): State<App>, Path(id): Path<i64>) -> Result<Response, ApiError> {
     Ok(answer(app.retry(id).await?))
-}
-
-/// List jobs and pipelines, newest first unless `sort` says otherwise.
-#[utoipa::path(
-    get,
-    path = "/v1/jobs",
-    tag = "jobs",
-    params(Parameters<Job>),
-    responses((status = 200, body = Jobs)),
-)]
-pub async fn list(State(app): State<App>, pairs: QueryPairs) -> Result<Json<Jobs>, ApiError> {
-    Ok(Json(app.jobs(&ListRequest::read(&Job::LIST, &pairs.0)?).await?))
-}
-
-/// Get a job with its progress and its results.
-#[utoipa::path(
-    get,
-    path = "/v1/jobs/{id}",
-    tag = "jobs",
-    params(("id" = i64, Path)),
-    responses((status = 200, body = Job)),
-)]
-pub async fn show(State(app): State<App>, Path(id): Path<i64>) -> Result<Json<Job>, ApiError> {
-    Ok(Json(app.job(id).await?))
-}
-
-/// Change a job's name, note or tags.
-#[utoipa::path(
-    patch,
-    path = "/v1/jobs/{id}",
-    tag = "jobs",
-    security((), ("token" = ["submit"])),
-    params(("id" = i64, Path)),
-    request_body(content(
-        (LabelChange = "application/merge-patch+json"),
-        (LabelChange = "application/json"),
-    )),
-    responses((status = 200, body = Job)),
-)]
-pub async fn label(
-    State(app): State<App>,
-    Path(id): Path<i64>,
-    PatchBytes(body): PatchBytes,
-) -> Result<Json<Job>, ApiError> {
-    app.label(Thing::Job, id, &app.read_body(body).await?).await?;
-    Ok(Json(app.job(id).await?))
 }
 
 /// Cancel a job, or a pipeline with all its jobs that no other pipeline needs.

@@ -1,9 +1,7 @@
 //! All paths of the API. The router and the OpenAPI document are built from one list.
 
 mod audit;
-mod checkpoints;
 mod datasets;
-mod evaluations;
 mod events;
 mod files;
 mod health;
@@ -18,11 +16,11 @@ mod predictions;
 mod presets;
 mod problems;
 mod queue;
+mod resources;
 mod runs;
 mod tokens;
 mod trajectories;
 mod trash;
-mod uploads;
 mod workers;
 
 use axum::extract::{DefaultBodyLimit, Request};
@@ -49,27 +47,19 @@ use crate::routes::openapi::Document;
 use crate::{access, guard, page, parameters, relative, remote, request_id};
 
 pub fn operations() -> OpenApiRouter<App> {
-    OpenApiRouter::with_openapi(Document::openapi())
+    resources::add(OpenApiRouter::with_openapi(Document::openapi()))
         .routes(routes!(health::show))
         .routes(routes!(health::ready))
         .routes(routes!(monitoring::metrics))
         .routes(routes!(presets::list))
-        .routes(routes!(jobs::list, jobs::submit))
-        .routes(routes!(jobs::show, jobs::label, trash::job::remove))
-        .routes(routes!(trash::job::restore))
-        .routes(routes!(trash::job::dependents))
+        .routes(routes!(jobs::submit))
         .routes(routes!(jobs::cancel))
         .routes(routes!(jobs::retry))
         .routes(routes!(jobs::tasks))
         .routes(routes!(jobs::attempts))
         .routes(routes!(logs::list))
         .routes(routes!(logs::file))
-        .routes(routes!(datasets::list, uploads::create))
-        .routes(routes!(datasets::show, datasets::label, trash::dataset::remove))
-        .routes(routes!(trash::dataset::restore))
-        .routes(routes!(trash::dataset::dependents))
-        .routes(routes!(datasets::file))
-        .routes(routes!(datasets::tar))
+        .routes(routes!(datasets::create))
         .routes(routes!(datasets::verify))
         .routes(routes!(trajectories::show))
         .routes(routes!(trajectories::figure))
@@ -77,24 +67,12 @@ pub fn operations() -> OpenApiRouter<App> {
         .routes(routes!(trajectories::summary))
         .routes(routes!(trajectories::spectrum))
         .routes(routes!(trajectories::spectrum_data))
-        .routes(routes!(runs::list))
-        .routes(routes!(runs::show, runs::label, trash::run::remove))
-        .routes(routes!(trash::run::restore))
-        .routes(routes!(trash::run::dependents))
         .routes(routes!(runs::metric))
         .routes(routes!(runs::metric_of_group))
         .routes(routes!(runs::artifact))
         .routes(routes!(runs::figure))
-        .routes(routes!(checkpoints::list))
-        .routes(routes!(checkpoints::show, checkpoints::label, trash::checkpoint::remove))
-        .routes(routes!(trash::checkpoint::restore))
-        .routes(routes!(trash::checkpoint::dependents))
-        .routes(routes!(checkpoints::file))
-        .routes(routes!(checkpoints::tar))
         .routes(routes!(predictions::predict))
         .routes(routes!(predictions::open_stream))
-        .routes(routes!(evaluations::list))
-        .routes(routes!(evaluations::show))
         .routes(routes!(workers::list))
         .routes(routes!(workers::drain))
         .routes(routes!(workers::undrain))

@@ -3,26 +3,14 @@
 use serde_json::{Value, json};
 
 /// Errors that depend only on the operation.
-const OF_OPERATIONS: [(&str, &str, &[u16]); 20] = [
+const OF_OPERATIONS: [(&str, &str, &[u16]); 8] = [
     ("post", "/v1/jobs", &[409, 410, 422, 507]),
-    ("patch", "/v1/jobs/{id}", &[409, 422]),
-    ("patch", "/v1/runs/{id}", &[409, 422]),
-    ("patch", "/v1/datasets/{id}", &[409, 422]),
-    ("patch", "/v1/checkpoints/{id}", &[409, 422]),
     ("post", "/v1/jobs/{id}/retry", &[409, 422, 507]),
     ("post", "/v1/jobs/{id}/cancel", &[409]),
     ("post", "/v1/datasets", &[409, 410, 422, 507]),
     ("post", "/v1/datasets/{id}/verify", &[409, 422, 507]),
     ("post", "/v1/checkpoints/{id}/predict", &[422, 501, 507]),
     ("post", "/v1/tokens", &[409, 422]),
-    ("delete", "/v1/jobs/{id}", &[409]),
-    ("delete", "/v1/runs/{id}", &[409]),
-    ("delete", "/v1/datasets/{id}", &[409]),
-    ("delete", "/v1/checkpoints/{id}", &[409]),
-    ("post", "/v1/jobs/{id}/restore", &[409]),
-    ("post", "/v1/runs/{id}/restore", &[409]),
-    ("post", "/v1/datasets/{id}/restore", &[409]),
-    ("post", "/v1/checkpoints/{id}/restore", &[409]),
     ("get", "/v1/checkpoints/{id}/stream", &[403, 422, 426, 501, 507]),
 ];
 
@@ -63,6 +51,12 @@ pub fn add(operation: &mut Value, method: &str, path: &str) {
     }
     if DELETABLE.iter().any(|deletable| path.starts_with(deletable)) {
         statuses.push(410);
+        match method {
+            "patch" => statuses.extend([409, 422]),
+            "delete" => statuses.push(409),
+            _ if path.ends_with("/restore") => statuses.push(409),
+            _ => {}
+        }
     }
     if operation.get("requestBody").is_some() {
         statuses.extend(OF_BODIES);

@@ -6,17 +6,14 @@ use axum::http::header::{CONTENT_DISPOSITION, CONTENT_TYPE};
 use axum::http::{HeaderMap, Method};
 use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
-use store::Thing;
 use utoipa::IntoParams;
-use wire::{LabelChange, Listed, Metric, Run, Runs};
+use wire::Metric;
 
 use crate::app::App;
-use crate::app::listing::ListRequest;
 use crate::error::ApiError;
-use crate::extract::{PatchBytes, Path, Query, QueryPairs};
+use crate::extract::{Path, Query};
 use crate::limits::{POINTS_DEFAULT, POINTS_MAXIMUM};
 use crate::routes::files::{ArtifactFile, FileParameters, send_or_redirect};
-use crate::routes::lists::Parameters;
 
 #[derive(Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
@@ -34,52 +31,6 @@ impl MetricParameters {
         }
         Err(ApiError::parameter("points", points, format!("2 to {POINTS_MAXIMUM}")))
     }
-}
-
-/// List runs, newest first unless `sort` says otherwise.
-#[utoipa::path(
-    get,
-    path = "/v1/runs",
-    tag = "runs",
-    params(Parameters<Run>),
-    responses((status = 200, body = Runs)),
-)]
-pub async fn list(State(app): State<App>, pairs: QueryPairs) -> Result<Json<Runs>, ApiError> {
-    Ok(Json(app.runs(&ListRequest::read(&Run::LIST, &pairs.0)?).await?))
-}
-
-/// Get a run with the latest value of every metric and its artifacts.
-#[utoipa::path(
-    get,
-    path = "/v1/runs/{id}",
-    tag = "runs",
-    params(("id" = i64, Path)),
-    responses((status = 200, body = Run)),
-)]
-pub async fn show(State(app): State<App>, Path(id): Path<i64>) -> Result<Json<Run>, ApiError> {
-    Ok(Json(app.run(id).await?))
-}
-
-/// Change a run's name, note or tags.
-#[utoipa::path(
-    patch,
-    path = "/v1/runs/{id}",
-    tag = "runs",
-    security((), ("token" = ["submit"])),
-    params(("id" = i64, Path)),
-    request_body(content(
-        (LabelChange = "application/merge-patch+json"),
-        (LabelChange = "application/json"),
-    )),
-    responses((status = 200, body = Run)),
-)]
-pub async fn label(
-    State(app): State<App>,
-    Path(id): Path<i64>,
-    PatchBytes(body): PatchBytes,
-) -> Result<Json<Run>, ApiError> {
-    app.label(Thing::Run, id, &app.read_body(body).await?).await?;
-    Ok(Json(app.run(id).await?))
 }
 
 /// Get the values of one metric. A slash in its key is written `%2F`.

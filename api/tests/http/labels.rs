@@ -199,6 +199,32 @@ async fn lists_are_sorted_by_quality() {
 }
 
 #[tokio::test]
+async fn pages_of_lists_link_to_their_orders() {
+    let server = Server::with_small_pipeline().await;
+    for (page, orders) in [
+        ("/", "created -finished name -priority"),
+        ("/runs", "created -finished name rmse"),
+        ("/datasets", "created name -trajectories"),
+        ("/checkpoints", "created -step rmse"),
+        ("/evaluations", "created -finished name -priority rmse"),
+    ] {
+        let first = server.get(page).await;
+        for order in orders.split(' ') {
+            assert!(first.text().contains(&format!("?sort={order}\"")), "{order}: {first:?}");
+        }
+        let sorted = server.get(&format!("{page}?sort=name&text=a")).await;
+        if orders.contains("name") {
+            let text = sorted.text();
+            assert!(text.contains("sort=-name") && text.contains("name \u{2191}"), "{sorted:?}");
+            assert!(text.contains("name=\"sort\" value=\"name\""), "the form keeps the order");
+        }
+    }
+    let runs = server.get("/runs?sort=rmse").await;
+    assert!(runs.text().contains("<th class=\"number\">Validation RMSE</th>"), "{runs:?}");
+    assert_eq!(server.get("/datasets?sort=rmse").await.status, 400);
+}
+
+#[tokio::test]
 async fn what_a_list_does_not_have_is_refused() {
     let server = Server::start().await;
     for query in [

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use crate::AttemptOutcome;
+use crate::{AttemptOutcome, ListCell, ListColumn, Tabled};
 
 /// One attempt of a worker at a task.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -28,6 +28,24 @@ pub struct Attempt {
     /// deleted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub log: Option<String>,
+}
+
+impl Tabled for Attempt {
+    const COLUMNS: &'static [ListColumn<Self>] = &[
+        ListColumn::number("id", |attempt| ListCell::text(attempt.id)),
+        ListColumn::words("task", |attempt| ListCell::text(&attempt.label)),
+        ListColumn::words("worker", |attempt| ListCell::text(&attempt.worker)),
+        ListColumn::number("started", |attempt| ListCell::moment(&attempt.started_at)),
+        ListColumn::number("took", |attempt| {
+            ListCell::span(Some(&attempt.started_at), attempt.ended_at.as_ref())
+        }),
+        ListColumn::words("ended", |attempt| {
+            ListCell::text(attempt.outcome.map_or("still running", AttemptOutcome::as_str))
+        }),
+        ListColumn::words("because", |attempt| {
+            ListCell::some(attempt.reason.as_ref(), ListCell::text)
+        }),
+    ];
 }
 
 /// A page of attempts, newest first.

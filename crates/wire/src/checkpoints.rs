@@ -3,10 +3,11 @@
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
-use spec::Digest;
+use spec::{Digest, ValidationMetric};
 use utoipa::ToSchema;
 
-use crate::{List, Listed, Sort};
+use crate::lists::all_tags;
+use crate::{Checkpoints, List, ListCell, ListColumn, Listed, Sort, Tabled};
 
 /// The weights of a model after some steps of training, with everything that is needed to resume.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -49,22 +50,58 @@ pub struct Checkpoint {
     pub created_at: String,
 }
 
+impl Checkpoint {
+    /// Its marks among the checkpoints of its training, e.g. `best` and `final`.
+    pub fn marks(&self) -> Vec<&'static str> {
+        let marks = [
+            (self.is_best, "best"),
+            (self.is_final, "final"),
+            (self.is_last && !self.is_final, "last"),
+        ];
+        marks.into_iter().filter_map(|(has, mark)| has.then_some(mark)).collect()
+    }
+}
+
+impl Tabled for Checkpoint {
+    const COLUMNS: &'static [ListColumn<Self>] = &[
+        ListColumn::words("model", |checkpoint| ListCell::text(&checkpoint.architecture)),
+        ListColumn::number("step", |checkpoint| ListCell::Count(checkpoint.step)),
+        ListColumn::words("mark", |checkpoint| ListCell::Text(checkpoint.marks().join(", "))),
+        ListColumn::number("validation RMSE", |checkpoint| {
+            let rmse_deg = checkpoint.metrics.get(ValidationMetric::RmseDeg.key());
+            ListCell::some(rmse_deg.copied(), ListCell::Degrees)
+        }),
+        ListColumn::number("size", |checkpoint| {
+            ListCell::Bytes(checkpoint.files.iter().map(|file| file.size).sum())
+        }),
+        ListColumn::number("job", |checkpoint| ListCell::text(checkpoint.job)),
+        ListColumn::number("created", |checkpoint| ListCell::moment(&checkpoint.created_at)),
+    ];
+}
+
 impl Listed for Checkpoint {
     const LIST: List = List {
         name: "checkpoints",
+        empty: "A training writes checkpoints.",
         kinds: &[],
         only: None,
         states: &[],
         sorts: &[Sort::Created, Sort::Step, Sort::Rmse],
     };
-}
 
-/// A page of checkpoints.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct Checkpoints {
-    pub checkpoints: Vec<Checkpoint>,
-    /// The `cursor` of the following page; `null` on the last one.
-    pub next: Option<String>,
+    type Page = Checkpoints;
+
+    fn id(&self) -> i64 {
+        self.id
+    }
+
+    fn name(&self) -> &str {
+        self.name.as_deref().unwrap_or_default()
+    }
+
+    fn tags(&self) -> Vec<&str> {
+        all_tags(&self.tags, &self.job_tags)
+    }
 }
 
 /// A file that can be downloaded.

@@ -5,7 +5,10 @@ use serde_json::Value;
 use spec::{Digest, JobKind, JobSpec};
 use utoipa::ToSchema;
 
-use crate::{DatasetState, List, Listed, Sort, Verification};
+use crate::lists::all_tags;
+use crate::{
+    DatasetState, Datasets, List, ListCell, ListColumn, Listed, Sort, Tabled, Verification,
+};
 
 /// Trajectories of robots, simulated or recorded, as Parquet files.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -74,20 +77,40 @@ pub enum FileKind {
     Robots,
 }
 
+impl Tabled for Dataset {
+    const COLUMNS: &'static [ListColumn<Self>] = &[
+        ListColumn::words("state", |dataset| {
+            ListCell::State(dataset.state.colour(), dataset.state.as_str())
+        }),
+        ListColumn::number("trajectories", |dataset| ListCell::Count(dataset.trajectories)),
+        ListColumn::number("samples", |dataset| ListCell::Count(dataset.samples.into())),
+        ListColumn::number("size", |dataset| ListCell::Bytes(dataset.bytes)),
+        ListColumn::number("job", |dataset| ListCell::text(dataset.job)),
+        ListColumn::number("created", |dataset| ListCell::moment(&dataset.created_at)),
+    ];
+}
+
 impl Listed for Dataset {
     const LIST: List = List {
         name: "datasets",
+        empty: "A simulation or an import makes a dataset.",
         kinds: JobKind::WORDS,
         only: None,
         states: &DatasetState::WORDS,
         sorts: &[Sort::Created, Sort::Name, Sort::Trajectories],
     };
-}
 
-/// A page of datasets.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct Datasets {
-    pub datasets: Vec<Dataset>,
-    /// The `cursor` of the following page; `null` on the last one.
-    pub next: Option<String>,
+    type Page = Datasets;
+
+    fn id(&self) -> i64 {
+        self.id
+    }
+
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn tags(&self) -> Vec<&str> {
+        all_tags(&self.tags, &self.job_tags)
+    }
 }

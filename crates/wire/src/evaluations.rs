@@ -5,7 +5,10 @@ use serde_json::Value;
 use spec::{Digest, JobKind, JobSpec};
 use utoipa::ToSchema;
 
-use crate::{Artifact, JobState, List, Listed, Report, Sort, TaskState};
+use crate::{
+    Artifact, Evaluations, Headline, JobState, List, ListCell, ListColumn, Listed, Report, Sort,
+    Tabled, TaskState,
+};
 
 /// A comparison of predictors. It has the id of its job.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -23,6 +26,9 @@ pub struct Evaluation {
     pub digest: Digest,
     pub state: JobState,
     pub error: Option<String>,
+    /// The mean errors of the best predictors, when all cells are evaluated.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub headline: Option<Headline>,
     #[schema(value_type = JobSpec)]
     pub spec: Value,
     /// The report, when all cells are evaluated. Left out in a list of evaluations.
@@ -46,20 +52,43 @@ pub struct CellTask {
     pub error: Option<String>,
 }
 
+impl Tabled for Evaluation {
+    const COLUMNS: &'static [ListColumn<Self>] = &[
+        ListColumn::words("state", |evaluation| ListCell::state(evaluation.state)),
+        ListColumn::number("cells", |evaluation| {
+            let is_done = |cell: &&CellTask| cell.state == TaskState::Succeeded;
+            let done = evaluation.cells.iter().filter(is_done).count();
+            ListCell::part(done as u64, evaluation.cells.len() as u64)
+        }),
+        ListColumn::words("mean RMSE", |evaluation| {
+            ListCell::some(evaluation.headline.clone(), ListCell::Headline)
+        }),
+        ListColumn::number("run", |evaluation| ListCell::text(evaluation.run)),
+        ListColumn::number("created", |evaluation| ListCell::moment(&evaluation.created_at)),
+    ];
+}
+
 impl Listed for Evaluation {
     const LIST: List = List {
         name: "evaluations",
+        empty: "An evaluation compares checkpoints and baselines on the same scenarios.",
         kinds: &[],
         only: Some(JobKind::Evaluate),
         states: &JobState::WORDS,
         sorts: &[Sort::Created, Sort::Finished, Sort::Name, Sort::Priority, Sort::Rmse],
     };
-}
 
-/// A page of evaluations.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct Evaluations {
-    pub evaluations: Vec<Evaluation>,
-    /// The `cursor` of the following page; `null` on the last one.
-    pub next: Option<String>,
+    type Page = Evaluations;
+
+    fn id(&self) -> i64 {
+        self.id
+    }
+
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn tags(&self) -> Vec<&str> {
+        self.tags.iter().map(String::as_str).collect()
+    }
 }

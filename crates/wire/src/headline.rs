@@ -1,4 +1,5 @@
 use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
 
 use crate::{PredictorInfo, PredictorKind, PredictorSummary, Report};
 
@@ -7,7 +8,7 @@ use crate::{PredictorInfo, PredictorKind, PredictorSummary, Report};
 ///
 /// The last task of an evaluation has it as its result, so that lists of evaluations read no
 /// reports.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Headline {
     /// The group of cells that the errors are means over. Empty for an evaluation without cells.
     pub group: String,
@@ -15,7 +16,7 @@ pub struct Headline {
 }
 
 /// The RMSE of a predictor, a mean over scenarios.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct MeanError {
     pub predictor: String,
     pub rmse_deg: f64,

@@ -5,7 +5,7 @@ use serde_json::Value;
 use spec::{Digest, JobKind, JobSpec, Resources};
 use utoipa::ToSchema;
 
-use crate::{JobState, List, Listed, Sort};
+use crate::{JobState, Jobs, List, ListCell, ListColumn, Listed, Sort, Tabled};
 
 /// A job, with its progress and its results.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -81,6 +81,15 @@ pub struct Progress {
     pub message: Option<String>,
 }
 
+impl Progress {
+    /// The part of the work that is done.
+    #[expect(clippy::cast_precision_loss, reason = "two digits are shown")]
+    fn share(&self) -> ListCell {
+        let share = |total: u64| 100.0 * (self.done as f64 / total as f64).min(1.0);
+        ListCell::some(Some(self.total).filter(|total| *total > 0).map(share), ListCell::Percent)
+    }
+}
+
 /// A job of a pipeline.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Member {
@@ -97,20 +106,40 @@ pub struct Member {
     pub reused: bool,
 }
 
+impl Tabled for Job {
+    const COLUMNS: &'static [ListColumn<Self>] = &[
+        ListColumn::words("kind", |job| ListCell::text(job.kind)),
+        ListColumn::words("state", |job| ListCell::state(job.state)),
+        ListColumn::number("done", |job| job.progress.share()),
+        ListColumn::number("submitted", |job| ListCell::moment(&job.created_at)),
+        ListColumn::number("took", |job| {
+            ListCell::span(job.started_at.as_ref(), job.finished_at.as_ref())
+        }),
+        ListColumn::words("waits", |job| ListCell::some(job.waits_for.as_ref(), ListCell::text)),
+    ];
+}
+
 impl Listed for Job {
     const LIST: List = List {
         name: "jobs",
+        empty: "A job is described in JSON.",
         kinds: JobKind::WORDS,
         only: None,
         states: &JobState::WORDS,
         sorts: &[Sort::Created, Sort::Finished, Sort::Name, Sort::Priority],
     };
-}
 
-/// A page of jobs.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct Jobs {
-    pub jobs: Vec<Job>,
-    /// The `cursor` of the following page; `null` on the last one.
-    pub next: Option<String>,
+    type Page = Jobs;
+
+    fn id(&self) -> i64 {
+        self.id
+    }
+
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn tags(&self) -> Vec<&str> {
+        self.tags.iter().map(String::as_str).collect()
+    }
 }

@@ -44,13 +44,13 @@ mod workers;
 
 pub use access::{Audit, AuditEntry, CreatedToken, NewToken, Token, Tokens};
 pub use attempts::{Attempt, Attempts};
-pub use checkpoints::{Checkpoint, Checkpoints, StoredFile};
+pub use checkpoints::{Checkpoint, StoredFile};
 pub use closed_loop::{
     ControlDifference, ControlReport, ControllerInfo, ControllerSummary, PlanTime,
 };
-pub use datasets::{Dataset, DatasetFile, Datasets, FileKind};
+pub use datasets::{Dataset, DatasetFile, FileKind};
 pub use drawn::{DrawnPredictions, DrawnPredictor, DrawnScenario, ScenarioRank};
-pub use evaluations::{CellTask, Evaluation, Evaluations};
+pub use evaluations::{CellTask, Evaluation};
 pub use events::{
     CheckpointEvent, DeletionEvent, Event, EventEnd, EventGap, JobEvent, JobProgress, MetricsEvent,
     TaskEvent,
@@ -58,9 +58,12 @@ pub use events::{
 pub use headline::{EvaluationResult, Headline, MeanError};
 pub use health::{Health, Readiness};
 pub use imports::ImportCounts;
-pub use jobs::{Job, Jobs, Member, Progress};
+pub use jobs::{Job, Member, Progress};
 pub use labels::{LabelChange, TextChange};
-pub use lists::{List, Listed};
+pub use lists::{
+    Checkpoints, Datasets, Evaluations, Jobs, List, ListCell, ListColumn, ListPage, Listed, Runs,
+    Tabled,
+};
 pub use logs::{LogChunk, Logs, left_out};
 pub use measures::{Measure, Measured, Topic, Unit};
 pub use predictions::{
@@ -76,7 +79,7 @@ pub use report::{
     Report, RolloutSummary, SamplingInfo, Shift, ShiftDifference, ShiftScores, ShiftSummary,
     TrainedOn, WorstCase, at_noise,
 };
-pub use runs::{Artifact, LatestMetric, Metric, MetricPoint, Run, Runs};
+pub use runs::{Artifact, LatestMetric, Metric, MetricPoint, Run};
 pub use states::{
     AttemptOutcome, DatasetState, DeletionChange, EventKind, ItemKind, JobState, PlacementState,
     Relation, Scope, Sort, TaskState, UnknownState,

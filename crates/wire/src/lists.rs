@@ -1,13 +1,43 @@
-//! The declaration of lists. Each resource declares its list beside its type. The API, its
+//! The declaration of lists and tables. Each resource declares its list beside its type. The API, its
 //! document, the page and the command line follow the declaration.
 
+use std::fmt::Display;
+
+use serde::de::DeserializeOwned;
 use spec::JobKind;
 
-use crate::Sort;
+use crate::{Headline, JobState, Sort};
 
-/// A resource with a list.
-pub trait Listed {
+/// Items that tables show.
+pub trait Tabled: Sized + 'static {
+    /// The columns of the page and of the command line.
+    const COLUMNS: &'static [ListColumn<Self>];
+}
+
+/// A resource with a list. Its [`Tabled::COLUMNS`] come between the name and the tags.
+pub trait Listed: Tabled {
     const LIST: List;
+
+    /// The answer of the API to a request for a page.
+    type Page: ListPage<Item = Self>;
+
+    fn id(&self) -> i64;
+
+    /// The name; empty if it has none.
+    fn name(&self) -> &str;
+
+    /// Its own tags, then those of its job.
+    fn tags(&self) -> Vec<&str>;
+}
+
+/// A page of a list.
+pub trait ListPage: DeserializeOwned {
+    type Item;
+
+    fn new(items: Vec<Self::Item>, next: Option<String>) -> Self;
+
+    /// The items, and the `cursor` of the following page.
+    fn into_parts(self) -> (Vec<Self::Item>, Option<String>);
 }
 
 /// The list of a resource: its name, its filters and its orders. Every list can also be filtered by
@@ -16,6 +46,8 @@ pub trait Listed {
 pub struct List {
     /// The name in paths, e.g. `runs`.
     pub name: &'static str,
+    /// Where its items come from, for a page without any.
+    pub empty: &'static str,
     /// The kinds of jobs that it can be filtered by. Empty if all items are of the same kind.
     pub kinds: &'static [&'static str],
     /// Restricts the list to jobs of this kind.
@@ -27,10 +59,122 @@ pub struct List {
     pub sorts: &'static [Sort],
 }
 
+/// A column of a table.
+#[derive(Debug)]
+pub struct ListColumn<T> {
+    pub heading: &'static str,
+    /// Whether its cells are numbers, which are aligned at the right edge.
+    pub is_number: bool,
+    pub cell: fn(&T) -> ListCell,
+}
+
+/// The content of a cell. The page and the command line choose its form.
+#[derive(Clone, Debug, PartialEq)]
+pub enum ListCell {
+    Missing,
+    Text(String),
+    /// The word of a state, with the state of a job by which it is coloured.
+    State(JobState, &'static str),
+    Count(u64),
+    Bytes(u64),
+    Degrees(f64),
+    Headline(Headline),
+    Percent(f64),
+    /// The done part of a whole number.
+    Part(u64, u64),
+    /// A time in RFC 3339.
+    Moment(String),
+    /// The time from one moment to another, or to now.
+    Span(String, Option<String>),
+}
+
 impl List {
     /// The allowed orders: each key in both directions.
     pub fn orders(&self) -> Vec<String> {
         let both = |sort: &Sort| [sort.to_string(), format!("-{sort}")];
         self.sorts.iter().flat_map(both).collect()
     }
+}
+
+impl<T> ListColumn<T> {
+    pub const fn words(heading: &'static str, cell: fn(&T) -> ListCell) -> Self {
+        Self { heading, is_number: false, cell }
+    }
+
+    pub const fn number(heading: &'static str, cell: fn(&T) -> ListCell) -> Self {
+        Self { heading, is_number: true, cell }
+    }
+}
+
+impl ListCell {
+    pub fn text(text: impl Display) -> Self {
+        Self::Text(text.to_string())
+    }
+
+    pub fn state(state: JobState) -> Self {
+        Self::State(state, state.as_str())
+    }
+
+    pub fn moment(time: &str) -> Self {
+        Self::Moment(time.to_owned())
+    }
+
+    /// The done part of a whole number; missing if there is nothing to do.
+    pub fn part(done: u64, all: u64) -> Self {
+        if all == 0 { Self::Missing } else { Self::Part(done, all) }
+    }
+
+    /// The time from a moment, if there is one, to another or to now.
+    pub fn span(from: Option<&String>, to: Option<&String>) -> Self {
+        Self::some(from, |from| Self::Span(from.clone(), to.cloned()))
+    }
+
+    /// A cell that is missing without a value.
+    pub fn some<V>(value: Option<V>, cell: impl FnOnce(V) -> Self) -> Self {
+        value.map_or(Self::Missing, cell)
+    }
+}
+
+/// The tags of an item, then those of its job that it does not have itself.
+pub(crate) fn all_tags<'a>(own: &'a [String], job: &'a [String]) -> Vec<&'a str> {
+    let others = job.iter().filter(|tag| !own.contains(tag));
+    own.iter().chain(others).map(String::as_str).collect()
+}
+
+/// Declares the pages of lists. The field with the items has the list's name.
+macro_rules! list_pages {
+    ($($(#[$about:meta])* $Page:ident { $items:ident: $Item:ident },)+) => {$(
+        $(#[$about])*
+        #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize, utoipa::ToSchema)]
+        pub struct $Page {
+            pub $items: Vec<crate::$Item>,
+            /// The `cursor` of the following page; `null` on the last one.
+            pub next: Option<String>,
+        }
+
+        impl ListPage for $Page {
+            type Item = crate::$Item;
+
+            fn new($items: Vec<Self::Item>, next: Option<String>) -> Self {
+                Self { $items, next }
+            }
+
+            fn into_parts(self) -> (Vec<Self::Item>, Option<String>) {
+                (self.$items, self.next)
+            }
+        }
+    )+};
+}
+
+list_pages! {
+    /// A page of jobs.
+    Jobs { jobs: Job },
+    /// A page of runs.
+    Runs { runs: Run },
+    /// A page of datasets.
+    Datasets { datasets: Dataset },
+    /// A page of checkpoints.
+    Checkpoints { checkpoints: Checkpoint },
+    /// A page of evaluations.
+    Evaluations { evaluations: Evaluation },
 }

@@ -4,10 +4,11 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
-use spec::{Digest, JobKind, JobSpec};
+use spec::{Digest, JobKind, JobSpec, ValidationMetric};
 use utoipa::ToSchema;
 
-use crate::{JobState, List, Listed, Sort};
+use crate::lists::all_tags;
+use crate::{JobState, List, ListCell, ListColumn, Listed, Runs, Sort, Tabled};
 
 /// The record of a training, an evaluation or a control job.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -58,22 +59,46 @@ pub struct Artifact {
     pub url: String,
 }
 
+impl Tabled for Run {
+    const COLUMNS: &'static [ListColumn<Self>] = &[
+        ListColumn::words("kind", |run| ListCell::text(run.kind)),
+        ListColumn::words("state", |run| ListCell::state(run.state)),
+        ListColumn::number("step", |run| {
+            let steps = run.metrics.values().map(|metric| metric.step);
+            ListCell::some(steps.max(), ListCell::Count)
+        }),
+        ListColumn::number("validation RMSE", |run| {
+            let latest = run.metrics.get(ValidationMetric::RmseDeg.key());
+            ListCell::some(latest.and_then(|metric| metric.value), ListCell::Degrees)
+        }),
+        ListColumn::number("job", |run| ListCell::text(run.job)),
+        ListColumn::number("created", |run| ListCell::moment(&run.created_at)),
+    ];
+}
+
 impl Listed for Run {
     const LIST: List = List {
         name: "runs",
+        empty: "A training, an evaluation or a control job makes a run.",
         kinds: JobKind::WORDS,
         only: None,
         states: &JobState::WORDS,
         sorts: &[Sort::Created, Sort::Finished, Sort::Name, Sort::Rmse],
     };
-}
 
-/// A page of runs.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct Runs {
-    pub runs: Vec<Run>,
-    /// The `cursor` of the following page; `null` on the last one.
-    pub next: Option<String>,
+    type Page = Runs;
+
+    fn id(&self) -> i64 {
+        self.id
+    }
+
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn tags(&self) -> Vec<&str> {
+        all_tags(&self.tags, &self.job_tags)
+    }
 }
 
 /// A metric over steps, downsampled to the requested number of points.

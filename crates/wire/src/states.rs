@@ -181,6 +181,39 @@ states! {
     }
 }
 
+impl Sort {
+    /// The key in words for a heading.
+    pub const fn title(self) -> &'static str {
+        match self {
+            Self::Rmse => "RMSE",
+            other => other.as_str(),
+        }
+    }
+}
+
+impl DatasetState {
+    /// The state of a job that has the same colour.
+    pub const fn colour(self) -> JobState {
+        match self {
+            Self::Building => JobState::Running,
+            Self::Complete => JobState::Succeeded,
+            Self::Abandoned => JobState::Failed,
+        }
+    }
+}
+
+impl Relation {
+    /// The relation of the job to the item, as the end of a sentence.
+    pub const fn phrase(self) -> &'static str {
+        match self {
+            Self::Reads => "reads it",
+            Self::Needs => "needs it",
+            Self::Continues => "continues from it",
+            Self::Holds => "has it as a member",
+        }
+    }
+}
+
 impl JobState {
     /// Whether the job has ended.
     pub const fn is_final(self) -> bool {

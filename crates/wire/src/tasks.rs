@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use utoipa::ToSchema;
 
-use crate::{Progress, TaskState};
+use crate::{ListCell, ListColumn, Progress, Tabled, TaskState};
 
 /// A piece of a job that one worker leases.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -32,6 +32,24 @@ pub struct Task {
     pub result: Option<Value>,
     pub started_at: Option<String>,
     pub finished_at: Option<String>,
+}
+
+impl Tabled for Task {
+    const COLUMNS: &'static [ListColumn<Self>] = &[
+        ListColumn::number("id", |task| ListCell::text(task.id)),
+        ListColumn::number("stage", |task| ListCell::text(task.stage)),
+        ListColumn::words("task", |task| ListCell::text(&task.label)),
+        ListColumn::words("state", |task| ListCell::text(task.state)),
+        ListColumn::number("done", |task| ListCell::part(task.progress.done, task.progress.total)),
+        ListColumn::number("attempt", |task| {
+            ListCell::Part(task.attempt.into(), task.max_attempts.into())
+        }),
+        ListColumn::words("worker", |task| ListCell::some(task.worker.as_ref(), ListCell::text)),
+        ListColumn::number("took", |task| {
+            ListCell::span(task.started_at.as_ref(), task.finished_at.as_ref())
+        }),
+        ListColumn::words("error", |task| ListCell::some(task.error.as_ref(), ListCell::text)),
+    ];
 }
 
 /// A page of a job's tasks, in the order in which they run.

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use spec::JobKind;
 use utoipa::ToSchema;
 
-use crate::{ItemKind, JobState, Relation};
+use crate::{ItemKind, JobState, ListCell, ListColumn, Relation, Tabled};
 
 /// A job, a run, a dataset or a checkpoint, named by its kind and id.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -77,4 +77,16 @@ pub struct TrashedItem {
     pub purge_at: String,
     /// The reason, if it was deleted automatically.
     pub reason: Option<String>,
+}
+
+impl Tabled for TrashedItem {
+    const COLUMNS: &'static [ListColumn<Self>] = &[
+        ListColumn::words("kind", |item| ListCell::text(item.kind)),
+        ListColumn::number("id", |item| ListCell::text(item.id)),
+        ListColumn::words("name", |item| ListCell::text(&item.name)),
+        ListColumn::number("size", |item| ListCell::Bytes(item.bytes)),
+        ListColumn::number("deleted", |item| ListCell::moment(&item.deleted_at)),
+        ListColumn::words("kept until", |item| ListCell::text(&item.purge_at)),
+        ListColumn::words("why", |item| ListCell::some(item.reason.as_ref(), ListCell::text)),
+    ];
 }

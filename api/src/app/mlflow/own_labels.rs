@@ -4,8 +4,8 @@
 
 use std::collections::BTreeSet;
 
-use store::{RunId, Thing};
-use wire::{LabelChange, TextChange};
+use store::RunId;
+use wire::{ItemKind, LabelChange, TextChange};
 
 use crate::app::App;
 use crate::app::labels::{TAG, is_tag};
@@ -33,7 +33,7 @@ impl App {
         let tags: Vec<(String, String)> = tags.iter().cloned().chain(name).collect();
         let change = change(&found.tags, &tags)?;
         if change != LabelChange::default() {
-            self.label(Thing::Run, run.0, &change).await?;
+            self.label(ItemKind::Run, run.0, &change).await?;
         }
         Ok(())
     }
@@ -54,7 +54,7 @@ impl App {
                 LabelChange { remove_tags, ..LabelChange::default() }
             }
         };
-        Ok(self.label(Thing::Run, run.0, &change).await?)
+        Ok(self.label(ItemKind::Run, run.0, &change).await?)
     }
 }
 
