@@ -6,14 +6,14 @@ use chrono::{DateTime, SecondsFormat};
 use serde::{Serialize, Serializer};
 
 use crate::boxed;
-use crate::database::sql;
+use crate::database::query::sql;
 use crate::{Store, StoreError};
 
 /// A moment by the database's clock; written as RFC 3339 in UTC.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Timestamp(i64);
 
-crate::database::columns::integer_column!(Timestamp);
+crate::database::column::integer_column!(Timestamp);
 
 impl Timestamp {
     /// Milliseconds since 1970-01-01T00:00:00Z.
@@ -40,7 +40,7 @@ impl Store {
     /// When the database fails.
     #[boxed]
     pub async fn now(&self) -> Result<Timestamp, StoreError> {
-        sql!(self.database(), "reading the clock", now())
+        sql("SELECT {now}").one(&mut self.read("reading the clock")).await
     }
 }
 

@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use crate::database::columns::integer_column;
+use crate::database::column::integer_column;
 
 macro_rules! identifier {
     ($(#[$doc:meta])* $name:ident) => {

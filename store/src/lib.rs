@@ -33,11 +33,6 @@
 //! million steps checks the laws of the rules on a queue in memory, and repeats the walk through a
 //! store.
 
-#![expect(
-    clippy::duplicate_mod,
-    reason = "the statements are compiled for each database, with the SQL that it has of its own"
-)]
-
 mod access;
 mod clock;
 mod database;
@@ -63,6 +58,7 @@ pub(crate) use async_recursion::async_recursion as boxed;
 pub use access::audit::{AUDIT_ENTRIES, AuditEntry, AuditRecord};
 pub use access::tokens::{MAX_TOKENS, NewToken, Token};
 pub use clock::Timestamp;
+pub use database::Duty;
 pub use error::StoreError;
 pub use events::{EVENTS_KEPT, EVENTS_KEPT_FOR, Event, EventFilter, EventTail};
 pub use identifiers::{
@@ -85,23 +81,24 @@ pub use parquet::table_reader::TableReader;
 pub use parquet::table_writer::{EncodedRows, TableEncoder, TableFile, TableWriter};
 pub use parquet::trajectories::ShardReader;
 pub use place::data_dir::Access;
-pub use place::health::DiskSpace;
+pub use place::disk::DiskSpace;
 pub use place::location::{DatabaseUrl, Location};
 pub use queue::attempts::Attempt;
 pub use queue::idempotency::Idempotency;
 pub use queue::jobs::{Job, JobFilter, JobProgress, Page};
-pub use queue::leases::{ClaimedTask, Fence, IdlePoll, Lease, Progress};
+pub use queue::leases::Lease;
 pub use queue::logs::{LogChunk, LogFilter, LogPage, NewLogChunk};
 pub use queue::pause::Queue;
 pub use queue::pipelines::Member;
 pub use queue::reaper::{Reaped, Reaper, WorkerEnd};
 pub use queue::rules::Retry;
+pub use queue::statements::tasks::{ClaimedTask, Fence, IdlePoll, Progress, Task};
 pub use queue::submission::{
     JobReuse, Need, NewJob, NewMember, NewPipeline, NewTask, Output, PartReuse, Reuse, Submission,
     Submitted,
 };
 pub use queue::takeover::EarlierShard;
-pub use queue::tasks::{ResultTally, Task, TaskOverview, TaskPage};
+pub use queue::tasks::{ResultTally, TaskOverview, TaskPage};
 pub use queue::waiting::Bell;
 pub use results::artifacts::{Artifact, NewArtifact};
 pub use results::checkpoints::{Checkpoint, CheckpointFile, NewCheckpoint, WhichCheckpoint};
@@ -127,6 +124,6 @@ pub use wire::{
     Relation, Scope, Sort, TaskState, TextChange,
 };
 pub use workers::demand::{Demand, Wait};
-pub use workers::duties::{Duty, DutyClaim};
+pub use workers::duties::DutyClaim;
 pub use workers::placements::{Engine, Placed, Placement};
 pub use workers::{Worker, WorkerProcess, WorkersTask};

@@ -1,12 +1,15 @@
+//! An open store.
+
 use std::fs::File;
 use std::path::Path;
 use std::sync::Arc;
 
 use crate::boxed;
-use crate::database::{Database, sql};
+use crate::database::Database;
+use crate::database::query::sql;
 use crate::objects::Objects;
 use crate::place::data_dir::DataDir;
-use crate::place::health::FileIdentity;
+use crate::place::disk::FileIdentity;
 use crate::place::new_place;
 use crate::{Access, Location, RemoteObjects, S3Options, StoreError};
 
@@ -130,7 +133,7 @@ impl Store {
     /// When it does not.
     #[boxed]
     pub async fn ping(&self) -> Result<(), StoreError> {
-        sql!(self.database(), "asking whether it is there", ping())
+        sql("SELECT 1").rows(&mut self.read("asking whether it is there")).await.map(drop)
     }
 
     /// Closes all connections. SQLite then merges its write-ahead log into the database.

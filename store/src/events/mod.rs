@@ -13,11 +13,9 @@ use std::time::Duration;
 
 use serde_json::Value;
 
-use crate::boxed;
-use crate::database::postgres;
-use crate::database::sqlite;
-use crate::database::{Database, Scope, Transaction, sql};
-use crate::{EventKind, JobId, Store, StoreError, Timestamp};
+use crate::database::query::{FromRow, Row, sql};
+use crate::database::{Horizon, Scope, Transaction};
+use crate::{EventKind, JobId, Store, StoreError, Timestamp, boxed};
 
 /// Number of events kept, about 40 MB. Older ones are deleted.
 pub const EVENTS_KEPT: u32 = 100_000;
@@ -55,12 +53,6 @@ pub struct EventTail {
     position: i64,
 }
 
-#[derive(Debug)]
-enum Horizon {
-    Sqlite(sqlite::Horizon),
-    Postgres(postgres::Horizon),
-}
-
 impl Store {
     /// A tail that begins after the newest settled event. `None` while transactions are open that
     /// may have written earlier events.
@@ -72,11 +64,7 @@ impl Store {
         /// Pause before looking again whether those transactions have ended.
         const LOOK_EVERY: Duration = Duration::from_millis(20);
         const LOOKS: u32 = 100;
-        let horizon = match self.database() {
-            Database::Sqlite(_) => Horizon::Sqlite(sqlite::Horizon),
-            Database::Postgres(_) => Horizon::Postgres(postgres::Horizon::default()),
-        };
-        let mut tail = EventTail { store: self.clone(), horizon, position: 0 };
+        let mut tail = EventTail { store: self.clone(), horizon: Horizon::default(), position: 0 };
         for _ in 0..LOOKS {
             if let Some(settled) = tail.settled().await? {
                 tail.position = settled;
@@ -100,7 +88,16 @@ impl Store {
         up_to: i64,
         limit: u32,
     ) -> Result<Vec<Event>, StoreError> {
-        sql!(self.database(), "reading events", events(filter, after, up_to, limit))
+        let mut query = sql("SELECT id, at, kind, job, data FROM event WHERE id > ");
+        query.push_bind(after).push(" AND id <= ").push_bind(up_to).push(" AND job IS NOT NULL");
+        if let Some(kind) = filter.kind {
+            query.push(" AND kind = ").push_bind(kind.as_str());
+        }
+        if let Some(jobs) = filter.jobs {
+            query.push(" AND job IN ").push_ids(&jobs);
+        }
+        query.push(" ORDER BY id LIMIT ").push_bind(limit);
+        query.all(&mut self.read("reading events")).await
     }
 
     /// The ids of the oldest and of the newest event that is kept; the event that marks the
@@ -110,7 +107,10 @@ impl Store {
     /// When the database fails.
     #[boxed]
     pub async fn kept_events(&self) -> Result<(i64, i64), StoreError> {
-        sql!(self.database(), "reading events", kept_events())
+        // Each is read from an end of the index.
+        sql("SELECT (SELECT MIN(id) FROM event) AS oldest, (SELECT MAX(id) FROM event) AS newest")
+            .one(&mut self.read("reading events"))
+            .await
     }
 
     /// Deletes all events but the newest `keep`, and those that are older than `age`. The newest
@@ -121,7 +121,7 @@ impl Store {
     #[boxed]
     pub async fn forget_events(&self, keep: u32, age: Duration) -> Result<u64, StoreError> {
         let mut tx = self.begin(Scope::Rows, "forgetting old events").await?;
-        let forgotten = sql!(&mut tx, forget_events(keep.max(1), age))?;
+        let forgotten = tx.forget_events(keep.max(1), age).await?;
         tx.commit().await?;
         Ok(forgotten)
     }
@@ -155,17 +155,7 @@ impl EventTail {
     }
 
     async fn settled(&mut self) -> Result<Option<i64>, StoreError> {
-        let settled = match (&mut self.horizon, self.store.database()) {
-            (Horizon::Sqlite(horizon), Database::Sqlite(database)) => {
-                database.settled_event(horizon).await
-            }
-            (Horizon::Postgres(horizon), Database::Postgres(database)) => {
-                database.settled_event(horizon).await
-            }
-            // A store does not change its database.
-            _ => Ok(None),
-        };
-        settled.map_err(StoreError::database("looking for events"))
+        self.store.database().settled_event(&mut self.horizon).await
     }
 }
 
@@ -176,5 +166,48 @@ pub(crate) async fn tell(
     job: JobId,
     data: &Value,
 ) -> Result<(), StoreError> {
-    sql!(tx, tell(kind, job, data))
+    tx.tell(kind, job, data).await
+}
+
+impl Transaction {
+    pub async fn tell(
+        &mut self,
+        kind: EventKind,
+        job: JobId,
+        data: &Value,
+    ) -> Result<(), StoreError> {
+        sql("INSERT INTO event (at, kind, job, data) VALUES ({now}, $1, $2, $3)")
+            .bind(kind)
+            .bind(job)
+            .bind(data.to_string())
+            .run(self)
+            .await
+    }
+
+    /// Deletes all but the newest `keep` events and those older than `age`, but never the newest.
+    /// Returns how many it deleted.
+    pub async fn forget_events(&mut self, keep: u32, age: Duration) -> Result<u64, StoreError> {
+        // Ids grow with time, so the first young event is found by reading from the beginning.
+        let forgotten = sql("DELETE FROM event WHERE id <= (SELECT MAX(id) FROM event) - $1 \
+                 OR id < COALESCE((SELECT id FROM event WHERE at >= {now} - $2 ORDER BY id \
+                 LIMIT 1), (SELECT MAX(id) FROM event))")
+        .bind(keep)
+        .bind(age)
+        .changed(self)
+        .await?;
+        Ok(forgotten)
+    }
+}
+
+impl FromRow for Event {
+    fn from_row(row: &Row) -> Result<Self, StoreError> {
+        let kind = row.get("kind")?;
+        Ok(Self {
+            id: row.get("id")?,
+            at: row.get("at")?,
+            kind,
+            job: row.get("job")?,
+            data: row.get("data")?,
+        })
+    }
 }

@@ -2,9 +2,8 @@
 
 use wire::{AttemptOutcome, JobState, TaskState};
 
-use crate::boxed;
-use crate::database::sql;
-use crate::{Store, StoreError};
+use crate::database::query::sql;
+use crate::{Store, StoreError, boxed};
 
 /// Counts by kind of job. Counts of zero are left out.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -23,6 +22,37 @@ impl Store {
     /// When the database fails.
     #[boxed]
     pub async fn census(&self) -> Result<Census, StoreError> {
-        sql!(self.database(), "counting jobs, tasks and attempts", census())
+        let mut reading = self.read("counting jobs, tasks and attempts");
+        let jobs: Vec<(String, JobState, i64)> =
+            sql("SELECT kind, state, COUNT(*) FROM job GROUP BY kind, state")
+                .all(&mut reading)
+                .await?;
+        let tasks: Vec<(String, TaskState, i64)> =
+            sql("SELECT job.kind, task.state, COUNT(*) FROM task JOIN job ON job.id = task.job \
+             GROUP BY job.kind, task.state")
+            .all(&mut reading)
+            .await?;
+        let attempts: Vec<(String, Option<AttemptOutcome>, i64)> =
+            sql("SELECT kind, outcome, CAST(SUM(number) AS BIGINT) FROM \
+             (SELECT job.kind, attempt.outcome, COUNT(*) AS number FROM attempt \
+              JOIN job ON job.id = attempt.job GROUP BY job.kind, attempt.outcome \
+              UNION ALL SELECT kind, outcome, number FROM purged_attempts) AS counted \
+             GROUP BY kind, outcome")
+            .all(&mut reading)
+            .await?;
+        Ok(Census {
+            jobs: jobs
+                .into_iter()
+                .map(|(kind, state, n)| (kind, state, n.unsigned_abs()))
+                .collect(),
+            tasks: tasks
+                .into_iter()
+                .map(|(kind, state, n)| (kind, state, n.unsigned_abs()))
+                .collect(),
+            attempts: attempts
+                .into_iter()
+                .map(|(kind, outcome, n)| (kind, outcome, n.unsigned_abs()))
+                .collect(),
+        })
     }
 }

@@ -4,9 +4,9 @@ use std::collections::BTreeSet;
 
 use wire::{LabelChange, TextChange};
 
-use crate::boxed;
-use crate::database::{Scope, Transaction, sql};
-use crate::{JobId, Store, StoreError};
+use crate::database::query::sql;
+use crate::database::{Reading, Scope, Transaction};
+use crate::{JobId, Store, StoreError, boxed};
 
 /// A kind of thing that has labels and lists.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -115,14 +115,14 @@ impl Store {
     pub(crate) async fn fold_names(&self) -> Result<(), StoreError> {
         const OPERATION: &str = "folding names";
         loop {
-            let names = sql!(self.database(), OPERATION, unfolded_names(FOLDED_AT_ONCE))?;
+            let names = self.read(OPERATION).unfolded_names(FOLDED_AT_ONCE).await?;
             if names.is_empty() {
                 return Ok(());
             }
             let mut tx = self.begin(Scope::Rows, OPERATION).await?;
             for (job, name) in names {
                 let text = searched(Some(&name), &Labels::default()).unwrap_or_default();
-                sql!(&mut tx, set_searched(job, &text))?;
+                tx.set_searched(job, &text).await?;
             }
             tx.commit().await?;
         }
@@ -141,7 +141,7 @@ pub(crate) async fn label_submitted(
     }
     relabel(tx, Thing::Job, job.0, |found| found.completed(labels)).await?;
     let of_members = Labels { tags: labels.tags.clone(), ..Labels::default() };
-    for member in sql!(tx, member_ids(job))? {
+    for member in tx.member_ids(job).await? {
         relabel(tx, Thing::Job, member.0, |found| found.completed(&of_members)).await?;
     }
     Ok(())
@@ -154,11 +154,92 @@ async fn relabel(
     change: impl FnOnce(Labels) -> Labels,
 ) -> Result<(), StoreError> {
     let missing = || StoreError::not_found(thing.as_str(), id.to_string());
-    let (before, made_with) = sql!(tx, labels(thing, id))?.ok_or_else(missing)?;
+    let (before, made_with) = tx.labels(thing, id).await?.ok_or_else(missing)?;
     let after = change(before);
     if after.tags.len() > MAX_TAGS {
         return Err(StoreError::TooManyTags { what: thing.as_str(), id, tags: after.tags.len() });
     }
     let searched = searched(made_with.as_deref(), &after);
-    sql!(tx, set_labels(thing, id, &after, searched.as_deref()))
+    tx.set_labels(thing, id, &after, searched.as_deref()).await
+}
+
+impl Reading<'_> {
+    /// Some jobs whose names are not searchable yet.
+    pub async fn unfolded_names(&mut self, limit: i64) -> Result<Vec<(JobId, String)>, StoreError> {
+        sql("SELECT id, name FROM job WHERE searched IS NULL ORDER BY id LIMIT $1")
+            .bind(limit)
+            .all(self)
+            .await
+    }
+}
+
+impl Transaction {
+    pub async fn set_searched(&mut self, job: JobId, text: &str) -> Result<(), StoreError> {
+        sql("UPDATE job SET searched = $1 WHERE id = $2 AND searched IS NULL")
+            .bind(text)
+            .bind(job)
+            .run(self)
+            .await
+    }
+
+    /// The labels of a thing and the name that a job was made with. The row is locked until the
+    /// transaction ends.
+    pub async fn labels(
+        &mut self,
+        thing: Thing,
+        id: i64,
+    ) -> Result<Option<(Labels, Option<String>)>, StoreError> {
+        let table = thing.as_str();
+        let made_with = if thing == Thing::Job { "name" } else { "CAST(NULL AS TEXT)" };
+        let mut query = sql(format!(
+            "SELECT given_name, note, {made_with} AS made_with FROM {table} WHERE id = "
+        ));
+        query.push_bind(id).push("{locked}");
+        let Some(row) = query.optional_row(self).await? else {
+            return Ok(None);
+        };
+        let select = format!("SELECT tag FROM {table}_tag WHERE {table} = ");
+        let mut query = sql(select);
+        query.push_bind(id);
+        let tags: Vec<String> = query.all(self).await?;
+        let labels = Labels {
+            name: row.get("given_name")?,
+            note: row.get("note")?,
+            tags: tags.into_iter().collect(),
+        };
+        Ok(Some((labels, row.get("made_with")?)))
+    }
+
+    pub async fn set_labels(
+        &mut self,
+        thing: Thing,
+        id: i64,
+        labels: &Labels,
+        searched: Option<&str>,
+    ) -> Result<(), StoreError> {
+        let table = thing.as_str();
+        let mut update = sql(format!("UPDATE {table} SET given_name = "));
+        update.push_bind(labels.name.clone()).push(", note = ").push_bind(labels.note.clone());
+        update.push(", searched = ").push_bind(searched.map(str::to_owned));
+        update.push(" WHERE id = ").push_bind(id);
+        update.run(self).await?;
+        let delete = format!("DELETE FROM {table}_tag WHERE {table} = ");
+        let mut delete = sql(delete);
+        delete.push_bind(id);
+        delete.run(self).await?;
+        let insert =
+            format!("INSERT INTO {table}_tag ({table}, tag) SELECT labelled.id, new.value FROM ");
+        let mut insert = sql(insert);
+        insert.push_texts(&labels.tags);
+        insert.push(format!(" AS new, {table} AS labelled WHERE labelled.id = ")).push_bind(id);
+        insert.run(self).await
+    }
+
+    /// The members of a pipeline, each once. Another job has none.
+    pub async fn member_ids(&mut self, pipeline: JobId) -> Result<Vec<JobId>, StoreError> {
+        sql("SELECT DISTINCT job FROM pipeline_member WHERE pipeline = $1 ORDER BY job")
+            .bind(pipeline)
+            .all(self)
+            .await
+    }
 }

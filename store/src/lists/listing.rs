@@ -10,7 +10,6 @@ use serde::{Deserialize, Serialize};
 use wire::Sort;
 
 use crate::boxed;
-use crate::database::sql;
 use crate::lists::labels::folded;
 use crate::{
     Checkpoint, CheckpointId, Dataset, DatasetId, Job, JobId, Page, Run, RunId, Store, StoreError,
@@ -142,7 +141,7 @@ impl Store {
     pub async fn list_runs(&self, listing: &Listing) -> Result<Listed<Run>, StoreError> {
         let found = self.found(Thing::Run, listing).await?;
         let ids: Vec<RunId> = found.ids.iter().copied().map(RunId).collect();
-        let rows = sql!(self.database(), LISTING, runs_by_id(&ids))?;
+        let rows = self.read(LISTING).runs_by_id(&ids).await?;
         Ok(found.with(rows, |run| run.id.0))
     }
 
@@ -165,13 +164,13 @@ impl Store {
     ) -> Result<Listed<Checkpoint>, StoreError> {
         let found = self.found(Thing::Checkpoint, listing).await?;
         let ids: Vec<CheckpointId> = found.ids.iter().copied().map(CheckpointId).collect();
-        let rows = sql!(self.database(), LISTING, checkpoints_by_id(&ids))?;
+        let rows = self.read(LISTING).checkpoints_by_id(&ids).await?;
         Ok(found.with(rows, |checkpoint| checkpoint.id.0))
     }
 
     /// Finds the ids of a page before any large column is read.
     async fn found(&self, thing: Thing, listing: &Listing) -> Result<FoundRows, StoreError> {
-        let mut places = sql!(self.database(), LISTING, places(thing, listing))?;
+        let mut places = self.read(LISTING).places(thing, listing).await?;
         let limit = usize::try_from(listing.limit()).unwrap_or(usize::MAX);
         // One row more than the limit tells whether there is another page.
         let has_more = places.len() > limit;

@@ -14,9 +14,9 @@ use std::time::{Duration, SystemTime};
 
 use spec::Digest;
 
+use super::path::{is_unique_name, unique_name};
 use super::unfinished_file::{self, UnfinishedLeftover};
-use super::writer::{is_unique_name, unique_name};
-use crate::place::health::DiskSpace;
+use crate::place::disk::DiskSpace;
 
 /// Limit of the size of all copies together. Half of the available disk is the limit if that is
 /// less.

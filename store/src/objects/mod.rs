@@ -65,12 +65,12 @@ pub(crate) use away::RemoteStore;
 pub(crate) use cache::{UnfinishedCopy, is_made as is_cache_name};
 pub use file::measure_file;
 pub use fingerprint::Fingerprint;
+pub(crate) use path::unique_name;
 pub use s3::{Patience, S3Options};
 pub use signed::SignedFor;
 pub(crate) use unfinished_file::UnfinishedLeftover;
 pub use url::ObjectsUrl;
 pub use writer::ObjectWriter;
-pub(crate) use writer::unique_name;
 
 /// An object that was published.
 #[derive(Clone, Debug, PartialEq, Eq)]

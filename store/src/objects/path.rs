@@ -1,8 +1,10 @@
 //! The paths of objects of each kind, and the reader that tells them from the names of others.
 
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::{SystemTime, UNIX_EPOCH};
+
 use spec::Digest;
 
-use super::writer::is_unique_name;
 use crate::{Epoch, FileContent, JobId, RunId, TrackedRunId};
 
 /// Names the store that the objects beside it belong to.
@@ -16,7 +18,7 @@ pub(crate) fn is_mark(path: &str) -> bool {
     path == MARKER || path == MOVE_MARKER
 }
 
-/// The beginning of the paths of uploads, which [`unique_name`](super::unique_name) completes.
+/// The beginning of the paths of uploads, which [`unique_name`] completes.
 pub(crate) const UPLOAD: &str = "uploads/upload";
 
 /// The beginnings of the paths of objects that only test the object store.
@@ -156,9 +158,26 @@ fn number(text: &str) -> Option<i64> {
     (number >= 0 && number.to_string() == text).then_some(number)
 }
 
+/// A name that no other file of any process has.
+pub(crate) fn unique_name(prefix: &str) -> String {
+    static COUNT: AtomicU64 = AtomicU64::new(0);
+    let count = COUNT.fetch_add(1, Ordering::Relaxed);
+    let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
+    format!("{prefix}-{:x}-{:x}-{count:x}", since_1970.as_nanos(), std::process::id())
+}
+
+/// Whether [`unique_name`] could have given `name` for this prefix.
+pub(crate) fn is_unique_name(prefix: &str, name: &str) -> bool {
+    let rest = name.strip_prefix(prefix).and_then(|rest| rest.strip_prefix('-'));
+    let Some(rest) = rest else { return false };
+    let is_number = |part: &str| {
+        !part.is_empty() && part.bytes().all(|byte| matches!(byte, b'0'..=b'9' | b'a'..=b'f'))
+    };
+    rest.split('-').count() == 3 && rest.split('-').all(is_number)
+}
+
 #[cfg(test)]
 mod tests {
-    use super::super::unique_name;
     use super::*;
 
     fn made() -> Vec<(String, MadeObject)> {

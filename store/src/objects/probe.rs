@@ -6,10 +6,10 @@ use object_store::{Error, ObjectStore, ObjectStoreExt};
 
 use super::client::Condition;
 use super::path::PROBE_OBJECT;
+use super::path::unique_name;
 use super::s3::S3Options;
 use super::trouble::{Trouble, in_short};
 use super::url::ObjectsUrl;
-use super::writer::unique_name;
 use crate::StoreError;
 
 const CONTENT: &[u8] = b"torqued asks whether objects can be kept here; this one may be deleted";

@@ -3,15 +3,13 @@
 use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::{SystemTime, UNIX_EPOCH};
 
 use sha2::{Digest as _, Sha256};
 use spec::Digest;
 
 use super::cache::UnfinishedCopy;
 use super::unfinished_file::UnfinishedFile;
-use crate::place::health::LastRoom;
+use crate::place::disk::LastRoom;
 use crate::{Store, StoreError, StoredObject};
 
 /// The suffix of an object's file until it is whole. `object_store` uses a hash and a number for
@@ -127,24 +125,6 @@ impl io::Write for ObjectWriter {
     fn flush(&mut self) -> io::Result<()> {
         Ok(())
     }
-}
-
-/// A name that no other file of any process has.
-pub(crate) fn unique_name(prefix: &str) -> String {
-    static COUNT: AtomicU64 = AtomicU64::new(0);
-    let count = COUNT.fetch_add(1, Ordering::Relaxed);
-    let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default();
-    format!("{prefix}-{:x}-{:x}-{count:x}", since_1970.as_nanos(), std::process::id())
-}
-
-/// Whether [`unique_name`] could have given `name` for this prefix.
-pub(crate) fn is_unique_name(prefix: &str, name: &str) -> bool {
-    let rest = name.strip_prefix(prefix).and_then(|rest| rest.strip_prefix('-'));
-    let Some(rest) = rest else { return false };
-    let is_number = |part: &str| {
-        !part.is_empty() && part.bytes().all(|byte| matches!(byte, b'0'..=b'9' | b'a'..=b'f'))
-    };
-    rest.split('-').count() == 3 && rest.split('-').all(is_number)
 }
 
 /// Creates a folder and its parents. Their names are durable when this returns.

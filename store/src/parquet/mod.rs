@@ -1,3 +1,5 @@
+//! The files of a dataset: their layout, how they are written and read, and what they contain.
+
 pub(crate) mod description;
 pub(crate) mod layout;
 pub(crate) mod shard_summary;

@@ -4,7 +4,6 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use crate::boxed;
-use crate::database::sql;
 use crate::{DatasetId, Store, StoreError};
 
 /// Counts, ranges and spectra of one shard, or of several.
@@ -115,7 +114,7 @@ impl Store {
         dataset: DatasetId,
     ) -> Result<Option<ShardSummary>, StoreError> {
         const OPERATION: &str = "reading what a dataset holds";
-        let results = sql!(self.database(), OPERATION, shard_results(dataset))?;
+        let results = self.read(OPERATION).shard_results(dataset).await?;
         let mut all: Option<ShardSummary> = None;
         for summary in results.iter().filter_map(|result| summary_of(result)) {
             match &mut all {

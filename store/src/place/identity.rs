@@ -9,7 +9,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use crate::boxed;
-use crate::database::{Scope, sql};
+use crate::database::Scope;
 use crate::objects::mark::Marker;
 use crate::objects::path::{MARKER, MOVE_MARKER};
 use crate::place::new_place;
@@ -32,7 +32,7 @@ impl Store {
     /// When the database fails.
     #[boxed]
     pub async fn identity(&self) -> Result<String, StoreError> {
-        sql!(self.database(), "reading the store's identity", identity())
+        self.read("reading the store's identity").identity().await
     }
 
     /// Checks that the objects are those of this store. The objects of a new store get its mark.
@@ -88,7 +88,7 @@ impl Store {
         let Some(found) = found else { return Ok(()) };
         if found.store != self.identity().await? {
             let mut tx = self.begin(Scope::Rows, "taking objects over").await?;
-            sql!(&mut tx, set_identity(&found.store))?;
+            tx.set_identity(&found.store).await?;
             tx.commit().await?;
         }
         self.objects().expect_mark(found);

@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 
 use object_store::{ObjectStore, ObjectStoreExt};
 
-use crate::database::{Database, sql};
+use crate::database::Database;
 use crate::objects::mark::Marker;
 use crate::objects::path::MARKER;
 use crate::place::data_dir::DataDir;
@@ -233,7 +233,8 @@ pub(crate) fn no_files(place: String, found: &'static str) -> StoreError {
 
 /// Refuses a place without a mark if the database has rows that were made with another one.
 async fn refuse_lost(database: &Database, place: String) -> Result<(), StoreError> {
-    let found = sql!(database, "looking for what the store has", first_content(&content_tables()))?;
+    let found =
+        database.read("looking for what the store has").first_content(&content_tables()).await?;
     match found {
         None => Ok(()),
         Some(rows) => Err(StoreError::FilesLost { place, found: "has no store.json", rows }),

@@ -1,7 +1,7 @@
 //! Cancellation of jobs by users.
 
 use crate::boxed;
-use crate::database::{Scope, Transaction, sql};
+use crate::database::{Scope, Transaction};
 use crate::queue::pipelines;
 use crate::queue::propagation::{state_of, stop};
 use crate::queue::rules::cancellation::members_to_cancel;
@@ -20,8 +20,8 @@ impl Store {
         if state_of(&mut tx, job).await?.is_final() {
             return Ok(());
         }
-        sql!(&mut tx, request_cancellation(job))?;
-        if sql!(&mut tx, has_members(job))? {
+        tx.request_cancellation(job).await?;
+        if tx.has_members(job).await? {
             cancel_members(&mut tx, job).await?;
             pipelines::settle(&mut tx, job).await?;
         } else {
@@ -32,15 +32,15 @@ impl Store {
 }
 
 async fn cancel_members(tx: &mut Transaction, pipeline: JobId) -> Result<(), StoreError> {
-    let mut candidates = sql!(tx, candidates(pipeline))?;
+    let mut candidates = tx.candidates(pipeline).await?;
     for candidate in &mut candidates {
-        candidate.needed_by = sql!(tx, waiting_dependents(candidate.job))?;
+        candidate.needed_by = tx.waiting_dependents(candidate.job).await?;
     }
     let members = members_to_cancel(&candidates);
     // All members are marked before the first one ends, because a pipeline settles when none of its
     // marked members is left.
     for member in &members {
-        sql!(tx, request_cancellation(*member))?;
+        tx.request_cancellation(*member).await?;
     }
     for member in members {
         stop(tx, member).await?;

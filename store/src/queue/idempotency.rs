@@ -3,7 +3,7 @@
 use spec::Digest;
 
 use crate::boxed;
-use crate::database::{Transaction, sql};
+use crate::database::Transaction;
 use crate::{Store, StoreError, Submitted};
 
 /// Makes a repeated request return the outcome of the first one.
@@ -26,8 +26,7 @@ impl Store {
     #[boxed]
     pub async fn repeated(&self, asked: &Idempotency) -> Result<Option<Submitted>, StoreError> {
         const OPERATION: &str = "looking up an idempotency key";
-        let known =
-            sql!(self.database(), OPERATION, recent_request(&asked.key, KEEP_KEYS_MILLISECONDS))?;
+        let known = self.read(OPERATION).recent_request(&asked.key, KEEP_KEYS_MILLISECONDS).await?;
         asked.outcome(known)
     }
 }
@@ -38,8 +37,8 @@ pub(crate) async fn repeated(
     tx: &mut Transaction,
     asked: &Idempotency,
 ) -> Result<Option<Submitted>, StoreError> {
-    sql!(tx, forget_requests(KEEP_KEYS_MILLISECONDS))?;
-    let known = sql!(tx, request(&asked.key))?;
+    tx.forget_requests(KEEP_KEYS_MILLISECONDS).await?;
+    let known = tx.request(&asked.key).await?;
     asked.outcome(known)
 }
 

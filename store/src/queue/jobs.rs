@@ -1,13 +1,17 @@
 //! Looking up jobs.
 
+use std::collections::HashMap;
+
 use serde_json::Value;
 use spec::{Digest, Moment, Resources};
 use wire::JobState;
 
-use crate::boxed;
-use crate::database::sql;
+use crate::database::column::json;
+use crate::database::query::{FromRow, Query, Row, from_row, sql};
+use crate::database::rows::{deletion, moment, resources, tags};
+use crate::database::{Reading, Transaction};
 use crate::trash::refuse_deleted;
-use crate::{DatasetId, Deletion, JobId, Listing, RunId, Store, StoreError, Timestamp};
+use crate::{DatasetId, Deletion, JobId, Listing, RunId, Store, StoreError, Timestamp, boxed};
 
 #[derive(Clone, Debug)]
 pub struct Job {
@@ -100,7 +104,10 @@ impl Store {
     /// When there is no such job, or it was deleted.
     #[boxed]
     pub async fn job(&self, id: JobId) -> Result<Job, StoreError> {
-        let found = sql!(self.database(), READING, job(id))?
+        let found = self
+            .read(READING)
+            .job(id)
+            .await?
             .ok_or_else(|| StoreError::not_found("job", id.to_string()))?;
         refuse_deleted(id, found.deletion.as_ref())?;
         Ok(found)
@@ -143,7 +150,10 @@ impl Store {
         digest: Digest,
         states: &[JobState],
     ) -> Result<Option<Job>, StoreError> {
-        sql!(self.database(), READING, job_by_digest(digest, states))
+        let mut reading = self.read(READING);
+        let mut query = of_digest(digest, states);
+        query.push(" ORDER BY job.id DESC LIMIT 1");
+        Ok(reading.jobs_of(query).await?.into_iter().next())
     }
 
     /// The newest job with this digest in one of `states` whose results exist or can still come.
@@ -156,7 +166,10 @@ impl Store {
         digest: Digest,
         states: &[JobState],
     ) -> Result<Option<Job>, StoreError> {
-        sql!(self.database(), READING, usable_job_by_digest(digest, states))
+        let mut reading = self.read(READING);
+        let mut query = of_digest(digest, states);
+        query.push(" AND NOT {gone job} ORDER BY job.id DESC LIMIT 1");
+        Ok(reading.jobs_of(query).await?.into_iter().next())
     }
 
     /// The newest job of `kind` that needs the job of this dataset. Jobs that need another dataset
@@ -170,7 +183,16 @@ impl Store {
         dataset: DatasetId,
         kind: &str,
     ) -> Result<Option<Job>, StoreError> {
-        sql!(self.database(), READING, newest_reader(dataset, kind))
+        let mut reading = self.read(READING);
+        let mut query = sql(SELECT_JOB);
+        query.push(
+            "WHERE job.id = (SELECT MAX(reader.id) FROM dataset \
+             JOIN job_need ON job_need.needs = dataset.job \
+             JOIN job AS reader ON reader.id = job_need.job \
+             WHERE reader.deleted_at IS NULL AND reader.kind = ",
+        );
+        query.push_bind(kind.to_owned()).push(" AND dataset.id = ").push_bind(dataset).push(")");
+        Ok(reading.jobs_of(query).await?.into_iter().next())
     }
 
     /// Those of the jobs with these ids that exist, sorted by id.
@@ -179,7 +201,10 @@ impl Store {
     /// When the database fails.
     #[boxed]
     pub async fn jobs_by_id(&self, ids: &[JobId]) -> Result<Vec<Job>, StoreError> {
-        sql!(self.database(), READING, jobs_by_id(ids))
+        let mut reading = self.read(READING);
+        let mut query = sql(SELECT_JOB);
+        query.push("WHERE job.id IN ").push_ids(&ids).push(" ORDER BY job.id");
+        reading.jobs_of(query).await
     }
 
     /// The specs of the jobs with these ids.
@@ -188,7 +213,11 @@ impl Store {
     /// When the database fails.
     #[boxed]
     pub async fn specs(&self, ids: &[JobId]) -> Result<Vec<(JobId, Value)>, StoreError> {
-        sql!(self.database(), READING, specs(ids))
+        let rows = sql("SELECT id, spec FROM job WHERE id IN {ids $1} ORDER BY id")
+            .bind(json(&ids))
+            .rows(&mut self.read(READING))
+            .await?;
+        rows.iter().map(|row| Ok((row.get("id")?, row.get("spec")?))).collect()
     }
 
     /// The spec of the newest job of each digest, in whatever state the job is.
@@ -200,7 +229,12 @@ impl Store {
         &self,
         digests: &[Digest],
     ) -> Result<Vec<(Digest, Value)>, StoreError> {
-        sql!(self.database(), READING, newest_specs(digests))
+        let rows = sql("SELECT digest, spec FROM job WHERE id IN (SELECT MAX(id) FROM job \
+             WHERE digest IN {texts $1} GROUP BY digest)")
+        .bind(json(&digests))
+        .rows(&mut self.read(READING))
+        .await?;
+        rows.iter().map(|row| Ok((row.get("digest")?, row.get("spec")?))).collect()
     }
 
     /// Pairs of a job of `jobs` and a job that must succeed before it can start, sorted by both
@@ -210,8 +244,174 @@ impl Store {
     /// When the database fails.
     #[boxed]
     pub async fn needs(&self, jobs: &[JobId]) -> Result<Vec<(JobId, JobId)>, StoreError> {
-        sql!(self.database(), "reading the needs of jobs", needs(jobs))
+        sql("SELECT job, needs FROM job_need WHERE job IN {ids $1} ORDER BY job, needs")
+            .bind(json(&jobs))
+            .all(&mut self.read("reading the needs of jobs"))
+            .await
     }
 }
 
 const READING: &str = "reading jobs";
+
+/// Followed by a condition.
+pub(crate) const SELECT_JOB: &str = "SELECT job.*, asked.cpus, asked.gpus, asked.memory_mb, asked.tags, {tags job_tag job job.id} \
+     AS own_tags, dataset.id AS dataset, run.id AS run FROM job LEFT JOIN resources AS asked ON \
+     asked.id = job.resources LEFT JOIN dataset ON dataset.job = job.id AND dataset.deleted_at IS \
+     NULL LEFT JOIN run ON run.job = job.id AND run.deleted_at IS NULL ";
+
+impl Reading<'_> {
+    pub async fn job(&mut self, id: JobId) -> Result<Option<Job>, StoreError> {
+        let mut query = sql(SELECT_JOB);
+        query.push("WHERE job.id = ").push_bind(id);
+        Ok(self.jobs_of(query).await?.into_iter().next())
+    }
+
+    async fn jobs_of(&mut self, query: Query) -> Result<Vec<Job>, StoreError> {
+        let mut jobs: Vec<Job> = query.all(self).await?;
+        self.add_progress(&mut jobs).await?;
+        Ok(jobs)
+    }
+
+    async fn add_progress(&mut self, jobs: &mut [Job]) -> Result<(), StoreError> {
+        let ids: Vec<JobId> = jobs.iter().map(|job| job.id).collect();
+        let mut by_job = self.progress(&ids).await?;
+        for job in jobs {
+            if let Some(found) = by_job.remove(&job.id) {
+                job.progress =
+                    JobProgress { unit: std::mem::take(&mut job.progress.unit), ..found };
+            }
+        }
+        Ok(())
+    }
+
+    /// The progress of jobs, without their units.
+    pub(super) async fn progress(
+        &mut self,
+        ids: &[JobId],
+    ) -> Result<HashMap<JobId, JobProgress>, StoreError> {
+        if ids.is_empty() {
+            return Ok(HashMap::new());
+        }
+        let rows =
+            sql("SELECT job AS id, CAST(SUM(CASE WHEN state = 'succeeded' THEN total ELSE done \
+                 END) AS BIGINT) AS done, CAST(SUM(total) AS BIGINT) AS total, SUM(CASE WHEN \
+                 state = 'running' THEN rate END) AS rate, MAX(CASE WHEN state = 'running' THEN \
+                 message END) AS message FROM task WHERE job IN {ids $1} GROUP BY job UNION ALL \
+                 SELECT member.pipeline AS id, COUNT(*) FILTER \
+                 (WHERE job.state = 'succeeded') AS done, COUNT(*) AS total, NULL AS rate, NULL \
+                 AS message FROM pipeline_member AS member JOIN job ON job.id = member.job \
+                 WHERE member.pipeline IN {ids $1} GROUP BY member.pipeline")
+            .bind(json(&ids))
+            .rows(self)
+            .await?;
+        rows.iter().map(|row| Ok((row.get("id")?, JobProgress::from_row(row)?))).collect()
+    }
+}
+
+impl Transaction {
+    pub async fn job_state(&mut self, job: JobId) -> Result<Option<JobState>, StoreError> {
+        let state: Option<JobState> =
+            sql("SELECT state FROM job WHERE id = $1").bind(job).optional(self).await?;
+        Ok(state)
+    }
+
+    /// The jobs that wait for `job`.
+    pub async fn waiting_dependents(&mut self, job: JobId) -> Result<Vec<JobId>, StoreError> {
+        sql("SELECT job.id FROM job_need JOIN job ON job.id = job_need.job \
+             WHERE job_need.needs = $1 AND job.state = 'waiting' ORDER BY job.id")
+        .bind(job)
+        .all(self)
+        .await
+    }
+
+    /// The states of the jobs that `job` needs.
+    pub async fn states_of_needs(&mut self, job: JobId) -> Result<Vec<JobState>, StoreError> {
+        let states: Vec<JobState> = sql(
+            "SELECT needed.state FROM job_need JOIN job AS needed ON needed.id = job_need.needs \
+             WHERE job_need.job = $1",
+        )
+        .bind(job)
+        .all(self)
+        .await?;
+        Ok(states)
+    }
+
+    pub async fn queue_job(&mut self, job: JobId) -> Result<(), StoreError> {
+        sql("UPDATE job SET state = 'queued' WHERE id = $1").bind(job).run(self).await
+    }
+
+    /// Marks a job as running. Returns whether it was still queued.
+    pub async fn start_job(&mut self, job: JobId) -> Result<bool, StoreError> {
+        let started = sql("UPDATE job SET state = 'running', started_at = {now} WHERE id = $1 \
+                 AND state = 'queued'")
+        .bind(job)
+        .changed(self)
+        .await?;
+        Ok(started > 0)
+    }
+
+    pub async fn end_job(
+        &mut self,
+        job: JobId,
+        state: JobState,
+        error: Option<&str>,
+    ) -> Result<(), StoreError> {
+        sql("UPDATE job SET state = $1, error = $2, finished_at = {now} WHERE id = $3")
+            .bind(state)
+            .bind(error)
+            .bind(job)
+            .run(self)
+            .await
+    }
+
+    pub async fn request_cancellation(&mut self, job: JobId) -> Result<(), StoreError> {
+        sql("UPDATE job SET cancel_requested = TRUE WHERE id = $1").bind(job).run(self).await
+    }
+}
+
+fn of_digest(digest: Digest, states: &[JobState]) -> Query {
+    let mut query = sql(SELECT_JOB);
+    query.push("WHERE job.digest = ").push_bind(digest.to_string());
+    let states: Vec<&str> = states.iter().map(|state| state.as_str()).collect();
+    query.push(" AND job.state IN ").push_texts(&states);
+    query
+}
+
+// Everything but the unit.
+from_row!(JobProgress {
+    done, total, message,
+    ..row =>
+    unit: String::new(),
+    rate_per_second: row.get("rate")?,
+});
+
+impl FromRow for Job {
+    fn from_row(row: &Row) -> Result<Self, StoreError> {
+        let given_name: Option<String> = row.get("given_name")?;
+        Ok(Self {
+            id: row.get("id")?,
+            kind: row.get("kind")?,
+            name: given_name.clone().map_or_else(|| row.get("name"), Ok)?,
+            given_name,
+            note: row.get("note")?,
+            tags: tags(row, "own_tags")?,
+            spec: row.get("spec")?,
+            digest: row.get("digest")?,
+            state: row.get("state")?,
+            error: row.get("error")?,
+            priority: row.get("priority")?,
+            max_attempts: row.get("max_attempts")?,
+            time_limit_s: row.get("time_limit_s")?,
+            resources: resources(row)?,
+            not_before: moment(row, "not_before")?,
+            cancel_requested: row.get("cancel_requested")?,
+            progress: JobProgress { unit: row.get("unit")?, ..JobProgress::default() },
+            dataset: row.get("dataset")?,
+            run: row.get("run")?,
+            created_at: row.get("created_at")?,
+            started_at: row.get("started_at")?,
+            finished_at: row.get("finished_at")?,
+            deletion: deletion(row)?,
+        })
+    }
+}

@@ -21,55 +21,13 @@
 
 use std::time::Duration;
 
-use serde_json::Value;
-use spec::{Digest, Resources};
-use wire::JobState;
+use spec::Resources;
 
 use crate::boxed;
-use crate::database::{Database, Scope, Transaction, sql};
+use crate::database::{Claim, Scope, Transaction};
 use crate::queue::pipelines;
 use crate::queue::rules::task::TaskStanding;
-use crate::{Epoch, JobId, RunId, Store, StoreError, TaskId};
-
-/// A task and the epoch at which it was claimed. It gives a worker the right to write.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Fence {
-    pub task: TaskId,
-    pub epoch: Epoch,
-}
-
-#[derive(Clone, Debug)]
-pub struct ClaimedTask {
-    pub fence: Fence,
-    pub job: JobId,
-    /// The job's kind. The store does not interpret it.
-    pub kind: String,
-    /// The job's resolved spec.
-    pub spec: Value,
-    /// The job's digest.
-    pub digest: Digest,
-    /// The job's run, if it leaves one.
-    pub run: Option<RunId>,
-    pub stage: u32,
-    pub ordinal: u32,
-    pub label: String,
-    pub payload: Value,
-    pub total: u64,
-    /// 1 at the first claim, and at the first claim after a checkpoint of a later step.
-    pub attempt: u32,
-    pub max_attempts: u32,
-    /// Time limit of an attempt.
-    pub time_limit: Option<Duration>,
-}
-
-/// Progress of a running task, as its worker reports it.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Progress {
-    /// Work done in the job's unit, out of the task's `total`.
-    pub done: u64,
-    pub rate_per_second: Option<f64>,
-    pub message: Option<String>,
-}
+use crate::{ClaimedTask, Fence, IdlePoll, JobId, Progress, RunId, Store, StoreError};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Lease {
@@ -80,37 +38,6 @@ pub enum Lease {
     Lost,
 }
 
-/// The next task to be claimed, in its state before the claim.
-#[derive(Clone, Debug)]
-pub(crate) struct NextTask {
-    pub task: ClaimedTask,
-    pub standing: TaskStanding,
-    pub job_state: JobState,
-}
-
-impl NextTask {
-    /// Whether it is the first task of its job to be claimed.
-    pub fn begins_its_job(&self) -> bool {
-        self.job_state == JobState::Queued
-    }
-
-    /// The task as it is after the claim.
-    pub fn claimed(self) -> ClaimedTask {
-        let TaskStanding { attempt, epoch, .. } = self.standing.claimed();
-        let fence = Fence { epoch, ..self.task.fence };
-        ClaimedTask { fence, attempt, ..self.task }
-    }
-}
-
-/// The result of an idle worker's poll for a task.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct IdlePoll {
-    /// Whether there is a task that the worker could claim.
-    pub is_any_claimable: bool,
-    /// The version of the server that was started last; `None` before the first.
-    pub server_version: Option<String>,
-}
-
 impl Store {
     /// Asks for a task that `worker` could claim, without claiming it. Idle workers poll often, and
     /// should not take SQLite's write lock only to find nothing.
@@ -119,7 +46,7 @@ impl Store {
     /// When the database fails.
     #[boxed]
     pub async fn poll(&self, worker: &str, offers: &Resources) -> Result<IdlePoll, StoreError> {
-        sql!(self.database(), "looking for a task", poll(worker, offers))
+        self.read("looking for a task").poll(worker, offers).await
     }
 
     /// Leases the next task that asks for no more than `worker` offers, for `ttl`. The attempt
@@ -134,18 +61,8 @@ impl Store {
         offers: &Resources,
         ttl: Duration,
     ) -> Result<Option<ClaimedTask>, StoreError> {
-        const OPERATION: &str = "claiming a task";
-        let claimed = match self.database() {
-            Database::Sqlite(database) => {
-                let claimed = database.claim(worker, offers, ttl, OPERATION).await?;
-                claimed.map(|(next, tx)| (next, Some(Transaction::Sqlite(tx))))
-            }
-            Database::Postgres(database) => {
-                let claimed = database.claim(worker, offers, ttl).await;
-                claimed.map_err(StoreError::database(OPERATION))?.map(|next| (next, None))
-            }
-        };
-        let Some((next, open)) = claimed else { return Ok(None) };
+        let claim = self.database().claim(worker, offers, ttl, "claiming a task").await?;
+        let Some(Claim { next, open }) = claim else { return Ok(None) };
         let begins_its_job = next.begins_its_job();
         let task = next.claimed();
         match open {
@@ -189,7 +106,7 @@ impl Store {
             Err(StoreError::LeaseLost { .. }) => return Ok(Lease::Lost),
             Err(error) => return Err(error),
         };
-        sql!(&mut tx, renew(fence.task, ttl, progress))?;
+        tx.renew(fence.task, ttl, progress).await?;
         tx.commit().await?;
         Ok(Lease::Held { cancel_requested: standing.cancel_requested })
     }
@@ -202,14 +119,14 @@ impl Store {
     pub async fn set_total(&self, fence: Fence, total: u64) -> Result<(), StoreError> {
         let tx = self.begin(Scope::Lease, "setting the total of a task").await?;
         let (mut tx, _, _) = held_or_rolled_back(tx, fence).await?;
-        sql!(&mut tx, set_total(fence.task, total))?;
+        tx.set_total(fence.task, total).await?;
         tx.commit().await
     }
 }
 
 /// Shows a job as running after its first task was claimed.
 async fn start(tx: &mut Transaction, job: JobId) -> Result<(), StoreError> {
-    if sql!(tx, start_job(job))? {
+    if tx.start_job(job).await? {
         pipelines::settle_pipelines_of(tx, job).await?;
     }
     Ok(())
@@ -228,7 +145,8 @@ pub(crate) async fn held(
     tx: &mut Transaction,
     fence: Fence,
 ) -> Result<(JobId, TaskStanding), StoreError> {
-    sql!(tx, standing(fence.task))?
+    tx.standing(fence.task)
+        .await?
         .filter(|(_, standing)| standing.is_held_at(fence.epoch))
         .ok_or_else(|| lease_lost(fence))
 }
@@ -260,7 +178,8 @@ pub(crate) async fn held_in_stage(
     tx: &mut Transaction,
     fence: Fence,
 ) -> Result<(JobId, TaskStanding, bool), StoreError> {
-    sql!(tx, standing_in_stage(fence.task))?
+    tx.standing_in_stage(fence.task)
+        .await?
         .filter(|(_, standing, _)| standing.is_held_at(fence.epoch))
         .ok_or_else(|| lease_lost(fence))
 }
@@ -271,7 +190,7 @@ pub(crate) async fn held_run(
     fence: Fence,
 ) -> Result<(JobId, RunId), StoreError> {
     let (job, _) = held(tx, fence).await?;
-    let run = sql!(tx, run_id(job))?;
+    let run = tx.run_id(job).await?;
     let run = run.ok_or_else(|| StoreError::not_found("run of job", job.to_string()))?;
     Ok((job, run))
 }

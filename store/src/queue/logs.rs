@@ -6,10 +6,37 @@
 //! the id of a chunk. In PostgreSQL transactions that insert chunks of one job take turns, so their
 //! ids appear in their order.
 
-use crate::boxed;
-use crate::database::{Scope, sql};
+use crate::database::column::json;
+use crate::database::query::{from_row, sql};
+use crate::database::{Reading, Scope, Transaction};
 use crate::queue::leases;
-use crate::{Attempt, Fence, JobId, Store, StoreError, TaskId, Timestamp};
+use crate::{Attempt, Fence, JobId, Store, StoreError, TaskId, Timestamp, boxed};
+
+/// Finds the ids of chunks first, because texts are long and should not be sorted. `$1` to `$3` are
+/// the filter, `$4` is an id and `$5` the number of chunks.
+macro_rules! select_chunks {
+    ($comparison:literal, $order:literal) => {
+        concat!(
+            "SELECT chunk.*, attempt.task, attempt.worker, task.label \
+             FROM attempt_log AS chunk JOIN attempt ON attempt.id = chunk.attempt \
+             JOIN task ON task.id = attempt.task \
+             WHERE chunk.id IN (SELECT chunk.id FROM attempt_log AS chunk \
+                 JOIN attempt ON attempt.id = chunk.attempt \
+                 WHERE chunk.job IN ",
+            "{ids $1}",
+            " \
+                 AND ($2 IS NULL OR attempt.task IN ",
+            "{ids $2}",
+            ") \
+                 AND ($3 IS NULL OR attempt.id = $3) AND chunk.id ",
+            $comparison,
+            " $4 ORDER BY chunk.id ",
+            $order,
+            " LIMIT $5) ORDER BY chunk.id ",
+            $order
+        )
+    };
+}
 
 /// Lines that a worker adds to the log of its attempt.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -88,17 +115,17 @@ impl Store {
         let tx = self.begin(Scope::Rows, "adding to the log of an attempt").await?;
         let (mut tx, job, _) = leases::held_or_rolled_back(tx, fence).await?;
         // A task that was claimed by a version without attempts has none.
-        let Some(attempt) = sql!(&mut tx, attempt_at(fence))? else { return Ok(()) };
-        sql!(&mut tx, insert_log(job, attempt, chunks))?;
+        let Some(attempt) = tx.attempt_at(fence).await? else { return Ok(()) };
+        tx.insert_log(job, attempt, chunks).await?;
         let logged = last.end();
-        sql!(&mut tx, set_log_bytes(attempt, logged))?;
+        tx.set_log_bytes(attempt, logged).await?;
         let tail = logged.saturating_sub(Self::LOG_TAIL_BYTES);
         if tail > Self::LOG_HEAD_BYTES {
-            sql!(&mut tx, delete_log_between(attempt, Self::LOG_HEAD_BYTES, tail))?;
+            tx.delete_log_between(attempt, Self::LOG_HEAD_BYTES, tail).await?;
         }
         if first.position == 0 {
-            for old in sql!(&mut tx, forget_logs(job, Self::LOGS_PER_JOB))? {
-                sql!(&mut tx, delete_log(old))?;
+            for old in tx.forget_logs(job, Self::LOGS_PER_JOB).await? {
+                tx.delete_log(old).await?;
             }
         }
         tx.commit().await
@@ -113,11 +140,9 @@ impl Store {
         page: LogPage,
     ) -> Result<Vec<LogChunk>, StoreError> {
         match page {
-            LogPage::After { id, limit } => {
-                sql!(self.database(), READING, log_after(filter, id, limit))
-            }
+            LogPage::After { id, limit } => self.read(READING).log_after(filter, id, limit).await,
             LogPage::Before { id, limit } => {
-                let mut chunks = sql!(self.database(), READING, log_before(filter, id, limit))?;
+                let mut chunks = self.read(READING).log_before(filter, id, limit).await?;
                 chunks.reverse();
                 Ok(chunks)
             }
@@ -131,9 +156,9 @@ impl Store {
     #[boxed]
     pub async fn may_log(&self, filter: &LogFilter) -> Result<bool, StoreError> {
         match (filter.attempt, &filter.tasks) {
-            (Some(attempt), _) => sql!(self.database(), READING, is_attempt_running(attempt)),
-            (None, Some(tasks)) => sql!(self.database(), READING, are_tasks_open(tasks)),
-            (None, None) => sql!(self.database(), READING, are_jobs_open(&filter.jobs)),
+            (Some(attempt), _) => self.read(READING).is_attempt_running(attempt).await,
+            (None, Some(tasks)) => self.read(READING).are_tasks_open(tasks).await,
+            (None, None) => self.read(READING).are_jobs_open(&filter.jobs).await,
         }
     }
 
@@ -143,14 +168,19 @@ impl Store {
     /// When the database fails.
     #[boxed]
     pub async fn attempt_log(&self, attempt: i64) -> Result<Vec<NewLogChunk>, StoreError> {
-        sql!(self.database(), READING, attempt_log(attempt))
+        sql("SELECT position, text FROM attempt_log WHERE attempt = $1 ORDER BY position")
+            .bind(attempt)
+            .all(&mut self.read(READING))
+            .await
     }
 
     /// # Errors
     /// When there is no such attempt.
     #[boxed]
     pub async fn attempt(&self, id: i64) -> Result<Attempt, StoreError> {
-        sql!(self.database(), "reading an attempt", attempt(id))?
+        self.read("reading an attempt")
+            .attempt(id)
+            .await?
             .ok_or_else(|| StoreError::not_found("attempt", id.to_string()))
     }
 
@@ -164,8 +194,168 @@ impl Store {
         jobs: &[JobId],
         label: &str,
     ) -> Result<Vec<TaskId>, StoreError> {
-        sql!(self.database(), "looking for a task", tasks_labelled(jobs, label))
+        sql("SELECT id FROM task WHERE job IN {ids $1} AND label = $2 ORDER BY id")
+            .bind(json(&jobs))
+            .bind(label)
+            .all(&mut self.read("looking for a task"))
+            .await
     }
 }
 
 const READING: &str = "reading logs";
+
+impl Reading<'_> {
+    /// Oldest first.
+    pub async fn log_after(
+        &mut self,
+        filter: &LogFilter,
+        id: i64,
+        limit: u32,
+    ) -> Result<Vec<LogChunk>, StoreError> {
+        sql(select_chunks!(">", "ASC"))
+            .bind(json(&filter.jobs))
+            .bind(filter.tasks.as_ref().map(json))
+            .bind(filter.attempt)
+            .bind(id)
+            .bind(limit)
+            .all(self)
+            .await
+    }
+
+    /// Newest first.
+    pub async fn log_before(
+        &mut self,
+        filter: &LogFilter,
+        id: Option<i64>,
+        limit: u32,
+    ) -> Result<Vec<LogChunk>, StoreError> {
+        sql(select_chunks!("<", "DESC"))
+            .bind(json(&filter.jobs))
+            .bind(filter.tasks.as_ref().map(json))
+            .bind(filter.attempt)
+            .bind(id.unwrap_or(i64::MAX))
+            .bind(limit)
+            .all(self)
+            .await
+    }
+
+    pub async fn attempt(&mut self, id: i64) -> Result<Option<Attempt>, StoreError> {
+        sql("SELECT attempt.*, task.label FROM attempt JOIN task ON task.id = attempt.task \
+             WHERE attempt.id = $1")
+        .bind(id)
+        .optional(self)
+        .await
+    }
+
+    pub async fn is_attempt_running(&mut self, id: i64) -> Result<bool, StoreError> {
+        sql("SELECT EXISTS (SELECT 1 FROM attempt WHERE id = $1 AND ended_at IS NULL)")
+            .bind(id)
+            .one(self)
+            .await
+    }
+
+    /// Whether any of the tasks has not ended.
+    pub async fn are_tasks_open(&mut self, tasks: &[TaskId]) -> Result<bool, StoreError> {
+        sql("SELECT EXISTS (SELECT 1 FROM task WHERE id IN {ids $1} \
+             AND state IN ('waiting', 'queued', 'running'))")
+        .bind(json(&tasks))
+        .one(self)
+        .await
+    }
+
+    /// Whether any of the jobs has not ended, or has ended while a worker still has one of its
+    /// tasks.
+    pub async fn are_jobs_open(&mut self, jobs: &[JobId]) -> Result<bool, StoreError> {
+        sql("SELECT EXISTS (SELECT 1 FROM job WHERE id IN {ids $1} \
+             AND state IN ('waiting', 'queued', 'running')) OR EXISTS (SELECT 1 FROM attempt \
+             WHERE job IN {ids $1} AND ended_at IS NULL)")
+        .bind(json(&jobs))
+        .one(self)
+        .await
+    }
+}
+
+impl Transaction {
+    /// The attempts stay.
+    pub async fn delete_logs_of_jobs(&mut self, jobs: &[JobId]) -> Result<(), StoreError> {
+        sql("UPDATE attempt SET log_bytes = NULL WHERE log_bytes IS NOT NULL AND job IN {ids $1}")
+            .bind(json(&jobs))
+            .run(self)
+            .await?;
+        sql("DELETE FROM attempt_log WHERE job IN {ids $1}").bind(json(&jobs)).run(self).await
+    }
+
+    pub async fn attempt_at(&mut self, fence: Fence) -> Result<Option<i64>, StoreError> {
+        sql("SELECT id FROM attempt WHERE task = $1 AND epoch = $2")
+            .bind(fence.task)
+            .bind(fence.epoch)
+            .optional(self)
+            .await
+    }
+
+    /// Replaces chunks at the same positions. Transactions that insert chunks of one job wait for
+    /// each other. Otherwise a reader would see an id before a smaller one.
+    pub async fn insert_log(
+        &mut self,
+        job: JobId,
+        attempt: i64,
+        chunks: &[NewLogChunk],
+    ) -> Result<(), StoreError> {
+        self.wait_for_turn(job).await?;
+        for chunk in chunks {
+            sql("INSERT INTO attempt_log (job, attempt, position, text, written_at) \
+                 VALUES ($1, $2, $3, $4, {now}) ON CONFLICT (attempt, position) DO UPDATE \
+                 SET text = excluded.text")
+            .bind(job)
+            .bind(attempt)
+            .bind(chunk.position)
+            .bind(&chunk.text)
+            .run(self)
+            .await?;
+        }
+        Ok(())
+    }
+
+    pub async fn set_log_bytes(&mut self, attempt: i64, bytes: u64) -> Result<(), StoreError> {
+        sql("UPDATE attempt SET log_bytes = $1 WHERE id = $2")
+            .bind(bytes)
+            .bind(attempt)
+            .run(self)
+            .await
+    }
+
+    /// Deletes the chunks that begin at `from` or later, and before `to`.
+    pub async fn delete_log_between(
+        &mut self,
+        attempt: i64,
+        from: u64,
+        to: u64,
+    ) -> Result<(), StoreError> {
+        sql("DELETE FROM attempt_log WHERE attempt = $1 AND position >= $2 AND position < $3")
+            .bind(attempt)
+            .bind(from)
+            .bind(to)
+            .run(self)
+            .await
+    }
+
+    /// Marks the ended attempts of a job, except the newest `kept`, as having no log, and returns
+    /// them.
+    pub async fn forget_logs(&mut self, job: JobId, kept: u32) -> Result<Vec<i64>, StoreError> {
+        sql("UPDATE attempt SET log_bytes = NULL WHERE id IN (SELECT id FROM attempt \
+                 WHERE job = $1 AND log_bytes IS NOT NULL AND ended_at IS NOT NULL \
+                 ORDER BY id DESC LIMIT 9223372036854775807 OFFSET $2) RETURNING id")
+        .bind(job)
+        .bind(kept)
+        .all(self)
+        .await
+    }
+
+    pub async fn delete_log(&mut self, attempt: i64) -> Result<(), StoreError> {
+        sql("DELETE FROM attempt_log WHERE attempt = $1").bind(attempt).run(self).await
+    }
+}
+
+from_row!(LogChunk { id, attempt, task, label, worker, position, text, written_at });
+
+from_row!(NewLogChunk { position, text });

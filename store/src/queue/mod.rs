@@ -1,3 +1,5 @@
+//! The queue: jobs and their tasks, from the submission to the end of the last attempt.
+
 pub(crate) mod attempts;
 pub(crate) mod cancellation;
 pub(crate) mod idempotency;
@@ -9,6 +11,7 @@ pub(crate) mod pipelines;
 pub(crate) mod propagation;
 pub(crate) mod reaper;
 pub(crate) mod rules;
+pub(crate) mod statements;
 pub(crate) mod submission;
 pub(crate) mod takeover;
 pub(crate) mod task_end;

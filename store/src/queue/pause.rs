@@ -1,8 +1,8 @@
 //! The queue as a whole: whether tasks are claimed, and how many there are.
 
-use crate::boxed;
-use crate::database::{Scope, sql};
-use crate::{Store, StoreError, Timestamp};
+use crate::database::query::sql;
+use crate::database::{Scope, Transaction};
+use crate::{Store, StoreError, Timestamp, boxed};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Queue {
@@ -19,7 +19,13 @@ impl Store {
     /// When the database fails.
     #[boxed]
     pub async fn queue(&self) -> Result<Queue, StoreError> {
-        sql!(self.database(), "reading the queue", queue())
+        let (paused_at, queued, running): (Option<Timestamp>, i64, i64) =
+            sql("SELECT (SELECT paused_at FROM queue), \
+             (SELECT COUNT(*) FROM task WHERE state = 'queued'), \
+             (SELECT COUNT(*) FROM task WHERE state = 'running')")
+            .one(&mut self.read("reading the queue"))
+            .await?;
+        Ok(Queue { paused_at, queued: queued.unsigned_abs(), running: running.unsigned_abs() })
     }
 
     /// Pauses the queue: no more tasks are claimed. Running tasks go on, and jobs can still be
@@ -31,11 +37,11 @@ impl Store {
     pub async fn pause_queue(&self) -> Result<(), StoreError> {
         const OPERATION: &str = "pausing the queue";
         let mut tx = self.begin(Scope::Rows, OPERATION).await?;
-        sql!(&mut tx, pause_queue())?;
+        tx.pause_queue().await?;
         tx.commit().await?;
         // A claim that began before the pause may be committed after it.
         let mut tx = self.begin(Scope::Rows, OPERATION).await?;
-        sql!(&mut tx, wait_for_claims())?;
+        tx.wait_for_claims().await?;
         tx.commit().await
     }
 
@@ -46,7 +52,19 @@ impl Store {
     #[boxed]
     pub async fn resume_queue(&self) -> Result<(), StoreError> {
         let mut tx = self.begin(Scope::Rows, "resuming the queue").await?;
-        sql!(&mut tx, resume_queue())?;
+        tx.resume_queue().await?;
         tx.commit().await
+    }
+}
+
+impl Transaction {
+    /// Pauses the queue. If it is paused already, the time of the pause stays.
+    pub async fn pause_queue(&mut self) -> Result<(), StoreError> {
+        sql("UPDATE queue SET paused_at = COALESCE(paused_at, {now})").run(self).await
+    }
+
+    pub async fn resume_queue(&mut self) -> Result<(), StoreError> {
+        sql("UPDATE queue SET paused_at = NULL").run(self).await?;
+        self.ring().await
     }
 }

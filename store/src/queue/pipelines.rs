@@ -1,12 +1,16 @@
 //! Pipelines: jobs whose members are jobs. A pipeline's state follows from its members' states.
 
+use std::collections::BTreeSet;
+
 use wire::JobState;
 
-use crate::boxed;
-use crate::database::{Transaction, sql};
+use crate::database::Transaction;
+use crate::database::column::json;
+use crate::database::query::{Row, from_row, sql};
+use crate::queue::rules::cancellation::Candidate;
 use crate::queue::rules::job::is_unsuccessful;
 use crate::queue::rules::pipeline::{MemberStanding, culprit, settled};
-use crate::{JobId, JobProgress, Store, StoreError};
+use crate::{JobId, JobProgress, Store, StoreError, boxed};
 
 /// A member of a pipeline.
 #[derive(Clone, Debug)]
@@ -42,7 +46,24 @@ impl Store {
     /// When the database fails.
     #[boxed]
     pub async fn members(&self, pipelines: &[JobId]) -> Result<Vec<Member>, StoreError> {
-        sql!(self.database(), "reading the members of pipelines", members(pipelines))
+        let mut reading = self.read("reading the members of pipelines");
+        let mut members: Vec<Member> =
+            sql("SELECT member.pipeline, member.name, member.reused, member.job, job.kind, \
+             job.state, job.error, job.unit FROM pipeline_member AS member JOIN job \
+             ON job.id = member.job WHERE member.pipeline IN {ids $1} \
+             ORDER BY member.pipeline, member.ordinal")
+            .bind(json(&pipelines))
+            .all(&mut reading)
+            .await?;
+        let jobs: BTreeSet<JobId> = members.iter().map(|member| member.job).collect();
+        let progress = reading.progress(&jobs.into_iter().collect::<Vec<_>>()).await?;
+        for member in &mut members {
+            if let Some(found) = progress.get(&member.job) {
+                let unit = std::mem::take(&mut member.progress.unit);
+                member.progress = JobProgress { unit, ..found.clone() };
+            }
+        }
+        Ok(members)
     }
 }
 
@@ -51,7 +72,7 @@ pub(crate) async fn settle_pipelines_of(
     tx: &mut Transaction,
     job: JobId,
 ) -> Result<(), StoreError> {
-    for pipeline in sql!(tx, pipelines_of(job))? {
+    for pipeline in tx.pipelines_of(job).await? {
         settle(tx, pipeline).await?;
     }
     Ok(())
@@ -59,8 +80,8 @@ pub(crate) async fn settle_pipelines_of(
 
 /// Derives a pipeline's state from the states of its members.
 pub(crate) async fn settle(tx: &mut Transaction, pipeline: JobId) -> Result<(), StoreError> {
-    let (state, cancel_requested) = sql!(tx, pipeline(pipeline))?;
-    let members = sql!(tx, member_rows(pipeline))?;
+    let (state, cancel_requested) = tx.pipeline(pipeline).await?;
+    let members = tx.member_rows(pipeline).await?;
     let standings: Vec<MemberStanding> = members.iter().map(MemberRow::standing).collect();
     let next = settled(state, cancel_requested, &standings);
     if next == state {
@@ -68,7 +89,7 @@ pub(crate) async fn settle(tx: &mut Transaction, pipeline: JobId) -> Result<(), 
     }
     let blames_member = is_unsuccessful(next) && !cancel_requested;
     let error = culprit(&standings).filter(|_| blames_member).map(|i| members[i].reason());
-    sql!(tx, set_pipeline(pipeline, next, error.as_deref()))
+    tx.set_pipeline(pipeline, next, error.as_deref()).await
 }
 
 impl MemberRow {
@@ -83,3 +104,108 @@ impl MemberRow {
         format!("{} (job {}) {end}{error}", self.name, self.job)
     }
 }
+
+impl Transaction {
+    pub async fn insert_member(
+        &mut self,
+        pipeline: JobId,
+        ordinal: u32,
+        name: &str,
+        job: JobId,
+        reused: bool,
+    ) -> Result<(), StoreError> {
+        sql("INSERT INTO pipeline_member (pipeline, name, ordinal, job, reused) \
+             VALUES ($1, $2, $3, $4, $5)")
+        .bind(pipeline)
+        .bind(name)
+        .bind(ordinal)
+        .bind(job)
+        .bind(reused)
+        .run(self)
+        .await
+    }
+
+    pub async fn pipelines_of(&mut self, job: JobId) -> Result<Vec<JobId>, StoreError> {
+        sql("SELECT DISTINCT pipeline FROM pipeline_member WHERE job = $1")
+            .bind(job)
+            .all(self)
+            .await
+    }
+
+    pub async fn has_members(&mut self, job: JobId) -> Result<bool, StoreError> {
+        sql("SELECT EXISTS (SELECT 1 FROM pipeline_member WHERE pipeline = $1)")
+            .bind(job)
+            .one(self)
+            .await
+    }
+
+    /// The state of a pipeline, and whether its cancellation was requested.
+    pub async fn pipeline(&mut self, pipeline: JobId) -> Result<(JobState, bool), StoreError> {
+        let (state, cancel_requested) =
+            sql("SELECT state, cancel_requested FROM job WHERE id = $1")
+                .bind(pipeline)
+                .one(self)
+                .await?;
+        Ok((state, cancel_requested))
+    }
+
+    /// In the order of submission.
+    pub async fn member_rows(&mut self, pipeline: JobId) -> Result<Vec<MemberRow>, StoreError> {
+        sql("SELECT member.name, job.id AS job, job.state, job.cancel_requested, job.error \
+             FROM pipeline_member AS member JOIN job ON job.id = member.job \
+             WHERE member.pipeline = $1 ORDER BY member.ordinal")
+        .bind(pipeline)
+        .all(self)
+        .await
+    }
+
+    /// Sets the state of a pipeline. Its times follow from the state.
+    pub async fn set_pipeline(
+        &mut self,
+        pipeline: JobId,
+        state: JobState,
+        error: Option<&str>,
+    ) -> Result<(), StoreError> {
+        sql("UPDATE job SET state = $1, error = $2, started_at = COALESCE(started_at, {now}), \
+             finished_at = CASE WHEN $1 = 'running' THEN NULL ELSE {now} END WHERE id = $3")
+        .bind(state)
+        .bind(error)
+        .bind(pipeline)
+        .run(self)
+        .await
+    }
+
+    /// The members of a pipeline, without the jobs that wait for them.
+    pub async fn candidates(&mut self, pipeline: JobId) -> Result<Vec<Candidate>, StoreError> {
+        let rows = sql(
+            "SELECT job.id, job.state, job.asked_alone, EXISTS (SELECT 1 \
+                 FROM pipeline_member AS other JOIN job AS pipeline ON pipeline.id = other.pipeline \
+                 WHERE other.job = job.id AND NOT pipeline.cancel_requested \
+                 AND pipeline.state IN ('waiting', 'queued', 'running')) AS is_shared \
+             FROM pipeline_member AS member JOIN job ON job.id = member.job \
+             WHERE member.pipeline = $1",
+        )
+        .bind(pipeline)
+        .rows(self)
+        .await?;
+        let candidate = |row: &Row| {
+            Ok(Candidate {
+                job: row.get("id")?,
+                state: row.get("state")?,
+                asked_alone: row.get("asked_alone")?,
+                is_shared: row.get("is_shared")?,
+                needed_by: Vec::new(),
+            })
+        };
+        rows.iter().map(candidate).collect()
+    }
+}
+
+// Reads only the unit of the progress.
+from_row!(Member {
+    pipeline, name, job, kind, state, error, reused,
+    ..row =>
+    progress: JobProgress { unit: row.get("unit")?, ..JobProgress::default() },
+});
+
+from_row!(MemberRow { name, job, state, cancel_requested, error });

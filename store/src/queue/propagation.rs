@@ -3,7 +3,7 @@
 
 use wire::JobState;
 
-use crate::database::{Transaction, sql};
+use crate::database::Transaction;
 use crate::queue::pipelines;
 use crate::queue::rules::job::{Step, after_task, before_start};
 use crate::{JobId, StoreError};
@@ -11,12 +11,12 @@ use crate::{JobId, StoreError};
 /// Advances a job after it was queued, or after some of its tasks ended.
 pub(crate) async fn advance(tx: &mut Transaction, job: JobId) -> Result<(), StoreError> {
     let state = state_of(tx, job).await?;
-    match after_task(state, sql!(tx, tally(job))?) {
+    match after_task(state, tx.tally(job).await?) {
         Step::Nothing => Ok(()),
-        Step::QueueStage(stage) => sql!(tx, queue_stage(job, stage)),
+        Step::QueueStage(stage) => tx.queue_stage(job, stage).await,
         Step::End(state) => {
             let error = match state {
-                JobState::Failed => sql!(tx, first_failure(job))?,
+                JobState::Failed => tx.first_failure(job).await?,
                 _ => None,
             };
             finish(tx, job, state, error).await
@@ -26,13 +26,13 @@ pub(crate) async fn advance(tx: &mut Transaction, job: JobId) -> Result<(), Stor
 
 /// Ends a job whose cancellation was requested, unless workers still have some of its tasks.
 pub(crate) async fn stop(tx: &mut Transaction, job: JobId) -> Result<(), StoreError> {
-    sql!(tx, stop_tasks(job))?;
+    tx.stop_tasks(job).await?;
     advance(tx, job).await
 }
 
 /// The state of a job that a row names, so it exists.
 pub(crate) async fn state_of(tx: &mut Transaction, job: JobId) -> Result<JobState, StoreError> {
-    sql!(tx, job_state(job))?.ok_or_else(|| StoreError::not_found("job", job.to_string()))
+    tx.job_state(job).await?.ok_or_else(|| StoreError::not_found("job", job.to_string()))
 }
 
 /// Gives a job its final state, and informs everything that depends on it.
@@ -47,17 +47,17 @@ async fn finish(
         if state_of(tx, job).await?.is_final() {
             continue;
         }
-        sql!(tx, stop_tasks(job))?;
-        sql!(tx, end_job(job, state, error.as_deref()))?;
+        tx.stop_tasks(job).await?;
+        tx.end_job(job, state, error.as_deref()).await?;
         if state == JobState::Succeeded {
-            sql!(tx, complete_dataset(job))?;
+            tx.complete_dataset(job).await?;
         }
-        for dependent in sql!(tx, waiting_dependents(job))? {
-            match before_start(sql!(tx, states_of_needs(dependent))?) {
+        for dependent in tx.waiting_dependents(job).await? {
+            match before_start(tx.states_of_needs(dependent).await?) {
                 JobState::Queued => {
-                    sql!(tx, queue_job(dependent))?;
-                    let stage = sql!(tx, tally(dependent))?.open_stage;
-                    sql!(tx, queue_stage(dependent, stage.unwrap_or(0)))?;
+                    tx.queue_job(dependent).await?;
+                    let stage = tx.tally(dependent).await?.open_stage;
+                    tx.queue_stage(dependent, stage.unwrap_or(0)).await?;
                 }
                 JobState::Cancelled => {
                     let reason = format!("needs job {job}, which {}", past_tense(state));

@@ -5,7 +5,7 @@ use std::time::Duration;
 use wire::TaskState;
 
 use crate::boxed;
-use crate::database::{Scope, sql};
+use crate::database::Scope;
 use crate::queue::rules::task::Ending;
 use crate::queue::rules::watch::{Leased, Watch};
 use crate::queue::task_end;
@@ -44,7 +44,7 @@ impl Reaper {
     /// When the database fails.
     #[boxed]
     pub async fn look(&mut self, since: Duration) -> Result<Reaped, StoreError> {
-        let leased = sql!(self.store.database(), "reading the leases", leased())?;
+        let leased = self.store.read("reading the leases").leased().await?;
         if since > LATE * self.every {
             self.watch.begin_anew();
         }
@@ -57,7 +57,7 @@ impl Reaper {
         let mut reaped = Reaped::default();
         for Leased { fence, worker, until, .. } in ended {
             // The lease was renewed at the last moment, or given back.
-            if sql!(&mut tx, lease_until(fence.task))? != Some(until) {
+            if tx.lease_until(fence.task).await? != Some(until) {
                 continue;
             }
             let error = format!("worker {worker} stopped answering");
@@ -102,7 +102,7 @@ impl Store {
     pub async fn take_back(&self, worker: &str, end: WorkerEnd<'_>) -> Result<Reaped, StoreError> {
         let mut tx = self.begin(Scope::Queue, "taking back the tasks of a worker").await?;
         let mut reaped = Reaped::default();
-        for fence in sql!(&mut tx, leased_by(worker))? {
+        for fence in tx.leased_by(worker).await? {
             let (ending, error) = match end {
                 WorkerEnd::Died(how) => {
                     (Ending::Failed(Retry::Allowed), Some(format!("worker {worker} {how}")))
@@ -116,7 +116,7 @@ impl Store {
         }
         if let WorkerEnd::Interrupted(how) | WorkerEnd::Died(how) = end {
             // The worker may have given its task back in time, without knowing why it had to.
-            sql!(&mut tx, explain_release(worker, &format!("worker {worker} {how}")))?;
+            tx.explain_release(worker, &format!("worker {worker} {how}")).await?;
         }
         tx.commit().await?;
         Ok(reaped)

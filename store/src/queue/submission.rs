@@ -5,19 +5,17 @@ use spec::{Digest, Moment, Resources};
 use wire::JobState;
 
 use crate::boxed;
-use crate::database::{Scope, Transaction, sql};
+use crate::database::{Scope, Transaction};
 use crate::events::tell;
-use crate::identifiers::ResourcesId;
 use crate::lists::labels::label_submitted;
 use crate::queue::idempotency;
 use crate::queue::pipelines;
 use crate::queue::propagation::{advance, state_of};
 use crate::queue::rules::job::{before_start, is_unsuccessful};
-use crate::queue::rules::reuse::{TaskPlace, stand_in, takes_over};
+use crate::queue::rules::reuse::{stand_in, takes_over};
 use crate::queue::rules::turn::turn;
-use crate::{
-    CheckpointId, EventKind, Idempotency, JobId, Labels, Store, StoreError, TaskId, Timestamp,
-};
+use crate::queue::statements::submission::{CompletedTask, JobRow};
+use crate::{CheckpointId, EventKind, Idempotency, JobId, Labels, Store, StoreError};
 
 /// Jobs that are submitted together.
 #[derive(Clone, Debug)]
@@ -156,34 +154,6 @@ pub struct Submitted {
     pub reused: bool,
 }
 
-/// The values of a job's row.
-pub(crate) struct JobRow<'a> {
-    pub kind: &'a str,
-    pub name: &'a str,
-    pub spec: &'a Value,
-    pub digest: Digest,
-    pub unit: &'a str,
-    pub priority: i32,
-    pub max_attempts: u32,
-    pub time_limit_s: Option<u32>,
-    pub resources: ResourcesId,
-    pub not_before: Option<Moment>,
-    /// The moment since when it has waited.
-    pub waits_since: Timestamp,
-    /// Whether it was made for a pipeline.
-    pub is_part: bool,
-    /// Whether its workers take over shards and checkpoints.
-    pub takes_over: bool,
-}
-
-/// A task that succeeded and has a result.
-pub(crate) struct CompletedTask {
-    pub task: TaskId,
-    pub place: TaskPlace,
-    /// The payload as stored.
-    pub payload: String,
-}
-
 impl Store {
     /// # Errors
     /// When a needed job has failed or was deleted, when an idempotency key was used with another
@@ -231,13 +201,13 @@ async fn submit(tx: &mut Transaction, submission: &Submission) -> Result<Submitt
         None => {
             let new = &submission.jobs[0];
             let submitted = submit_job(tx, new, submission.reuse, &[], false).await?;
-            sql!(tx, mark_asked_alone(submitted.job))?;
+            tx.mark_asked_alone(submitted.job).await?;
             submitted
         }
     };
     label_submitted(tx, submitted.job, &submission.labels).await?;
     if let Some(Idempotency { key, request }) = &submission.idempotency {
-        sql!(tx, remember_request(key, *request, &submitted))?;
+        tx.remember_request(key, *request, &submitted).await?;
     }
     Ok(submitted)
 }
@@ -248,7 +218,7 @@ async fn submit_pipeline(
     new: &NewPipeline,
 ) -> Result<Submitted, StoreError> {
     if submission.reuse == Reuse::SameDigest
-        && let Some(job) = stand_in(&sql!(tx, earlier_jobs(new.digest))?)
+        && let Some(job) = stand_in(&tx.earlier_jobs(new.digest).await?)
     {
         return Ok(Submitted { job, reused: true });
     }
@@ -266,16 +236,16 @@ async fn submit_pipeline(
         priority: new.priority,
         max_attempts: new.max_attempts,
         time_limit_s: None,
-        resources: sql!(tx, resources_id(&Resources::default()))?,
+        resources: tx.resources_id(&Resources::default()).await?,
         not_before: None,
-        waits_since: sql!(tx, waits_since())?,
+        waits_since: tx.waits_since().await?,
         is_part: false,
         takes_over: false,
     };
     let pipeline = insert_job(tx, &row, JobState::Queued).await?;
     for (ordinal, member) in (0u32..).zip(&new.members) {
         let Submitted { job, reused } = jobs[member.job];
-        sql!(tx, insert_member(pipeline, ordinal, &member.name, job, reused))?;
+        tx.insert_member(pipeline, ordinal, &member.name, job, reused).await?;
     }
     // All members may have succeeded long ago.
     pipelines::settle(tx, pipeline).await?;
@@ -288,7 +258,7 @@ async fn insert_job(
     row: &JobRow<'_>,
     state: JobState,
 ) -> Result<JobId, StoreError> {
-    let job = sql!(tx, insert_job(row, state))?;
+    let job = tx.insert_job(row, state).await?;
     let data = json!({
         "kind": row.kind, "name": row.name, "state": state, "error": null, "cancel_requested": false,
     });
@@ -307,7 +277,7 @@ async fn submit_job(
     let may_reuse = reuse == Reuse::SameDigest;
     if may_reuse
         && new.reuse.whole
-        && let Some(job) = stand_in(&sql!(tx, earlier_jobs(new.digest))?)
+        && let Some(job) = stand_in(&tx.earlier_jobs(new.digest).await?)
     {
         return Ok(Submitted { job, reused: true });
     }
@@ -318,24 +288,24 @@ async fn submit_job(
         if is_unsuccessful(state) {
             return Err(StoreError::NeedNotMet { job: *need, state });
         }
-        if sql!(tx, job_is_gone(*need))? {
+        if tx.job_is_gone(*need).await? {
             return Err(StoreError::InputDeleted { item: (*need).into() });
         }
         states.push(state);
     }
     for checkpoint in &new.checkpoints {
         let item = (*checkpoint).into();
-        if sql!(tx, item(item))?.is_none_or(|row| row.deletion.is_some()) {
+        if tx.item(item).await?.is_none_or(|row| row.deletion.is_some()) {
             return Err(StoreError::InputDeleted { item });
         }
     }
     for file in &new.files {
-        if sql!(tx, known_upload(*file))?.is_none() {
+        if tx.known_upload(*file).await?.is_none() {
             return Err(StoreError::FileDeleted { digest: *file });
         }
     }
     let state = before_start(states);
-    let waits_since = sql!(tx, waits_since())?;
+    let waits_since = tx.waits_since().await?;
     let row = JobRow {
         kind: &new.kind,
         name: &new.name,
@@ -345,7 +315,7 @@ async fn submit_job(
         priority: new.priority,
         max_attempts: new.max_attempts,
         time_limit_s: new.time_limit_s,
-        resources: sql!(tx, resources_id(&new.resources))?,
+        resources: tx.resources_id(&new.resources).await?,
         not_before: new.not_before,
         waits_since,
         is_part,
@@ -353,16 +323,16 @@ async fn submit_job(
     };
     let job = insert_job(tx, &row, state).await?;
     for need in needs {
-        sql!(tx, insert_need(job, need))?;
+        tx.insert_need(job, need).await?;
     }
-    sql!(tx, insert_inputs(job, &[&new.reads[..], &new.files].concat()))?;
+    tx.insert_inputs(job, &[&new.reads[..], &new.files].concat()).await?;
     let turn = turn(waits_since, new.not_before, new.priority);
-    sql!(tx, insert_tasks(job, turn, &new.tasks))?;
+    tx.insert_tasks(job, turn, &new.tasks).await?;
     match new.output {
         Output::Dataset { trajectories, samples } => {
-            sql!(tx, insert_dataset(job, new.digest, trajectories, samples))?;
+            tx.insert_dataset(job, new.digest, trajectories, samples).await?;
         }
-        Output::Run => sql!(tx, insert_run(job))?,
+        Output::Run => tx.insert_run(job).await?,
         Output::Nothing => {}
     }
     if may_reuse && new.reuse.parts == PartReuse::Tasks {
@@ -391,13 +361,13 @@ fn needs(new: &NewJob, submitted: &[Submitted]) -> Vec<JobId> {
 /// earlier job's run.
 async fn take_over_tasks(tx: &mut Transaction, job: JobId, new: &NewJob) -> Result<(), StoreError> {
     let last_stage = new.tasks.iter().map(|task| task.stage).max().unwrap_or(0);
-    for CompletedTask { task, place, payload } in sql!(tx, completed_tasks(new.digest))? {
+    for CompletedTask { task, place, payload } in tx.completed_tasks(new.digest).await? {
         let same_place =
             |task: &&NewTask| (task.stage, task.ordinal) == (place.stage, place.ordinal);
         let Some(at_place) = new.tasks.iter().find(same_place) else { continue };
         let asked = at_place.payload.to_string();
         if takes_over(place, last_stage, asked == payload) {
-            sql!(tx, take_over(job, place, task))?;
+            tx.take_over(job, place, task).await?;
         }
     }
     Ok(())

@@ -4,11 +4,12 @@
 
 use serde_json::Value;
 
-use crate::boxed;
 use crate::database::patience::patiently;
-use crate::database::{Scope, sql};
+use crate::database::query::sql;
+use crate::database::{Reading, Scope, Transaction};
 use crate::queue::leases;
-use crate::{Checkpoint, Fence, JobId, RunId, ShardContents, Store, StoreError};
+use crate::results::datasets::shards_from_rows;
+use crate::{Checkpoint, DatasetId, Fence, JobId, RunId, ShardContents, Store, StoreError, boxed};
 
 /// A shard of another job with the same digest.
 #[derive(Clone, Debug)]
@@ -30,7 +31,33 @@ impl Store {
         job: JobId,
         ordinal: u32,
     ) -> Result<Option<EarlierShard>, StoreError> {
-        sql!(self.database(), "looking for an earlier shard", earlier_shard(job, ordinal))
+        let mut reading = self.read("looking for an earlier shard");
+        let newest: Option<DatasetId> = sql(
+            "SELECT dataset.id FROM job \
+             JOIN job AS other ON other.digest = job.digest AND other.id <> job.id \
+             JOIN dataset ON dataset.job = other.id JOIN shard ON shard.dataset = dataset.id \
+             WHERE job.id = $1 AND job.takes_over AND shard.ordinal = $2 AND dataset.deleted_at IS NULL \
+             ORDER BY dataset.id DESC LIMIT 1",
+        )
+        .bind(job)
+        .bind(ordinal)
+        .optional(&mut reading)
+        .await?;
+        let Some(dataset) = newest else { return Ok(None) };
+        let rows = sql(
+            "SELECT shard.*, file.content, file.path, file.size, file.sha256, task.result \
+             FROM shard JOIN task ON task.id = shard.task \
+             JOIN shard_file AS file ON file.dataset = shard.dataset AND file.ordinal = shard.ordinal \
+             WHERE shard.dataset = $1 AND shard.ordinal = $2",
+        )
+        .bind(dataset)
+        .bind(ordinal)
+        .rows(&mut reading)
+        .await?;
+        let Some(row) = rows.first() else { return Ok(None) };
+        let result: Option<Value> = row.get("result")?;
+        let shard = shards_from_rows(&rows)?.pop();
+        Ok(shard.map(|shard| EarlierShard { contents: shard.contents, result }))
     }
 
     /// The checkpoints of another job with `job`'s digest, sorted by step: of the job that got
@@ -41,7 +68,7 @@ impl Store {
     #[boxed]
     pub async fn earlier_checkpoints(&self, job: JobId) -> Result<Vec<Checkpoint>, StoreError> {
         const OPERATION: &str = "looking for earlier checkpoints";
-        match sql!(self.database(), OPERATION, farthest_training(job))? {
+        match self.read(OPERATION).farthest_training(job).await? {
             Some(earlier) => self.checkpoints_of_job(earlier).await,
             None => Ok(Vec::new()),
         }
@@ -61,10 +88,45 @@ impl Store {
         patiently!({
             let mut tx = self.begin(Scope::Rows, "taking over metrics").await?;
             let (_, run) = leases::held_run(&mut tx, fence).await?;
-            for key in sql!(&mut tx, copy_metrics(from, run, step))? {
-                sql!(&mut tx, set_latest(run, &key))?;
+            for key in tx.copy_metrics(from, run, step).await? {
+                tx.set_latest(run, &key).await?;
             }
             tx.commit().await
         })
+    }
+}
+
+impl Reading<'_> {
+    pub async fn farthest_training(&mut self, job: JobId) -> Result<Option<JobId>, StoreError> {
+        sql("SELECT other.id FROM job \
+             JOIN job AS other ON other.digest = job.digest AND other.id <> job.id \
+             JOIN checkpoint ON checkpoint.job = other.id \
+             WHERE job.id = $1 AND job.takes_over AND checkpoint.deleted_at IS NULL \
+             ORDER BY checkpoint.step DESC, other.id DESC LIMIT 1")
+        .bind(job)
+        .optional(self)
+        .await
+    }
+}
+
+impl Transaction {
+    /// Returns the copied keys.
+    pub async fn copy_metrics(
+        &mut self,
+        from: RunId,
+        to: RunId,
+        step: u64,
+    ) -> Result<Vec<String>, StoreError> {
+        sql(
+            "INSERT INTO metric (run, key, step, time, value) \
+             SELECT $1, key, step, time, value FROM metric WHERE run = $2 AND step <= $3 \
+             ON CONFLICT (run, key, step) DO UPDATE SET time = excluded.time, value = excluded.value",
+        )
+        .bind(to)
+        .bind(from)
+        .bind(step)
+        .changed(self)
+        .await?;
+        sql("SELECT DISTINCT key FROM metric WHERE run = $1").bind(to).all(self).await
     }
 }

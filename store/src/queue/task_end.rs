@@ -6,8 +6,7 @@ use wire::{AttemptOutcome, TaskState};
 
 use crate::boxed;
 use crate::database::patience::patiently;
-use crate::database::postgres::StageEnd;
-use crate::database::{Database, Scope, Transaction, sql};
+use crate::database::{Scope, StageEnd, Transaction};
 use crate::queue::leases;
 use crate::queue::leases::lease_lost;
 use crate::queue::propagation::advance;
@@ -23,13 +22,10 @@ impl Store {
     pub async fn complete(&self, fence: Fence, result: Option<&Value>) -> Result<(), StoreError> {
         const OPERATION: &str = "completing a task";
         patiently!({
-            if let Database::Postgres(database) = self.database() {
-                let ended = database.complete_in_stage(fence, result).await;
-                match ended.map_err(StoreError::database(OPERATION))? {
-                    StageEnd::Completed => return Ok(()),
-                    StageEnd::Lost => return Err(lease_lost(fence)),
-                    StageEnd::Last => {}
-                }
+            match self.database().complete_in_stage(fence, result, OPERATION).await? {
+                StageEnd::Completed => return Ok(()),
+                StageEnd::Lost => return Err(lease_lost(fence)),
+                StageEnd::Last => {}
             }
             let completion = Completion::begin(self, fence, OPERATION).await?;
             completion.end(result).await
@@ -49,7 +45,7 @@ impl Store {
     ) -> Result<(), StoreError> {
         patiently!({
             let mut completion = Completion::begin(self, fence, "completing a task early").await?;
-            sql!(&mut completion.tx, set_total(fence.task, done))?;
+            completion.tx.set_total(fence.task, done).await?;
             completion.end(Some(result)).await
         })
     }
@@ -142,7 +138,7 @@ impl Completion {
     /// Completes the task and commits.
     pub async fn end(mut self, result: Option<&Value>) -> Result<(), StoreError> {
         let (standing, _) = self.standing.after(Ending::Completed);
-        sql!(&mut self.tx, complete_task(self.fence.task, &standing, result))?;
+        self.tx.complete_task(self.fence.task, &standing, result).await?;
         if self.moves_job {
             advance(&mut self.tx, self.job).await?;
         }
@@ -166,7 +162,7 @@ pub(crate) async fn give_back(
         Ending::Released | Ending::Deferred => AttemptOutcome::Released,
         Ending::Stopped => AttemptOutcome::Cancelled,
     };
-    sql!(tx, end_attempt(fence, outcome, error))?;
+    tx.end_attempt(fence, outcome, error).await?;
     let error = match ending {
         _ if standing.state == TaskState::Cancelled => None,
         Ending::Failed(Retry::Allowed) => error
@@ -176,9 +172,9 @@ pub(crate) async fn give_back(
         _ => error.map(str::to_owned),
     };
     if standing.state == TaskState::Queued {
-        sql!(tx, requeue_task(fence.task, &standing, delay, error.as_deref()))?;
+        tx.requeue_task(fence.task, &standing, delay, error.as_deref()).await?;
     } else {
-        sql!(tx, end_task(fence.task, &standing, error.as_deref()))?;
+        tx.end_task(fence.task, &standing, error.as_deref()).await?;
         advance(tx, job).await?;
     }
     Ok(standing.state)

@@ -6,36 +6,19 @@
 use serde_json::Value;
 use wire::TaskState;
 
-use crate::boxed;
-use crate::database::sql;
-use crate::{Epoch, JobId, Page, Progress, Store, StoreError, TaskId, Timestamp};
+use crate::database::column::json;
+use crate::database::query::{from_row, sql};
+use crate::{JobId, Page, Progress, Store, StoreError, Task, TaskId, boxed};
 
-#[derive(Clone, Debug)]
-pub struct Task {
-    pub id: TaskId,
-    pub job: JobId,
-    pub stage: u32,
-    pub ordinal: u32,
-    pub label: String,
-    pub payload: Value,
-    pub state: TaskState,
-    /// Number of claims since it last made progress, see [`Store::commit_checkpoint`].
-    pub attempt: u32,
-    pub max_attempts: u32,
-    pub epoch: Epoch,
-    /// The worker that has it, or had it last.
-    pub worker: Option<String>,
-    pub lease_until: Option<Timestamp>,
-    pub cancel_requested: bool,
-    pub progress: Progress,
-    /// Amount of work in the job's unit.
-    pub total: u64,
-    /// The result with which it was completed.
-    pub result: Option<Value>,
-    /// The error of the last attempt that failed.
-    pub error: Option<String>,
-    pub started_at: Option<Timestamp>,
-    pub finished_at: Option<Timestamp>,
+/// The columns of [`TaskOverview`].
+macro_rules! select_overview {
+    ($($rest:expr),+ $(,)?) => {
+        concat!(
+            "SELECT id, job, label, state, attempt, worker, done, total, rate, message, error \
+             FROM task ",
+            $($rest),+
+        )
+    };
 }
 
 /// A task without its payload and its result, which may both be large.
@@ -88,7 +71,7 @@ impl Store {
     /// When there is no such job.
     #[boxed]
     pub async fn tasks(&self, job: JobId) -> Result<Vec<Task>, StoreError> {
-        let tasks = sql!(self.database(), READING, tasks(job))?;
+        let tasks = self.read(READING).tasks(job).await?;
         if tasks.is_empty() {
             // A pipeline has no tasks either, and that is no error.
             self.job(job).await?;
@@ -102,7 +85,18 @@ impl Store {
     /// When the database fails.
     #[boxed]
     pub async fn task_page(&self, job: JobId, page: TaskPage) -> Result<Vec<Task>, StoreError> {
-        sql!(self.database(), READING, task_page(job, page))
+        let query = match page.after {
+            None => sql("SELECT * FROM task WHERE job = $1 ORDER BY stage, ordinal LIMIT $2")
+                .bind(job)
+                .bind(page.limit()),
+            Some(after) => sql("SELECT * FROM task WHERE job = $1 AND (stage, ordinal) > \
+                 (SELECT stage, ordinal FROM task WHERE job = $1 AND id = $2) \
+                 ORDER BY stage, ordinal LIMIT $3")
+            .bind(job)
+            .bind(after)
+            .bind(page.limit()),
+        };
+        query.all(&mut self.read(READING)).await
     }
 
     /// The first `limit` tasks, in the order in which they run.
@@ -115,14 +109,22 @@ impl Store {
         job: JobId,
         limit: u32,
     ) -> Result<Vec<TaskOverview>, StoreError> {
-        sql!(self.database(), READING, first_tasks(job, limit))
+        sql(select_overview!("WHERE job = $1 ORDER BY stage, ordinal LIMIT $2"))
+            .bind(job)
+            .bind(limit)
+            .all(&mut self.read(READING))
+            .await
     }
 
     /// # Errors
     /// When the database fails.
     #[boxed]
     pub async fn count_tasks(&self, job: JobId) -> Result<u64, StoreError> {
-        sql!(self.database(), "counting a job's tasks", count_tasks(job))
+        let tasks: i64 = sql("SELECT COUNT(*) FROM task WHERE job = $1")
+            .bind(job)
+            .one(&mut self.read("counting a job's tasks"))
+            .await?;
+        Ok(tasks.unsigned_abs())
     }
 
     /// The tasks of one stage, for each of `jobs`.
@@ -135,7 +137,11 @@ impl Store {
         jobs: &[JobId],
         stage: u32,
     ) -> Result<Vec<TaskOverview>, StoreError> {
-        sql!(self.database(), READING, tasks_of_stage(jobs, stage))
+        sql(select_overview!("WHERE job IN ", "{ids $1}", " AND stage = $2 ORDER BY job, ordinal"))
+            .bind(json(&jobs))
+            .bind(stage)
+            .all(&mut self.read(READING))
+            .await
     }
 
     /// The result of the only task of each job's last stage. Jobs with several tasks in that stage
@@ -145,7 +151,16 @@ impl Store {
     /// When the database fails.
     #[boxed]
     pub async fn sole_results(&self, jobs: &[JobId]) -> Result<Vec<(JobId, Value)>, StoreError> {
-        sql!(self.database(), "reading the results of jobs", sole_results(jobs))
+        let rows = sql(
+            "SELECT job, result FROM task AS last WHERE job IN {ids $1} AND result IS NOT NULL \
+             AND NOT EXISTS (SELECT 1 FROM task AS other WHERE other.job = last.job \
+             AND other.stage >= last.stage AND (other.stage, other.ordinal) <> (last.stage, \
+             last.ordinal))",
+        )
+        .bind(json(&jobs))
+        .rows(&mut self.read("reading the results of jobs"))
+        .await?;
+        rows.iter().map(|row| Ok((row.get("job")?, row.get("result")?))).collect()
     }
 
     /// Counts the tasks of each job by the value of a field in their results.
@@ -158,7 +173,20 @@ impl Store {
         jobs: &[JobId],
         field: &str,
     ) -> Result<Vec<ResultTally>, StoreError> {
-        sql!(self.database(), "counting the results of tasks", result_tallies(jobs, field))
+        let rows: Vec<(JobId, Option<String>, i64)> = sql(
+            "SELECT job, {field result $1} AS found, COUNT(*) FROM task WHERE job IN {ids $2} \
+             GROUP BY job, found",
+        )
+        .bind(field)
+        .bind(json(&jobs))
+        .all(&mut self.read("counting the results of tasks"))
+        .await?;
+        let tally = |(job, value, tasks): (JobId, Option<String>, i64)| ResultTally {
+            job,
+            value,
+            tasks: tasks.unsigned_abs(),
+        };
+        Ok(rows.into_iter().map(tally).collect())
     }
 
     /// Label and result of the first `limit` tasks whose results have a value other than `value` in
@@ -174,16 +202,37 @@ impl Store {
         value: &str,
         limit: u32,
     ) -> Result<Vec<(String, Value)>, StoreError> {
-        sql!(self.database(), READING, results_unlike(job, field, value, limit))
+        let rows =
+            sql("SELECT label, result FROM task WHERE job = $1 AND {field result $2} <> $3 \
+             ORDER BY stage, ordinal LIMIT $4")
+            .bind(job)
+            .bind(field)
+            .bind(value)
+            .bind(limit)
+            .rows(&mut self.read(READING))
+            .await?;
+        rows.iter().map(|row| Ok((row.get("label")?, row.get("result")?))).collect()
     }
 
     /// # Errors
     /// When there is no such task.
     #[boxed]
     pub async fn task(&self, id: TaskId) -> Result<Task, StoreError> {
-        sql!(self.database(), "reading a task", task(id))?
+        self.read("reading a task")
+            .task(id)
+            .await?
             .ok_or_else(|| StoreError::not_found("task", id.to_string()))
     }
 }
 
 const READING: &str = "reading a job's tasks";
+
+from_row!(TaskOverview {
+    id, job, label, state, attempt, worker, total, error,
+    ..row =>
+    progress: Progress {
+        done: row.get("done")?,
+        rate_per_second: row.get("rate")?,
+        message: row.get("message")?,
+    },
+});

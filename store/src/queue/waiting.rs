@@ -4,9 +4,7 @@ use std::hash::{BuildHasher, RandomState};
 use std::time::{Duration, Instant};
 
 use crate::boxed;
-use crate::database::Database;
-use crate::database::postgres;
-use crate::database::sqlite;
+use crate::database::Ringing;
 use crate::{Store, StoreError};
 
 /// Rings when tasks were queued.
@@ -17,7 +15,7 @@ use crate::{Store, StoreError};
 /// still asks within a few milliseconds, however many there are.
 #[derive(Debug)]
 pub struct Bell {
-    inner: Inner,
+    inner: Ringing,
     /// Rings since the last one that brought a task.
     in_vain: u32,
     /// When it last rang or brought a task, or when it was created.
@@ -40,12 +38,6 @@ const BACKOFF_STEP: Duration = Duration::from_millis(4);
 /// The longest time for which a worker lets others go first.
 const LONGEST_BACKOFF: Duration = Duration::from_millis(400);
 
-#[derive(Debug)]
-enum Inner {
-    Sqlite(sqlite::Bell),
-    Postgres(postgres::Bell),
-}
-
 impl Store {
     /// A bell for tasks that are queued from now on. With PostgreSQL a bell is a connection, so
     /// drop it while working.
@@ -54,14 +46,7 @@ impl Store {
     /// When the database does not answer.
     #[boxed]
     pub async fn bell(&self) -> Result<Bell, StoreError> {
-        const OPERATION: &str = "listening for tasks";
-        let inner = match self.database() {
-            Database::Sqlite(database) => Inner::Sqlite(database.bell()),
-            Database::Postgres(database) => {
-                let bell = database.bell().await.map_err(StoreError::database(OPERATION))?;
-                Inner::Postgres(bell)
-            }
-        };
+        let inner = self.database().bell().await?;
         Ok(Bell { inner, in_vain: 0, heard_at: Instant::now() })
     }
 }
@@ -74,13 +59,7 @@ impl Bell {
     /// When the database does not answer. Make another bell then.
     #[boxed]
     pub async fn wait(&mut self, longest: Duration) -> Result<(), StoreError> {
-        let rang = match &mut self.inner {
-            Inner::Sqlite(bell) => bell.wait(longest).await,
-            Inner::Postgres(bell) => {
-                bell.wait(longest).await.map_err(StoreError::database("waiting for a task"))?
-            }
-        };
-        if rang {
+        if self.inner.wait(longest).await? {
             self.heard_at = Instant::now();
             let backoff = backoff(self.in_vain, RandomState::new().hash_one(()));
             self.in_vain = self.in_vain.saturating_add(1);

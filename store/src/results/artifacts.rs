@@ -6,11 +6,12 @@ use arrow_array::RecordBatch;
 use bytes::Bytes;
 use spec::Digest;
 
-use crate::boxed;
+use crate::database::column::json;
 use crate::database::patience::patiently;
-use crate::database::{Scope, sql};
+use crate::database::query::{from_row, sql};
+use crate::database::{Reading, Scope, Transaction};
 use crate::queue::leases;
-use crate::{Fence, RunId, Store, StoreError, StoredObject, Timestamp, object_path};
+use crate::{Fence, RunId, Store, StoreError, StoredObject, Timestamp, boxed, object_path};
 
 const COMMIT: &str = "committing an artifact";
 
@@ -98,7 +99,7 @@ impl Store {
         patiently!({
             let mut tx = self.begin(Scope::Rows, COMMIT).await?;
             leases::held(&mut tx, fence).await?;
-            let replaced = sql!(&mut tx, upsert_artifact(run, name, media_type, object))?;
+            let replaced = tx.upsert_artifact(run, name, media_type, object).await?;
             tx.commit().await?;
             let outdated = replaced.into_iter().filter(|old| *old != object.path).collect();
             self.objects().delete(outdated).await;
@@ -112,7 +113,10 @@ impl Store {
     /// When the database fails.
     #[boxed]
     pub async fn artifacts(&self, runs: &[RunId]) -> Result<Vec<Artifact>, StoreError> {
-        sql!(self.database(), "reading the artifacts of runs", artifacts(runs))
+        sql("SELECT * FROM artifact WHERE run IN {ids $1} ORDER BY run, name")
+            .bind(json(&runs))
+            .all(&mut self.read("reading the artifacts of runs"))
+            .await
     }
 
     /// For each of `runs`, its artifact with this name, if it has one.
@@ -125,14 +129,79 @@ impl Store {
         runs: &[RunId],
         name: &str,
     ) -> Result<Vec<Artifact>, StoreError> {
-        sql!(self.database(), "reading the artifacts of runs", artifacts_named(runs, name))
+        sql("SELECT * FROM artifact WHERE run IN {ids $1} AND name = $2 ORDER BY run")
+            .bind(json(&runs))
+            .bind(name)
+            .all(&mut self.read("reading the artifacts of runs"))
+            .await
     }
 
     /// # Errors
     /// When the run has no artifact of this name.
     #[boxed]
     pub async fn artifact(&self, run: RunId, name: &str) -> Result<Artifact, StoreError> {
-        sql!(self.database(), "reading an artifact", artifact(run, name))?
+        self.read("reading an artifact")
+            .artifact(run, name)
+            .await?
             .ok_or_else(|| StoreError::not_found("artifact", format!("{name} of run {run}")))
     }
 }
+
+impl Reading<'_> {
+    pub async fn artifact(
+        &mut self,
+        run: RunId,
+        name: &str,
+    ) -> Result<Option<Artifact>, StoreError> {
+        sql("SELECT * FROM artifact WHERE run = $1 AND name = $2")
+            .bind(run)
+            .bind(name)
+            .optional(self)
+            .await
+    }
+
+    /// The paths of all objects that rows name.
+    pub async fn named_objects(&mut self) -> Result<Vec<String>, StoreError> {
+        sql("SELECT path FROM shard_file UNION ALL SELECT path FROM checkpoint_file \
+             UNION ALL SELECT path FROM artifact UNION ALL SELECT path FROM upload \
+             UNION ALL SELECT path FROM tracked_artifact")
+        .all(self)
+        .await
+    }
+}
+
+impl Transaction {
+    /// Returns the path of the artifact that had this name before.
+    pub async fn upsert_artifact(
+        &mut self,
+        run: RunId,
+        name: &str,
+        media_type: &str,
+        object: &StoredObject,
+    ) -> Result<Option<String>, StoreError> {
+        let replaced = sql("SELECT path FROM artifact WHERE run = $1 AND name = $2")
+            .bind(run)
+            .bind(name)
+            .optional(self)
+            .await?;
+        sql("INSERT INTO artifact (run, name, media_type, path, size, sha256, created_at) \
+             VALUES ($1, $2, $3, $4, $5, $6, {now}) ON CONFLICT (run, name) DO UPDATE \
+             SET media_type = excluded.media_type, path = excluded.path, size = excluded.size, \
+             sha256 = excluded.sha256, created_at = excluded.created_at")
+        .bind(run)
+        .bind(name)
+        .bind(media_type)
+        .bind(&object.path)
+        .bind(object.size)
+        .bind(object.sha256.to_string())
+        .changed(self)
+        .await?;
+        Ok(replaced)
+    }
+}
+
+from_row!(Artifact {
+    run, name, media_type, created_at,
+    ..row =>
+    object: StoredObject::from_row(row)?,
+});

@@ -1,20 +1,37 @@
 //! Checkpoints of trainings. A training resumes from one, and a model predicts with one.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 
 use serde_json::json;
 use spec::Digest;
 
-use crate::boxed;
+use crate::database::column::json;
 use crate::database::patience::patiently;
-use crate::database::{Scope, sql};
+use crate::database::query::{FromRow, from_row, sql};
+use crate::database::rows::{deletion, tags};
+use crate::database::{Reading, Scope, Transaction};
 use crate::events::tell;
 use crate::queue::leases;
 use crate::trash::refuse_deleted;
 use crate::{
     CheckpointId, Deletion, EventKind, Fence, JobId, Page, RunId, Store, StoreError, StoredObject,
-    Timestamp,
+    Timestamp, boxed,
 };
+
+macro_rules! select_checkpoint {
+    ($($rest:expr),+ $(,)?) => {
+        concat!(
+            "SELECT checkpoint.*, job.digest, ",
+            "{tags checkpoint_tag checkpoint checkpoint.id}",
+            " AS own_tags, ",
+            "{tags job_tag job checkpoint.job}",
+            " AS job_tags, checkpoint.step = (SELECT MAX(other.step) \
+             FROM checkpoint AS other WHERE other.job = checkpoint.job) AS is_last \
+             FROM checkpoint JOIN job ON job.id = checkpoint.job ",
+            $($rest),+
+        )
+    };
+}
 
 #[derive(Clone, Debug)]
 pub struct Checkpoint {
@@ -101,14 +118,14 @@ impl Store {
             let mut tx = self.begin(Scope::Rows, "committing a checkpoint").await?;
             let (_, standing) = leases::held(&mut tx, fence).await?;
             let (job, run) = leases::held_run(&mut tx, fence).await?;
-            if sql!(&mut tx, last_step(job))?.is_none_or(|last| last < new.step) {
-                sql!(&mut tx, set_attempt(fence.task, standing.with_saved_progress().attempt))?;
+            if tx.last_step(job).await?.is_none_or(|last| last < new.step) {
+                tx.set_attempt(fence.task, standing.with_saved_progress().attempt).await?;
             }
-            let id = sql!(&mut tx, upsert_checkpoint(job, run, new))?;
-            let mut replaced = sql!(&mut tx, delete_checkpoint_files(id))?;
+            let id = tx.upsert_checkpoint(job, run, new).await?;
+            let mut replaced = tx.delete_checkpoint_files(id).await?;
             for file in &new.files {
                 replaced.retain(|path| *path != file.object.path);
-                sql!(&mut tx, insert_checkpoint_file(id, file))?;
+                tx.insert_checkpoint_file(id, file).await?;
             }
             let data = json!({
                 "run": run, "checkpoint": id, "step": new.step, "is_final": new.is_final,
@@ -133,9 +150,9 @@ impl Store {
             let mut tx = self.begin(Scope::Rows, "pruning checkpoints").await?;
             let (job, _) = leases::held(&mut tx, fence).await?;
             let mut paths = Vec::new();
-            for id in sql!(&mut tx, outdated_checkpoints(job, keep))? {
-                paths.extend(sql!(&mut tx, delete_checkpoint_files(id))?);
-                sql!(&mut tx, delete_checkpoint(id))?;
+            for id in tx.outdated_checkpoints(job, keep).await? {
+                paths.extend(tx.delete_checkpoint_files(id).await?);
+                tx.delete_checkpoint(id).await?;
             }
             tx.commit().await?;
             self.objects().delete(paths).await;
@@ -156,8 +173,8 @@ impl Store {
         patiently!({
             let mut tx = self.begin(Scope::Rows, "discarding a checkpoint").await?;
             leases::held(&mut tx, fence).await?;
-            let paths = sql!(&mut tx, delete_checkpoint_files(id))?;
-            sql!(&mut tx, delete_checkpoint(id))?;
+            let paths = tx.delete_checkpoint_files(id).await?;
+            tx.delete_checkpoint(id).await?;
             tx.commit().await?;
             self.objects().delete(paths).await;
             Ok(())
@@ -168,7 +185,10 @@ impl Store {
     /// When there is no such checkpoint, or it was deleted.
     #[boxed]
     pub async fn checkpoint(&self, id: CheckpointId) -> Result<Checkpoint, StoreError> {
-        let found = sql!(self.database(), READING, checkpoint(id))?
+        let found = self
+            .read(READING)
+            .checkpoint(id)
+            .await?
             .ok_or_else(|| StoreError::not_found("checkpoint", id.to_string()))?;
         refuse_deleted(id, found.deletion.as_ref())?;
         Ok(found)
@@ -189,7 +209,14 @@ impl Store {
     /// When the database fails.
     #[boxed]
     pub async fn checkpoints_of_job(&self, job: JobId) -> Result<Vec<Checkpoint>, StoreError> {
-        sql!(self.database(), READING, checkpoints_of_job(job))
+        let mut reading = self.read(READING);
+        let found = sql(select_checkpoint!(
+            "WHERE checkpoint.job = $1 AND checkpoint.deleted_at IS NULL ORDER BY checkpoint.step"
+        ))
+        .bind(job)
+        .all(&mut reading)
+        .await?;
+        reading.with_files(found).await
     }
 
     /// Each of the trainings `jobs` beside every checkpoint that it has, by step.
@@ -201,7 +228,11 @@ impl Store {
         &self,
         jobs: &[JobId],
     ) -> Result<Vec<(JobId, CheckpointId)>, StoreError> {
-        sql!(self.database(), READING, checkpoint_ids(jobs))
+        sql("SELECT job, id FROM checkpoint WHERE deleted_at IS NULL AND job IN {ids $1} \
+             ORDER BY job, step")
+        .bind(json(&jobs))
+        .all(&mut self.read(READING))
+        .await
     }
 
     /// The checkpoint from which a training resumes.
@@ -210,7 +241,14 @@ impl Store {
     /// When the database fails.
     #[boxed]
     pub async fn latest_checkpoint(&self, job: JobId) -> Result<Option<Checkpoint>, StoreError> {
-        sql!(self.database(), READING, latest_checkpoint(job))
+        let mut reading = self.read(READING);
+        let found = sql(select_checkpoint!(
+            "WHERE checkpoint.job = $1 ORDER BY checkpoint.step DESC LIMIT 1"
+        ))
+        .bind(job)
+        .all(&mut reading)
+        .await?;
+        Ok(reading.with_files(found).await?.into_iter().next())
     }
 
     /// The newest such checkpoint of the trainings of a digest.
@@ -223,8 +261,167 @@ impl Store {
         digest: Digest,
         which: WhichCheckpoint,
     ) -> Result<Option<Checkpoint>, StoreError> {
-        sql!(self.database(), READING, checkpoint_by_digest(digest, which))
+        let mut reading = self.read(READING);
+        let query = match which {
+            WhichCheckpoint::Final => sql(select_checkpoint!(
+                "WHERE job.digest = $1 AND checkpoint.is_final AND checkpoint.deleted_at IS NULL \
+                 ORDER BY checkpoint.id DESC LIMIT 1"
+            )),
+            WhichCheckpoint::Best => sql(select_checkpoint!(
+                "WHERE job.digest = $1 AND checkpoint.is_best AND job.state = 'succeeded' \
+                 AND checkpoint.deleted_at IS NULL \
+                 ORDER BY checkpoint.id DESC LIMIT 1"
+            )),
+            WhichCheckpoint::Step(_) => sql(select_checkpoint!(
+                "WHERE job.digest = $1 AND checkpoint.step = $2 AND checkpoint.deleted_at IS NULL \
+                 ORDER BY checkpoint.id DESC LIMIT 1"
+            )),
+        };
+        let query = query.bind(digest);
+        let query = match which {
+            WhichCheckpoint::Step(step) => query.bind(step),
+            WhichCheckpoint::Final | WhichCheckpoint::Best => query,
+        };
+        let found = query.all(&mut reading).await?;
+        Ok(reading.with_files(found).await?.into_iter().next())
     }
 }
 
 const READING: &str = "reading checkpoints";
+
+impl Reading<'_> {
+    pub async fn checkpoint(&mut self, id: CheckpointId) -> Result<Option<Checkpoint>, StoreError> {
+        let found = sql(select_checkpoint!("WHERE checkpoint.id = $1")).bind(id).all(self).await?;
+        Ok(self.with_files(found).await?.into_iter().next())
+    }
+
+    pub async fn checkpoints_by_id(
+        &mut self,
+        ids: &[CheckpointId],
+    ) -> Result<Vec<Checkpoint>, StoreError> {
+        let found = sql(select_checkpoint!("WHERE checkpoint.id IN ", "{ids $1}"))
+            .bind(json(&ids))
+            .all(self)
+            .await?;
+        self.with_files(found).await
+    }
+
+    async fn with_files(
+        &mut self,
+        mut checkpoints: Vec<Checkpoint>,
+    ) -> Result<Vec<Checkpoint>, StoreError> {
+        let ids: Vec<CheckpointId> = checkpoints.iter().map(|checkpoint| checkpoint.id).collect();
+        let rows = sql(
+            "SELECT * FROM checkpoint_file WHERE checkpoint IN {ids $1} ORDER BY checkpoint, name",
+        )
+        .bind(json(&ids))
+        .rows(self)
+        .await?;
+        let mut files: HashMap<CheckpointId, Vec<CheckpointFile>> = HashMap::new();
+        for row in &rows {
+            let file = CheckpointFile::from_row(row)?;
+            files.entry(row.get("checkpoint")?).or_default().push(file);
+        }
+        for checkpoint in &mut checkpoints {
+            checkpoint.files = files.remove(&checkpoint.id).unwrap_or_default();
+        }
+        // A checkpoint without files was pruned after its row was read. A purged one says so in its
+        // row.
+        checkpoints
+            .retain(|checkpoint| !checkpoint.files.is_empty() || checkpoint.deletion.is_some());
+        Ok(checkpoints)
+    }
+}
+
+impl Transaction {
+    /// Replaces a checkpoint of the same step and keeps its id.
+    pub async fn upsert_checkpoint(
+        &mut self,
+        job: JobId,
+        run: RunId,
+        new: &NewCheckpoint,
+    ) -> Result<CheckpointId, StoreError> {
+        if new.is_best {
+            sql("UPDATE checkpoint SET is_best = FALSE WHERE job = $1 AND is_best")
+                .bind(job)
+                .changed(self)
+                .await?;
+        }
+        sql("INSERT INTO checkpoint (job, run, step, is_final, is_best, metrics, created_at) \
+             VALUES ($1, $2, $3, $4, $5, $6, {now}) ON CONFLICT (job, step) DO UPDATE \
+             SET created_at = excluded.created_at, metrics = excluded.metrics, is_final = \
+             checkpoint.is_final OR excluded.is_final, is_best = checkpoint.is_best \
+             OR excluded.is_best RETURNING id")
+        .bind(job)
+        .bind(run)
+        .bind(new.step)
+        .bind(new.is_final)
+        .bind(new.is_best)
+        .bind(serde_json::json!(new.metrics).to_string())
+        .one(self)
+        .await
+    }
+
+    pub async fn insert_checkpoint_file(
+        &mut self,
+        checkpoint: CheckpointId,
+        file: &CheckpointFile,
+    ) -> Result<(), StoreError> {
+        sql(
+            "INSERT INTO checkpoint_file (checkpoint, name, path, size, sha256) VALUES ($1, $2, $3, $4, $5)",
+        )
+        .bind(checkpoint)
+        .bind(&file.name)
+        .bind(&file.object.path)
+        .bind(file.object.size)
+        .bind(file.object.sha256.to_string()).run(self).await
+    }
+
+    pub async fn last_step(&mut self, job: JobId) -> Result<Option<u64>, StoreError> {
+        let step: Option<i64> =
+            sql("SELECT MAX(step) FROM checkpoint WHERE job = $1").bind(job).one(self).await?;
+        Ok(step.map(i64::unsigned_abs))
+    }
+
+    /// Returns the paths of the objects that the rows named.
+    pub async fn delete_checkpoint_files(
+        &mut self,
+        checkpoint: CheckpointId,
+    ) -> Result<Vec<String>, StoreError> {
+        sql("DELETE FROM checkpoint_file WHERE checkpoint = $1 RETURNING path")
+            .bind(checkpoint)
+            .all(self)
+            .await
+    }
+
+    /// All checkpoints but the final one, the best one and the `keep` latest of the others.
+    pub async fn outdated_checkpoints(
+        &mut self,
+        job: JobId,
+        keep: u32,
+    ) -> Result<Vec<CheckpointId>, StoreError> {
+        sql("SELECT id FROM checkpoint WHERE job = $1 AND NOT is_final AND NOT is_best \
+             ORDER BY step DESC LIMIT 9223372036854775807 OFFSET $2")
+        .bind(job)
+        .bind(keep)
+        .all(self)
+        .await
+    }
+
+    pub async fn delete_checkpoint(&mut self, id: CheckpointId) -> Result<(), StoreError> {
+        sql("DELETE FROM checkpoint WHERE id = $1").bind(id).run(self).await
+    }
+}
+
+from_row!(Checkpoint {
+    id, job, run, note, step, is_final, is_best, is_last, digest, created_at,
+    ..row =>
+    name: row.get("given_name")?,
+    tags: tags(row, "own_tags")?,
+    job_tags: tags(row, "job_tags")?,
+    metrics: row.json("metrics")?,
+    files: Vec::new(),
+    deletion: deletion(row)?,
+});
+
+from_row!(CheckpointFile { name, ..row => object: StoredObject::from_row(row)? });

@@ -1,6 +1,7 @@
 //! Datasets and their shards. A job that makes a dataset has it from its submission on and fills
 //! it.
 
+use std::collections::BTreeMap;
 use std::fmt;
 use std::ops::Range;
 
@@ -9,14 +10,47 @@ use serde_json::Value;
 use spec::Digest;
 use wire::DatasetState;
 
-use crate::boxed;
+use crate::database::column::json;
 use crate::database::patience::patiently;
-use crate::database::sql;
+use crate::database::query::{FromRow, Row, from_row, sql};
+use crate::database::rows::{deletion, tags};
+use crate::database::{Reading, Transaction};
 use crate::queue::task_end::Completion;
 use crate::trash::refuse_deleted;
 use crate::{
     DatasetId, Deletion, Fence, JobId, Listing, Page, Store, StoreError, StoredObject, Timestamp,
+    boxed,
 };
+
+/// The state of a dataset. It is building as long as its job can still fill it.
+macro_rules! standing {
+    () => {
+        "CASE WHEN dataset.state = 'building' AND job.state IN ('failed', 'cancelled') \
+         THEN 'abandoned' ELSE dataset.state END"
+    };
+}
+pub(crate) use standing;
+macro_rules! select_dataset {
+    ($($rest:expr),+ $(,)?) => {
+        concat!(
+            "SELECT dataset.id, dataset.job, dataset.digest, dataset.trajectories, dataset.samples, \
+             dataset.created_at, dataset.completed_at, dataset.deleted_at, dataset.purge_at, \
+             dataset.purged_at, dataset.deletion_reason, dataset.note, ",
+            standing!(),
+            " AS state, COALESCE(dataset.given_name, job.given_name, job.name) AS name, job.spec, \
+             (SELECT COUNT(*) FROM shard WHERE shard.dataset = dataset.id) AS shards, \
+             (SELECT CAST(COALESCE(SUM(rejected), 0) AS BIGINT) FROM shard WHERE shard.dataset = dataset.id) \
+             AS rejected, \
+             (SELECT CAST(COALESCE(SUM(size), 0) AS BIGINT) FROM shard_file WHERE shard_file.dataset = dataset.id) \
+             AS bytes, ",
+            "{tags dataset_tag dataset dataset.id}",
+            " AS own_tags, ",
+            "{tags job_tag job dataset.job}",
+            " AS job_tags FROM dataset JOIN job ON job.id = dataset.job ",
+            $($rest),+
+        )
+    };
+}
 
 #[derive(Clone, Debug)]
 pub struct Dataset {
@@ -80,6 +114,13 @@ impl FileContent {
             Self::Robots => trajectories,
         }
     }
+}
+
+crate::database::column::column! {
+    FileContent: String, Text, |content| content.as_str().to_owned(), |found| {
+        let known = FileContent::ALL.into_iter().find(|content| content.as_str() == found);
+        known.ok_or_else(|| format!("there is no content {found:?}"))?
+    };
 }
 
 impl fmt::Display for FileContent {
@@ -181,16 +222,16 @@ impl Store {
             }
             let begun = Completion::begin(self, fence, OPERATION).await;
             if let Err(StoreError::LeaseLost { .. }) = begun
-                && sql!(self.database(), OPERATION, is_committed(fence, shard.trajectories.sha256))?
+                && self.read(OPERATION).is_committed(fence, shard.trajectories.sha256).await?
             {
                 // The same commit succeeded before, and its answer was lost.
                 return Ok(());
             }
             let mut completion = begun?;
-            sql!(&mut completion.tx, insert_shard(fence, shard))?;
+            completion.tx.insert_shard(fence, shard).await?;
             if trajectories == Count::OfShard {
-                sql!(&mut completion.tx, set_trajectories(completion.job, shard.count))?;
-                sql!(&mut completion.tx, set_total(fence.task, shard.count))?;
+                completion.tx.set_trajectories(completion.job, shard.count).await?;
+                completion.tx.set_total(fence.task, shard.count).await?;
             }
             completion.end(result).await
         })
@@ -200,7 +241,10 @@ impl Store {
     /// When there is no such dataset, or it was deleted.
     #[boxed]
     pub async fn dataset(&self, id: DatasetId) -> Result<Dataset, StoreError> {
-        let found = sql!(self.database(), "reading a dataset", dataset(id))?
+        let found = self
+            .read("reading a dataset")
+            .dataset(id)
+            .await?
             .ok_or_else(|| StoreError::not_found("dataset", id.to_string()))?;
         refuse_deleted(id, found.deletion.as_ref())?;
         Ok(found)
@@ -226,7 +270,14 @@ impl Store {
     /// When the database fails.
     #[boxed]
     pub async fn datasets_by_id(&self, ids: &[DatasetId]) -> Result<Vec<Dataset>, StoreError> {
-        sql!(self.database(), "reading datasets", datasets_by_id(ids))
+        sql(select_dataset!(
+            "WHERE dataset.deleted_at IS NULL AND dataset.id IN ",
+            "{ids $1}",
+            " ORDER BY dataset.id"
+        ))
+        .bind(json(&ids))
+        .all(&mut self.read("reading datasets"))
+        .await
     }
 
     /// Pairs of a job and its dataset, for those of `jobs` that fill one.
@@ -238,7 +289,11 @@ impl Store {
         &self,
         jobs: &[JobId],
     ) -> Result<Vec<(JobId, DatasetId)>, StoreError> {
-        sql!(self.database(), "looking up the datasets of jobs", datasets_of_jobs(jobs))
+        sql("SELECT job, id FROM dataset WHERE deleted_at IS NULL AND job IN {ids $1} \
+             ORDER BY job")
+        .bind(json(&jobs))
+        .all(&mut self.read("looking up the datasets of jobs"))
+        .await
     }
 
     /// The newest complete dataset of a digest.
@@ -247,7 +302,13 @@ impl Store {
     /// When the database fails.
     #[boxed]
     pub async fn dataset_by_digest(&self, digest: Digest) -> Result<Option<Dataset>, StoreError> {
-        sql!(self.database(), "looking up a dataset by digest", dataset_by_digest(digest))
+        sql(select_dataset!(
+            "WHERE dataset.digest = $1 AND dataset.state = 'complete' AND dataset.deleted_at IS NULL \
+             ORDER BY dataset.id DESC LIMIT 1"
+        ))
+        .bind(digest)
+        .optional(&mut self.read("looking up a dataset by digest"))
+        .await
     }
 
     /// The shards in order. While the dataset is building, those that are committed.
@@ -256,6 +317,155 @@ impl Store {
     /// When the database fails.
     #[boxed]
     pub async fn shards(&self, dataset: DatasetId) -> Result<Vec<Shard>, StoreError> {
-        sql!(self.database(), "reading a dataset's shards", shards(dataset))
+        let rows = sql(
+            "SELECT shard.*, file.content, file.path, file.size, file.sha256 FROM shard \
+             JOIN shard_file AS file ON file.dataset = shard.dataset AND file.ordinal = shard.ordinal \
+             WHERE shard.dataset = $1 ORDER BY shard.ordinal, file.content",
+        )
+        .bind(dataset)
+        .rows(&mut self.read("reading a dataset's shards"))
+        .await?;
+        shards_from_rows(&rows)
     }
 }
+
+impl Reading<'_> {
+    pub async fn dataset(&mut self, id: DatasetId) -> Result<Option<Dataset>, StoreError> {
+        sql(select_dataset!("WHERE dataset.id = $1")).bind(id).optional(self).await
+    }
+
+    /// Whether the shard with this digest was committed at the fence's epoch.
+    pub async fn is_committed(&mut self, fence: Fence, sha256: Digest) -> Result<bool, StoreError> {
+        sql("SELECT EXISTS (SELECT 1 FROM shard JOIN shard_file AS file \
+             ON file.dataset = shard.dataset AND file.ordinal = shard.ordinal \
+             WHERE shard.task = $1 AND shard.epoch = $2 AND file.content = 'trajectories' \
+             AND file.sha256 = $3)")
+        .bind(fence.task)
+        .bind(fence.epoch)
+        .bind(sha256)
+        .one(self)
+        .await
+    }
+
+    /// The results of the tasks that made a dataset's shards, as text.
+    pub async fn shard_results(&mut self, dataset: DatasetId) -> Result<Vec<String>, StoreError> {
+        let results: Vec<Option<String>> =
+            sql("SELECT task.result FROM shard JOIN task ON task.id = shard.task \
+             WHERE shard.dataset = $1 ORDER BY shard.ordinal")
+            .bind(dataset)
+            .all(self)
+            .await?;
+        Ok(results.into_iter().flatten().collect())
+    }
+}
+
+impl Transaction {
+    pub async fn insert_dataset(
+        &mut self,
+        job: JobId,
+        digest: Digest,
+        trajectories: u64,
+        samples: u32,
+    ) -> Result<(), StoreError> {
+        sql("INSERT INTO dataset (job, digest, state, trajectories, samples, created_at) \
+             VALUES ($1, $2, 'building', $3, $4, {now})")
+        .bind(job)
+        .bind(digest)
+        .bind(trajectories)
+        .bind(samples)
+        .run(self)
+        .await
+    }
+
+    /// Inserts the shard of a task. The task's ordinal is the shard's index.
+    pub async fn insert_shard(
+        &mut self,
+        fence: Fence,
+        shard: &ShardContents,
+    ) -> Result<(), StoreError> {
+        let (dataset, ordinal): (DatasetId, i64) =
+            sql("INSERT INTO shard (dataset, ordinal, first, count, rejected, task, epoch) \
+             SELECT dataset.id, task.ordinal, $1, $2, $3, task.id, task.epoch \
+             FROM task JOIN dataset ON dataset.job = task.job WHERE task.id = $4 \
+             RETURNING dataset, ordinal")
+            .bind(shard.first)
+            .bind(shard.count)
+            .bind(shard.rejected)
+            .bind(fence.task)
+            .one(self)
+            .await?;
+        for (content, object) in shard.files() {
+            sql("INSERT INTO shard_file (dataset, ordinal, content, path, size, sha256) \
+                 VALUES ($1, $2, $3, $4, $5, $6)")
+            .bind(dataset)
+            .bind(ordinal)
+            .bind(content)
+            .bind(&object.path)
+            .bind(object.size)
+            .bind(object.sha256)
+            .changed(self)
+            .await?;
+        }
+        Ok(())
+    }
+
+    pub async fn set_trajectories(
+        &mut self,
+        job: JobId,
+        trajectories: u64,
+    ) -> Result<(), StoreError> {
+        sql("UPDATE dataset SET trajectories = $1 WHERE job = $2")
+            .bind(trajectories)
+            .bind(job)
+            .run(self)
+            .await
+    }
+
+    /// Completes the dataset of a job, if it has one and all its trajectories are committed.
+    pub async fn complete_dataset(&mut self, job: JobId) -> Result<(), StoreError> {
+        sql("UPDATE dataset SET state = 'complete', completed_at = {now} WHERE job = $1 \
+             AND trajectories = (SELECT SUM(shard.count) FROM shard \
+             WHERE shard.dataset = dataset.id)")
+        .bind(job)
+        .run(self)
+        .await
+    }
+}
+
+pub(crate) fn shards_from_rows(rows: &[Row]) -> Result<Vec<Shard>, StoreError> {
+    let mut shards = Vec::with_capacity(rows.len() / 2);
+    for files in rows.chunk_by(same_shard) {
+        let mut objects = files
+            .iter()
+            .map(|row| Ok((row.get("content")?, StoredObject::from_row(row)?)))
+            .collect::<Result<BTreeMap<FileContent, StoredObject>, StoreError>>()?;
+        let row = &files[0];
+        let mut take = |content| objects.remove(&content).ok_or_else(|| row.incomplete());
+        shards.push(Shard {
+            dataset: row.get("dataset")?,
+            ordinal: row.get("ordinal")?,
+            contents: ShardContents {
+                first: row.get("first")?,
+                count: row.get("count")?,
+                rejected: row.get("rejected")?,
+                trajectories: take(FileContent::Trajectories)?,
+                robots: take(FileContent::Robots)?,
+            },
+        });
+    }
+    Ok(shards)
+}
+
+fn same_shard(a: &Row, b: &Row) -> bool {
+    let ordinal = |row: &Row| row.get::<i64>("ordinal").ok();
+    ordinal(a) == ordinal(b)
+}
+
+from_row!(Dataset {
+    id, job, digest, name, note, spec, state, trajectories, samples, shards, rejected, bytes,
+    created_at, completed_at,
+    ..row =>
+    tags: tags(row, "own_tags")?,
+    job_tags: tags(row, "job_tags")?,
+    deletion: deletion(row)?,
+});

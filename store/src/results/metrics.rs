@@ -8,12 +8,13 @@ use std::collections::BTreeMap;
 
 use serde_json::json;
 
-use crate::boxed;
+use crate::database::column::json;
 use crate::database::patience::patiently;
-use crate::database::{Scope, sql};
+use crate::database::query::{FromRow, Row, sql};
+use crate::database::{Reading, Scope, Transaction};
 use crate::events::tell;
 use crate::queue::leases;
-use crate::{EventKind, Fence, RunId, Store, StoreError, Timestamp};
+use crate::{EventKind, Fence, RunId, Store, StoreError, Timestamp, boxed};
 
 /// A number to record.
 #[derive(Clone, Debug, PartialEq)]
@@ -60,11 +61,11 @@ impl Store {
                 .collect();
             let rows: Vec<_> =
                 by_key.iter().map(|((key, step), value)| (*key, *step, *value)).collect();
-            sql!(&mut tx, insert_metrics(run, &rows))?;
+            tx.insert_metrics(run, &rows).await?;
             for same_key in rows.chunk_by(|(a, ..), (b, ..)| a == b) {
                 let ((key, first, _), (_, last, _)) = (same_key[0], same_key[same_key.len() - 1]);
-                sql!(&mut tx, set_latest(run, key))?;
-                sql!(&mut tx, set_extremes(run, key, first, last))?;
+                tx.set_latest(run, key).await?;
+                tx.set_extremes(run, key, first, last).await?;
             }
             if let Some(step) = metrics.iter().map(|metric| metric.step).max() {
                 let data = json!({"run": run, "step": step});
@@ -83,10 +84,10 @@ impl Store {
         patiently!({
             let mut tx = self.begin(Scope::Rows, "deleting metrics").await?;
             let (_, run) = leases::held_run(&mut tx, fence).await?;
-            for key in sql!(&mut tx, delete_metrics_after(run, step))? {
-                sql!(&mut tx, set_latest(run, &key))?;
-                sql!(&mut tx, delete_extremes_from(run, &key, step))?;
-                sql!(&mut tx, set_extremes(run, &key, step, step))?;
+            for key in tx.delete_metrics_after(run, step).await? {
+                tx.set_latest(run, &key).await?;
+                tx.delete_extremes_from(run, &key, step).await?;
+                tx.set_extremes(run, &key, step, step).await?;
             }
             tx.commit().await
         })
@@ -101,7 +102,15 @@ impl Store {
         &self,
         runs: &[RunId],
     ) -> Result<Vec<(RunId, String, CurvePoint)>, StoreError> {
-        sql!(self.database(), "reading the latest metrics", latest_metrics(runs))
+        let rows =
+            sql("SELECT run, key, step, time, value FROM metric_latest WHERE run IN {ids $1} \
+             ORDER BY run, key")
+            .bind(json(&runs))
+            .rows(&mut self.read("reading the latest metrics"))
+            .await?;
+        rows.iter()
+            .map(|row| Ok((row.get("run")?, row.get("key")?, CurvePoint::from_row(row)?)))
+            .collect()
     }
 
     /// For each run, the value of one key at its last step. Runs without the key are left out.
@@ -114,7 +123,15 @@ impl Store {
         runs: &[RunId],
         key: &str,
     ) -> Result<Vec<(RunId, CurvePoint)>, StoreError> {
-        sql!(self.database(), "reading the latest metrics", latest_values(runs, key))
+        let rows = sql(
+            "SELECT run, step, time, value FROM metric_latest WHERE run IN {ids $1} AND key = $2 \
+             ORDER BY run",
+        )
+        .bind(json(&runs))
+        .bind(key)
+        .rows(&mut self.read("reading the latest metrics"))
+        .await?;
+        rows.iter().map(|row| Ok((row.get("run")?, CurvePoint::from_row(row)?))).collect()
     }
 
     /// Points of a metric, sorted by step and not downsampled: `limit` after the first `skipped`.
@@ -129,7 +146,14 @@ impl Store {
         skipped: u64,
         limit: u32,
     ) -> Result<Vec<CurvePoint>, StoreError> {
-        sql!(self.database(), "reading a metric", points_after(run, key, skipped, limit))
+        sql("SELECT step, time, value FROM metric WHERE run = $1 AND key = $2 ORDER BY step \
+             LIMIT $3 OFFSET $4")
+        .bind(run)
+        .bind(key)
+        .bind(limit)
+        .bind(skipped)
+        .all(&mut self.read("reading a metric"))
+        .await
     }
 
     /// A metric in at most `points` points. If it has more, the result has the lowest and the
@@ -147,15 +171,229 @@ impl Store {
         points: u32,
     ) -> Result<MetricCurve, StoreError> {
         const OPERATION: &str = "reading a metric";
-        let (recorded, spans) = sql!(self.database(), OPERATION, recorded_points(run, key))?;
+        let (recorded, spans) = self.read(OPERATION).recorded_points(run, key).await?;
         let ranges = (points / 2).max(1);
         let points = if recorded <= u64::from(points) {
-            sql!(self.database(), OPERATION, all_points(run, key))?
+            self.read(OPERATION).all_points(run, key).await?
         } else if spans >= u64::from(ranges / 2) {
-            sql!(self.database(), OPERATION, extremes_of_spans(run, key, ranges))?
+            self.read(OPERATION).extremes_of_spans(run, key, ranges).await?
         } else {
-            sql!(self.database(), OPERATION, extreme_points(run, key, ranges))?
+            self.read(OPERATION).extreme_points(run, key, ranges).await?
         };
         Ok(MetricCurve { key: key.to_owned(), points, recorded })
+    }
+}
+
+/// Rows per statement, with four values each. SQLite binds 32 766 values at most, PostgreSQL 65
+/// 535.
+const ROWS_PER_STATEMENT: usize = 4000;
+
+/// Number of steps whose lowest and highest points are kept together. The migration that filled the
+/// table uses the same number.
+const SPAN: u64 = 64;
+
+impl Reading<'_> {
+    /// Number of points of a metric, and number of spans that have points.
+    pub async fn recorded_points(
+        &mut self,
+        run: RunId,
+        key: &str,
+    ) -> Result<(u64, u64), StoreError> {
+        let (points, spans): (i64, i64) =
+            sql("SELECT CAST(COALESCE(SUM(points), 0) AS BIGINT), COUNT(*) FROM metric_extremes \
+             WHERE run = $1 AND key = $2")
+            .bind(run)
+            .bind(key)
+            .one(self)
+            .await?;
+        Ok((points.unsigned_abs(), spans.unsigned_abs()))
+    }
+
+    /// Sorted by step.
+    pub async fn all_points(
+        &mut self,
+        run: RunId,
+        key: &str,
+    ) -> Result<Vec<CurvePoint>, StoreError> {
+        sql("SELECT step, time, value FROM metric WHERE run = $1 AND key = $2 ORDER BY step")
+            .bind(run)
+            .bind(key)
+            .all(self)
+            .await
+    }
+
+    /// The lowest and the highest point of each of `ranges` ranges of spans, sorted by step.
+    pub async fn extremes_of_spans(
+        &mut self,
+        run: RunId,
+        key: &str,
+        ranges: u32,
+    ) -> Result<Vec<CurvePoint>, StoreError> {
+        sql(
+            "WITH bound AS MATERIALIZED (SELECT MIN(span) AS first, MAX(span) AS last \
+                            FROM metric_extremes WHERE run = $1 AND key = $2), \
+             parted AS (SELECT low_step, low_time, low_value, high_step, high_time, high_value, \
+                        (span - first) * $3 / (last - first + 1) AS part \
+                        FROM metric_extremes, bound WHERE run = $1 AND key = $2), \
+             ranked AS MATERIALIZED (SELECT low_step, low_time, low_value, high_step, high_time, high_value, \
+                ROW_NUMBER() OVER (PARTITION BY part ORDER BY low_value NULLS FIRST, low_step) AS from_lowest, \
+                ROW_NUMBER() OVER (PARTITION BY part ORDER BY high_value DESC NULLS LAST, high_step) \
+                    AS from_highest \
+                FROM parted) \
+             SELECT low_step AS step, low_time AS time, low_value AS value FROM ranked WHERE from_lowest = 1 \
+             UNION \
+             SELECT high_step, high_time, high_value FROM ranked WHERE from_highest = 1 ORDER BY step",
+        )
+        .bind(run)
+        .bind(key)
+        .bind(ranges)
+        .all(self)
+        .await
+    }
+
+    /// The lowest and the highest point of each of `ranges` equal ranges of steps, sorted by step.
+    pub async fn extreme_points(
+        &mut self,
+        run: RunId,
+        key: &str,
+        ranges: u32,
+    ) -> Result<Vec<CurvePoint>, StoreError> {
+        sql(
+            "WITH bound AS MATERIALIZED (SELECT MIN(step) AS low, MAX(step) AS high FROM metric \
+                            WHERE run = $1 AND key = $2), \
+             bucketed AS (SELECT step, time, value, \
+                          (step - low) * $3 / (high - low + 1) AS bucket \
+                          FROM metric, bound WHERE run = $1 AND key = $2), \
+             ranked AS (SELECT step, time, value, \
+                ROW_NUMBER() OVER (PARTITION BY bucket ORDER BY value NULLS FIRST, step) AS from_lowest, \
+                ROW_NUMBER() OVER (PARTITION BY bucket ORDER BY value DESC NULLS LAST, step) AS from_highest \
+                FROM bucketed) \
+             SELECT step, time, value FROM ranked \
+             WHERE from_lowest = 1 OR from_highest = 1 ORDER BY step",
+        )
+        .bind(run)
+        .bind(key)
+        .bind(ranges)
+        .all(self)
+        .await
+    }
+}
+
+impl Transaction {
+    /// Inserts key, step and value of each metric, and replaces values at the same steps. No key
+    /// may have a step twice.
+    pub async fn insert_metrics(
+        &mut self,
+        run: RunId,
+        metrics: &[(&str, u64, f64)],
+    ) -> Result<(), StoreError> {
+        for part in metrics.chunks(ROWS_PER_STATEMENT) {
+            let mut query = sql("INSERT INTO metric (run, key, step, time, value) ");
+            query.push_values(part, |row, (key, step, value)| {
+                row.push_bind(run)
+                    .push_bind((*key).to_owned())
+                    .push_bind(*step)
+                    .push("{now}")
+                    .push_bind(Some(*value).filter(|value| !value.is_nan()));
+            });
+            query.push(
+                " ON CONFLICT (run, key, step) DO UPDATE SET time = excluded.time, \
+                 value = excluded.value",
+            );
+            // Batches differ in length, so each statement is a different one. Keeping them would
+            // only fill the cache.
+            query.persistent(false).changed(self).await?;
+        }
+        Ok(())
+    }
+
+    /// Updates the latest value of a key.
+    pub async fn set_latest(&mut self, run: RunId, key: &str) -> Result<(), StoreError> {
+        sql("INSERT INTO metric_latest (run, key, step, time, value) \
+             SELECT run, key, step, time, value FROM metric WHERE run = $1 AND key = $2 \
+             ORDER BY step DESC LIMIT 1 \
+             ON CONFLICT (run, key) DO UPDATE SET step = excluded.step, time = excluded.time, \
+             value = excluded.value")
+        .bind(run)
+        .bind(key)
+        .run(self)
+        .await
+    }
+
+    /// Updates the extremes of the spans from the step `first` to `last`. Spans without points stay
+    /// as they are.
+    pub async fn set_extremes(
+        &mut self,
+        run: RunId,
+        key: &str,
+        first: u64,
+        last: u64,
+    ) -> Result<(), StoreError> {
+        sql(
+            "INSERT INTO metric_extremes (run, key, span, points, low_step, low_time, low_value, \
+                high_step, high_time, high_value) \
+             SELECT run, key, span, COUNT(*), MAX(CASE WHEN from_lowest = 1 THEN step END), \
+                MAX(CASE WHEN from_lowest = 1 THEN time END), MAX(CASE WHEN from_lowest = 1 THEN value END), \
+                MAX(CASE WHEN from_highest = 1 THEN step END), MAX(CASE WHEN from_highest = 1 THEN time END), \
+                MAX(CASE WHEN from_highest = 1 THEN value END) \
+             FROM (SELECT run, key, step / $5 AS span, step, time, value, \
+                ROW_NUMBER() OVER (PARTITION BY step / $5 ORDER BY value NULLS FIRST, step) AS from_lowest, \
+                ROW_NUMBER() OVER (PARTITION BY step / $5 ORDER BY value DESC NULLS LAST, step) AS from_highest \
+                FROM metric WHERE run = $1 AND key = $2 AND step BETWEEN $3 AND $4) AS ranked \
+             WHERE TRUE GROUP BY run, key, span \
+             ON CONFLICT (run, key, span) DO UPDATE SET points = excluded.points, \
+                low_step = excluded.low_step, low_time = excluded.low_time, low_value = excluded.low_value, \
+                high_step = excluded.high_step, high_time = excluded.high_time, high_value = excluded.high_value",
+        )
+        .bind(run)
+        .bind(key)
+        .bind(first - first % SPAN)
+        .bind(last - last % SPAN + (SPAN - 1))
+        .bind(SPAN).run(self).await
+    }
+
+    /// Deletes the extremes of the span of `step` and of all later spans.
+    pub async fn delete_extremes_from(
+        &mut self,
+        run: RunId,
+        key: &str,
+        step: u64,
+    ) -> Result<(), StoreError> {
+        sql("DELETE FROM metric_extremes WHERE run = $1 AND key = $2 AND span >= $3")
+            .bind(run)
+            .bind(key)
+            .bind(step / SPAN)
+            .run(self)
+            .await
+    }
+
+    /// Returns the keys whose latest value was deleted.
+    pub async fn delete_metrics_after(
+        &mut self,
+        run: RunId,
+        step: u64,
+    ) -> Result<Vec<String>, StoreError> {
+        sql("DELETE FROM metric WHERE run = $1 AND step > $2")
+            .bind(run)
+            .bind(step)
+            .changed(self)
+            .await?;
+        sql("DELETE FROM metric_latest WHERE run = $1 AND step > $2 RETURNING key")
+            .bind(run)
+            .bind(step)
+            .all(self)
+            .await
+    }
+}
+
+impl FromRow for CurvePoint {
+    fn from_row(row: &Row) -> Result<Self, StoreError> {
+        // SQLite has no NaN. It is stored as NULL.
+        let value: Option<f64> = row.get("value")?;
+        Ok(Self {
+            step: row.get("step")?,
+            time: row.get("time")?,
+            value: value.unwrap_or(f64::NAN),
+        })
     }
 }

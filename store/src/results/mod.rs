@@ -1,3 +1,5 @@
+//! What jobs leave: datasets, runs with metrics and files, checkpoints; and files that users send.
+
 pub(crate) mod artifacts;
 pub(crate) mod checkpoints;
 pub(crate) mod datasets;

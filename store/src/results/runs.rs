@@ -5,10 +5,28 @@ use serde_json::Value;
 use spec::Digest;
 use wire::JobState;
 
-use crate::boxed;
-use crate::database::sql;
+use crate::database::column::json;
+use crate::database::query::{from_row, sql};
+use crate::database::rows::{deletion, tags};
+use crate::database::{Reading, Transaction};
 use crate::trash::refuse_deleted;
-use crate::{Deletion, JobId, Listing, Page, RunId, Store, StoreError, Timestamp};
+use crate::{Deletion, JobId, Listing, Page, RunId, Store, StoreError, Timestamp, boxed};
+
+macro_rules! select_run {
+    ($($rest:expr),+ $(,)?) => {
+        concat!(
+            "SELECT run.id, run.job, run.created_at, run.note, run.deleted_at, run.purge_at, run.purged_at, \
+             run.deletion_reason, job.kind, job.digest, job.spec, \
+             COALESCE(run.given_name, job.given_name, job.name) AS name, \
+             job.state, job.error, job.started_at, job.finished_at, ",
+            "{tags run_tag run run.id}",
+            " AS own_tags, ",
+            "{tags job_tag job run.job}",
+            " AS job_tags FROM run JOIN job ON job.id = run.job ",
+            $($rest),+
+        )
+    };
+}
 
 #[derive(Clone, Debug)]
 pub struct Run {
@@ -38,7 +56,10 @@ impl Store {
     /// When there is no such run, or it was deleted.
     #[boxed]
     pub async fn run(&self, id: RunId) -> Result<Run, StoreError> {
-        let found = sql!(self.database(), "reading a run", run(id))?
+        let found = self
+            .read("reading a run")
+            .run(id)
+            .await?
             .ok_or_else(|| StoreError::not_found("run", id.to_string()))?;
         refuse_deleted(id, found.deletion.as_ref())?;
         Ok(found)
@@ -60,9 +81,44 @@ impl Store {
     /// When the job leaves no run, or the run was deleted.
     #[boxed]
     pub async fn run_of_job(&self, job: JobId) -> Result<Run, StoreError> {
-        let found = sql!(self.database(), "reading a run", run_of_job(job))?
+        let found = self
+            .read("reading a run")
+            .run_of_job(job)
+            .await?
             .ok_or_else(|| StoreError::not_found("run of job", job.to_string()))?;
         refuse_deleted(found.id, found.deletion.as_ref())?;
         Ok(found)
     }
 }
+
+impl Reading<'_> {
+    pub async fn run(&mut self, id: RunId) -> Result<Option<Run>, StoreError> {
+        sql(select_run!("WHERE run.id = $1")).bind(id).optional(self).await
+    }
+
+    pub async fn runs_by_id(&mut self, ids: &[RunId]) -> Result<Vec<Run>, StoreError> {
+        sql(select_run!("WHERE run.id IN ", "{ids $1}")).bind(json(&ids)).all(self).await
+    }
+
+    pub async fn run_of_job(&mut self, job: JobId) -> Result<Option<Run>, StoreError> {
+        sql(select_run!("WHERE run.job = $1")).bind(job).optional(self).await
+    }
+}
+
+impl Transaction {
+    pub async fn insert_run(&mut self, job: JobId) -> Result<(), StoreError> {
+        sql("INSERT INTO run (job, created_at) VALUES ($1, {now})").bind(job).run(self).await
+    }
+
+    pub async fn run_id(&mut self, job: JobId) -> Result<Option<RunId>, StoreError> {
+        sql("SELECT id FROM run WHERE job = $1").bind(job).optional(self).await
+    }
+}
+
+from_row!(Run {
+    id, job, kind, name, note, digest, spec, state, error, created_at, started_at, finished_at,
+    ..row =>
+    tags: tags(row, "own_tags")?,
+    job_tags: tags(row, "job_tags")?,
+    deletion: deletion(row)?,
+});

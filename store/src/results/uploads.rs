@@ -9,11 +9,11 @@ use sha2::{Digest as _, Sha256};
 use spec::Digest;
 use tokio::io::AsyncWriteExt;
 
-use crate::boxed;
-use crate::database::{Scope, sql};
+use crate::database::query::{from_row, sql};
+use crate::database::{Scope, Transaction};
 use crate::objects::{UnfinishedCopy, path, unique_name};
-use crate::place::health::LastRoom;
-use crate::{Store, StoreError, StoredObject, Timestamp};
+use crate::place::disk::LastRoom;
+use crate::{Store, StoreError, StoredObject, Timestamp, boxed};
 
 #[derive(Clone, Debug)]
 pub struct Upload {
@@ -85,7 +85,10 @@ impl Store {
     /// When the database fails.
     #[boxed]
     pub async fn upload(&self, sha256: Digest) -> Result<Option<Upload>, StoreError> {
-        sql!(self.database(), "looking up an upload", upload(sha256))
+        sql("SELECT * FROM upload WHERE sha256 = $1")
+            .bind(sha256.to_string())
+            .optional(&mut self.read("looking up an upload"))
+            .await
     }
 
     /// Makes a found object an upload under its digest again, unless there is one.
@@ -107,7 +110,10 @@ impl Store {
     /// When the database fails.
     #[boxed]
     pub async fn newest_uploads(&self, limit: u32) -> Result<Vec<Upload>, StoreError> {
-        sql!(self.database(), "reading uploads", newest_uploads(limit))
+        sql("SELECT * FROM upload ORDER BY created_at DESC, sha256 LIMIT $1")
+            .bind(limit)
+            .all(&mut self.read("reading uploads"))
+            .await
     }
 
     /// The size in bytes of all sent files, for imports and for tracked runs. Files in the trash
@@ -117,7 +123,11 @@ impl Store {
     /// When the database fails.
     #[boxed]
     pub async fn sent_bytes(&self) -> Result<u64, StoreError> {
-        sql!(self.database(), "adding up the files that were sent", sent_bytes())
+        let bytes: i64 = sql("SELECT (SELECT CAST(COALESCE(SUM(size), 0) AS BIGINT) FROM upload) \
+             + (SELECT CAST(COALESCE(SUM(size), 0) AS BIGINT) FROM tracked_artifact)")
+        .one(&mut self.read("adding up the files that were sent"))
+        .await?;
+        Ok(bytes.unsigned_abs())
     }
 
     /// Opens an upload after checking all its bytes against its digest. Blocks.
@@ -132,14 +142,14 @@ impl Store {
     async fn commit_upload(&self, name: &str, object: &StoredObject) -> Result<Upload, StoreError> {
         self.objects().verify_published(object).await?;
         let mut tx = self.begin(Scope::Rows, "committing an upload").await?;
-        if let Some(known) = sql!(&mut tx, known_upload(object.sha256))?
+        if let Some(known) = tx.known_upload(object.sha256).await?
             && self.objects().verify_published(&known.object).await.is_ok()
         {
             drop(tx);
             self.objects().delete(vec![object.path.clone()]).await;
             return Ok(known);
         }
-        let upload = sql!(&mut tx, insert_upload(name, object))?;
+        let upload = tx.insert_upload(name, object).await?;
         tx.commit().await?;
         Ok(upload)
     }
@@ -223,3 +233,28 @@ async fn publish(
     let published = tokio::task::spawn_blocking(publish).await;
     published.map_err(|error| failed(io::Error::other(error)))?
 }
+
+impl Transaction {
+    pub async fn known_upload(&mut self, sha256: Digest) -> Result<Option<Upload>, StoreError> {
+        sql("SELECT * FROM upload WHERE sha256 = $1").bind(sha256.to_string()).optional(self).await
+    }
+
+    /// An existing row has lost its object, so it gets this one.
+    pub async fn insert_upload(
+        &mut self,
+        name: &str,
+        object: &StoredObject,
+    ) -> Result<Upload, StoreError> {
+        sql("INSERT INTO upload (sha256, name, path, size, created_at) \
+             VALUES ($1, $2, $3, $4, {now}) ON CONFLICT (sha256) DO UPDATE \
+             SET path = excluded.path RETURNING *")
+        .bind(object.sha256.to_string())
+        .bind(name)
+        .bind(&object.path)
+        .bind(object.size)
+        .one(self)
+        .await
+    }
+}
+
+from_row!(Upload { name, created_at, ..row => object: StoredObject::from_row(row)? });

@@ -2,10 +2,10 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use crate::boxed;
-use crate::database::{Scope, Transaction, sql};
+use crate::database::query::{FromRow, Query, Row, sql};
+use crate::database::{Scope, Transaction};
 use crate::tracking::runs::active_run;
-use crate::{Store, StoreError, Timestamp, TrackedRun, TrackedRunId};
+use crate::{Store, StoreError, Timestamp, TrackedRun, TrackedRunId, boxed};
 
 /// A number that a client logged.
 #[derive(Clone, Debug, PartialEq)]
@@ -43,11 +43,11 @@ impl Store {
         log_params(&mut tx, &run, &batch.params).await?;
         let tags: BTreeMap<_, _> = batch.tags.iter().cloned().collect();
         let tags: Vec<(String, String)> = tags.into_iter().collect();
-        sql!(&mut tx, set_tracked_tags(run.id, &tags))?;
-        sql!(&mut tx, insert_tracked_metrics(run.id, &batch.metrics))?;
-        sql!(&mut tx, raise_latest(run.id, &latest(&batch.metrics)))?;
+        tx.set_tracked_tags(run.id, &tags).await?;
+        tx.insert_tracked_metrics(run.id, &batch.metrics).await?;
+        tx.raise_latest(run.id, &latest(&batch.metrics)).await?;
         if let Some(name) = batch.name.clone().filter(|name| *name != run.name) {
-            sql!(&mut tx, update_tracked_run(&TrackedRun { name, ..run }))?;
+            tx.update_tracked_run(&TrackedRun { name, ..run }).await?;
         }
         tx.commit().await
     }
@@ -63,7 +63,16 @@ impl Store {
         runs: &[TrackedRunId],
         keys: Option<&[String]>,
     ) -> Result<Vec<(TrackedRunId, TrackedMetric)>, StoreError> {
-        sql!(self.database(), READING, latest_tracked(runs, keys))
+        let mut query = sql(
+            "SELECT run, key, step, time, value, is_nan FROM tracked_metric_latest WHERE run IN ",
+        );
+        query.push_ids(&runs);
+        if let Some(keys) = keys {
+            query.push(" AND key IN ").push_texts(&keys);
+        }
+        query.push(" ORDER BY run, key");
+        let rows = query.rows(&mut self.read(READING)).await?;
+        rows.iter().map(|row| Ok((row.get("run")?, TrackedMetric::from_row(row)?))).collect()
     }
 
     /// Points of a key, sorted by step, time and value: `limit` after the first `skipped`.
@@ -78,7 +87,16 @@ impl Store {
         skipped: u64,
         limit: u32,
     ) -> Result<Vec<TrackedMetric>, StoreError> {
-        sql!(self.database(), READING, tracked_history(run, key, skipped, limit))
+        sql(
+            "SELECT key, step, time, value, is_nan FROM tracked_metric WHERE run = $1 AND key = $2 \
+             ORDER BY step, time, value, is_nan LIMIT $3 OFFSET $4",
+        )
+        .bind(run)
+        .bind(key)
+        .bind(limit)
+        .bind(skipped)
+        .all(&mut self.read(READING))
+        .await
     }
 }
 
@@ -104,7 +122,7 @@ async fn log_params(
         return Ok(());
     }
     let keys: Vec<&str> = by_key.keys().copied().collect();
-    let logged = sql!(&mut *tx, params_of(run.id, &keys))?;
+    let logged = tx.params_of(run.id, &keys).await?;
     for (key, value) in &logged {
         if let Some(new) = by_key.get(key.as_str()).filter(|new| *new != value) {
             return Err(changed(key, value, new));
@@ -114,7 +132,7 @@ async fn log_params(
     let new = by_key.iter().filter(|(key, _)| !known.contains(*key));
     let new: Vec<(String, String)> =
         new.map(|(key, value)| ((*key).to_owned(), (*value).to_owned())).collect();
-    sql!(&mut *tx, add_tracked_params(run.id, &new))
+    tx.add_tracked_params(run.id, &new).await
 }
 
 /// The latest metric of each key, sorted by key.
@@ -141,5 +159,73 @@ impl TrackedMetric {
             .cmp(&moment(other))
             .then(self.stored_value().total_cmp(&other.stored_value()))
             .is_gt()
+    }
+}
+
+/// Rows per statement, with six values each. SQLite binds 32 766 values at most, PostgreSQL 65 535.
+/// A batch of MLflow has 1000 rows.
+const ROWS_PER_STATEMENT: usize = 1000;
+
+impl Transaction {
+    /// Inserts points, and skips those that exist.
+    pub async fn insert_tracked_metrics(
+        &mut self,
+        run: TrackedRunId,
+        metrics: &[TrackedMetric],
+    ) -> Result<(), StoreError> {
+        for part in metrics.chunks(ROWS_PER_STATEMENT) {
+            let mut query = points("tracked_metric", run, part);
+            query.push(" ON CONFLICT DO NOTHING");
+            // Batches differ in length, but all full ones are the same statement.
+            let is_common = part.len() == ROWS_PER_STATEMENT;
+            query.persistent(is_common).changed(self).await?;
+        }
+        Ok(())
+    }
+
+    /// Replaces latest points by later ones. No key may appear twice.
+    pub async fn raise_latest(
+        &mut self,
+        run: TrackedRunId,
+        metrics: &[TrackedMetric],
+    ) -> Result<(), StoreError> {
+        for part in metrics.chunks(ROWS_PER_STATEMENT) {
+            let mut query = points("tracked_metric_latest", run, part);
+            query.push(
+                " ON CONFLICT (run, key) DO UPDATE SET step = excluded.step, \
+                 time = excluded.time, value = excluded.value, is_nan = excluded.is_nan \
+                 WHERE (excluded.step, excluded.time, excluded.value) > (tracked_metric_latest.step, \
+                 tracked_metric_latest.time, tracked_metric_latest.value)",
+            );
+            query.persistent(part.len() == 1).changed(self).await?;
+        }
+        Ok(())
+    }
+}
+
+fn points(table: &str, run: TrackedRunId, metrics: &[TrackedMetric]) -> Query {
+    let insert = format!("INSERT INTO {table} (run, key, step, time, value, is_nan) ");
+    let mut query = sql(insert);
+    query.push_values(metrics, |row, metric| {
+        row.push_bind(run)
+            .push_bind(metric.key.clone())
+            .push_bind(metric.step)
+            .push_bind(metric.time)
+            .push_bind(metric.stored_value())
+            .push_bind(metric.value.is_nan());
+    });
+    query
+}
+
+impl FromRow for TrackedMetric {
+    fn from_row(row: &Row) -> Result<Self, StoreError> {
+        let is_nan: bool = row.get("is_nan")?;
+        let value: f64 = row.get("value")?;
+        Ok(Self {
+            key: row.get("key")?,
+            step: row.get("step")?,
+            time: row.get("time")?,
+            value: if is_nan { f64::NAN } else { value },
+        })
     }
 }

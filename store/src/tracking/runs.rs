@@ -4,9 +4,16 @@ use std::fmt;
 use std::str::FromStr;
 use std::time::Duration;
 
-use crate::boxed;
-use crate::database::{Scope, Transaction, sql};
-use crate::{ExperimentId, Store, StoreError, Timestamp, TrackedRunId};
+use crate::database::column::json;
+use crate::database::query::{Query, from_row, sql};
+use crate::database::{Reading, Scope, Transaction};
+use crate::{ExperimentId, Store, StoreError, Timestamp, TrackedRunId, boxed};
+
+macro_rules! select_tracked_run {
+    ($($rest:expr),+ $(,)?) => {
+        concat!("SELECT tracked_run.*, status AS state FROM tracked_run ", $($rest),+)
+    };
+}
 
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TrackedRun {
@@ -58,6 +65,8 @@ const CHANGING: &str = "changing a tracked run";
 
 const READING: &str = "reading tracked runs";
 
+crate::database::column::word_columns!(TrackedStatus);
+
 impl TrackedStatus {
     pub const ALL: [Self; 5] =
         [Self::Running, Self::Scheduled, Self::Finished, Self::Failed, Self::Killed];
@@ -95,16 +104,16 @@ impl Store {
     pub async fn create_tracked_run(&self, new: &NewTrackedRun) -> Result<TrackedRun, StoreError> {
         let mut tx = self.begin(Scope::Rows, "creating a tracked run").await?;
         let id = || new.experiment.to_string();
-        match sql!(&mut tx, experiment_is_deleted(new.experiment))? {
+        match tx.experiment_is_deleted(new.experiment).await? {
             None => return Err(StoreError::not_found("experiment", id())),
             Some(true) => return Err(StoreError::Deleted { what: "experiment", id: id() }),
             Some(false) => {}
         }
-        let run = sql!(&mut tx, insert_tracked_run(new))?;
+        let run = tx.insert_tracked_run(new).await?;
         let mut tags = new.tags.clone();
         tags.retain(|(key, _)| key != NAME_TAG);
         tags.push((NAME_TAG.to_owned(), run.name.clone()));
-        sql!(&mut tx, set_tracked_tags(run.id, &tags))?;
+        tx.set_tracked_tags(run.id, &tags).await?;
         tx.commit().await?;
         Ok(run)
     }
@@ -113,7 +122,9 @@ impl Store {
     /// When there is no such run.
     #[boxed]
     pub async fn tracked_run(&self, identifier: &str) -> Result<TrackedRun, StoreError> {
-        sql!(self.database(), READING, tracked_run(identifier))?
+        self.read(READING)
+            .tracked_run(identifier)
+            .await?
             .ok_or_else(|| StoreError::not_found("run", identifier.to_owned()))
     }
 
@@ -126,7 +137,10 @@ impl Store {
         &self,
         experiments: &[ExperimentId],
     ) -> Result<Vec<TrackedRun>, StoreError> {
-        sql!(self.database(), READING, tracked_runs(experiments))
+        sql(select_tracked_run!("WHERE experiment IN ", "{ids $1}", " ORDER BY id DESC"))
+            .bind(json(&experiments))
+            .all(&mut self.read(READING))
+            .await
     }
 
     /// # Errors
@@ -145,9 +159,9 @@ impl Store {
             end_time: change.end_time.or(run.end_time),
             ..run
         };
-        sql!(&mut tx, update_tracked_run(&changed))?;
+        tx.update_tracked_run(&changed).await?;
         let tag = (NAME_TAG.to_owned(), changed.name.clone());
-        sql!(&mut tx, set_tracked_tags(changed.id, &[tag]))?;
+        tx.set_tracked_tags(changed.id, &[tag]).await?;
         tx.commit().await?;
         Ok(changed)
     }
@@ -163,10 +177,10 @@ impl Store {
         keep: Option<Duration>,
     ) -> Result<(), StoreError> {
         let mut tx = self.begin(Scope::Rows, CHANGING).await?;
-        let Some(run) = sql!(&mut tx, kept_run(identifier))? else {
+        let Some(run) = tx.kept_run(identifier).await? else {
             return Err(StoreError::not_found("run", identifier.to_owned()));
         };
-        sql!(&mut tx, set_tracked_run_deleted(run.id, keep))?;
+        tx.set_tracked_run_deleted(run.id, keep).await?;
         tx.commit().await
     }
 
@@ -176,7 +190,7 @@ impl Store {
     pub async fn delete_tracked_tag(&self, identifier: &str, key: &str) -> Result<(), StoreError> {
         let mut tx = self.begin(Scope::Rows, CHANGING).await?;
         let run = active_run(&mut tx, identifier).await?;
-        if !sql!(&mut tx, delete_tracked_tag(run.id, key))? {
+        if !tx.delete_tracked_tag(run.id, key).await? {
             return Err(StoreError::not_found("tag", format!("{key:?} of run {identifier}")));
         }
         tx.commit().await
@@ -192,7 +206,7 @@ impl Store {
         runs: &[TrackedRunId],
         keys: Option<&[String]>,
     ) -> Result<Vec<(TrackedRunId, String, String)>, StoreError> {
-        sql!(self.database(), READING, tracked_texts("tracked_param", runs, keys))
+        self.read(READING).tracked_texts("tracked_param", runs, keys).await
     }
 
     /// Tags of `runs`, or only those with `keys`, sorted by run and key.
@@ -205,7 +219,7 @@ impl Store {
         runs: &[TrackedRunId],
         keys: Option<&[String]>,
     ) -> Result<Vec<(TrackedRunId, String, String)>, StoreError> {
-        sql!(self.database(), READING, tracked_texts("tracked_tag", runs, keys))
+        self.read(READING).tracked_texts("tracked_tag", runs, keys).await
     }
 }
 
@@ -215,7 +229,7 @@ pub(crate) async fn active_run(
     tx: &mut Transaction,
     identifier: &str,
 ) -> Result<TrackedRun, StoreError> {
-    match sql!(&mut *tx, kept_run(identifier))? {
+    match tx.kept_run(identifier).await? {
         None => Err(StoreError::not_found("run", identifier.to_owned())),
         Some(run) if run.is_deleted => {
             Err(StoreError::Deleted { what: "run", id: identifier.to_owned() })
@@ -223,3 +237,161 @@ pub(crate) async fn active_run(
         Some(run) => Ok(run),
     }
 }
+
+/// Rows per statement, with three values each. SQLite binds 32 766 values at most.
+const ROWS_PER_STATEMENT: usize = 4000;
+
+impl Reading<'_> {
+    pub async fn tracked_run(
+        &mut self,
+        identifier: &str,
+    ) -> Result<Option<TrackedRun>, StoreError> {
+        sql(select_tracked_run!("WHERE identifier = $1")).bind(identifier).optional(self).await
+    }
+
+    /// Reads a table of texts with keys.
+    pub async fn tracked_texts(
+        &mut self,
+        table: &str,
+        runs: &[TrackedRunId],
+        keys: Option<&[String]>,
+    ) -> Result<Vec<(TrackedRunId, String, String)>, StoreError> {
+        let mut query = sql(format!("SELECT run, key, value FROM {table}"));
+        query.push(" WHERE run IN ").push_ids(&runs);
+        if let Some(keys) = keys {
+            query.push(" AND key IN ").push_texts(&keys);
+        }
+        query.push(" ORDER BY run, key");
+        query.all(self).await
+    }
+}
+
+impl Transaction {
+    /// A run, locked so that nobody else writes to it until the transaction ends.
+    pub async fn kept_run(&mut self, identifier: &str) -> Result<Option<TrackedRun>, StoreError> {
+        sql(select_tracked_run!("WHERE identifier = $1", "{locked}"))
+            .bind(identifier)
+            .optional(self)
+            .await
+    }
+
+    pub async fn insert_tracked_run(
+        &mut self,
+        new: &NewTrackedRun,
+    ) -> Result<TrackedRun, StoreError> {
+        // The identifier is drawn once and used in both places.
+        sql("WITH drawn (identifier) AS MATERIALIZED \
+             (SELECT {unique}) INSERT INTO tracked_run (identifier, experiment, name, user_name, \
+             status, start_time, created_at) SELECT drawn.identifier, $1, COALESCE($2, 'run-' || \
+             substr(drawn.identifier, 1, 8)), $3, 'RUNNING', $4, {now} FROM drawn \
+             RETURNING *, status AS state")
+        .bind(new.experiment)
+        .bind(new.name.as_deref())
+        .bind(&new.user)
+        .bind(new.start_time)
+        .one(self)
+        .await
+    }
+
+    pub async fn update_tracked_run(&mut self, run: &TrackedRun) -> Result<(), StoreError> {
+        sql("UPDATE tracked_run SET name = $2, status = $3, end_time = $4 WHERE id = $1")
+            .bind(run.id)
+            .bind(&run.name)
+            .bind(run.status)
+            .bind(run.end_time)
+            .run(self)
+            .await
+    }
+
+    /// Moves a run into the trash for `keep`, or out of it. A run that is in the trash already
+    /// keeps its date.
+    pub async fn set_tracked_run_deleted(
+        &mut self,
+        run: TrackedRunId,
+        keep: Option<Duration>,
+    ) -> Result<(), StoreError> {
+        let statement = match keep {
+            Some(keep) => sql(
+                "UPDATE tracked_run SET is_deleted = TRUE, deleted_at = {now}, purge_at = {now} \
+                 + $2 WHERE id = $1 AND NOT is_deleted",
+            )
+            .bind(run)
+            .bind(keep),
+            None => sql(
+                "UPDATE tracked_run SET is_deleted = FALSE, deleted_at = NULL, purge_at = NULL \
+                 WHERE id = $1",
+            )
+            .bind(run),
+        };
+        statement.run(self).await
+    }
+
+    /// Sets tags. No key may appear twice.
+    pub async fn set_tracked_tags(
+        &mut self,
+        run: TrackedRunId,
+        tags: &[(String, String)],
+    ) -> Result<(), StoreError> {
+        for part in tags.chunks(ROWS_PER_STATEMENT) {
+            let mut query = texts("tracked_tag", run, part);
+            query.push(" ON CONFLICT (run, key) DO UPDATE SET value = excluded.value");
+            query.persistent(false).changed(self).await?;
+        }
+        Ok(())
+    }
+
+    /// Adds params and leaves existing ones as they are. No key may appear twice.
+    pub async fn add_tracked_params(
+        &mut self,
+        run: TrackedRunId,
+        params: &[(String, String)],
+    ) -> Result<(), StoreError> {
+        for part in params.chunks(ROWS_PER_STATEMENT) {
+            let mut query = texts("tracked_param", run, part);
+            query.push(" ON CONFLICT (run, key) DO NOTHING");
+            query.persistent(false).changed(self).await?;
+        }
+        Ok(())
+    }
+
+    pub async fn params_of(
+        &mut self,
+        run: TrackedRunId,
+        keys: &[&str],
+    ) -> Result<Vec<(String, String)>, StoreError> {
+        sql("SELECT key, value FROM tracked_param WHERE run = $1 AND key IN {texts $2}")
+            .bind(run)
+            .bind(json(&keys))
+            .all(self)
+            .await
+    }
+
+    /// Returns whether the tag existed.
+    pub async fn delete_tracked_tag(
+        &mut self,
+        run: TrackedRunId,
+        key: &str,
+    ) -> Result<bool, StoreError> {
+        let deleted = sql("DELETE FROM tracked_tag WHERE run = $1 AND key = $2")
+            .bind(run)
+            .bind(key)
+            .changed(self)
+            .await?;
+        Ok(deleted > 0)
+    }
+}
+
+fn texts(table: &str, run: TrackedRunId, rows: &[(String, String)]) -> Query {
+    let mut query = sql(format!("INSERT INTO {table} (run, key, value) "));
+    query.push_values(rows, |row, (key, value)| {
+        row.push_bind(run).push_bind(key.clone()).push_bind(value.clone());
+    });
+    query
+}
+
+from_row!(TrackedRun {
+    id, identifier, experiment, name, start_time, end_time, is_deleted,
+    ..row =>
+    user: row.get("user_name")?,
+    status: row.get("state")?,
+});

@@ -17,6 +17,8 @@
 //! A table that is not listed is refused. A test compares the catalogues of both databases and
 //! needs a value in every column, so none is forgotten.
 
+pub(crate) mod statements;
+
 mod objects;
 mod place;
 pub(crate) mod rows;
@@ -30,7 +32,7 @@ use tokio::sync::mpsc;
 
 use self::rows::{RowsDigest, Table};
 use self::tables::TABLES;
-use crate::database::{Scope, Transaction, sql};
+use crate::database::{Scope, Transaction};
 use crate::{DutyClaim, Location, S3Options, Store, StoreError};
 
 /// Number of objects that are looked up at once.
@@ -180,11 +182,11 @@ impl Transfer {
             }
         }
         for path in &self.vanished {
-            sql!(&mut self.target.transaction, forget_checkpoint_with(path))?;
+            self.target.transaction.forget_checkpoint_with(path).await?;
         }
         if self.source.is_in_use {
             // These workers work for the source, and not for its copy.
-            sql!(&mut self.target.transaction, delete_rows("worker"))?;
+            self.target.transaction.delete_rows("worker").await?;
         }
         self.target.transaction.commit().await?;
         self.target.store.end_move().await?;
@@ -227,23 +229,23 @@ impl Transfer {
     ) -> Result<RowsDigest, StoreError> {
         let (source, target) = (&mut self.source, &mut self.target);
         let (from, to) = (&source.tables[place], &target.tables[place]);
-        sql!(&mut target.transaction, delete_rows(to.name))?;
+        target.transaction.delete_rows(to.name).await?;
         let (sender, mut receiver) = mpsc::channel(BATCHES_AHEAD);
-        let reading = async { sql!(&mut source.transaction, send_rows(from, sender)) };
+        let reading = async { source.transaction.send_rows(from, sender).await };
         let writing = async {
             let mut digest = RowsDigest::default();
             while let Some(rows) = receiver.recv().await {
                 rows.iter().for_each(|row| digest.add(row));
-                sql!(&mut target.transaction, insert_rows(to, &rows))?;
+                target.transaction.insert_rows(to, &rows).await?;
                 progress.0.written.fetch_add(rows.len() as u64, Ordering::Relaxed);
             }
             Ok(digest)
         };
         let ((), digest) = tokio::try_join!(reading, writing)?;
         if from.has("id") {
-            let last = sql!(&mut source.transaction, last_number(from.name))?;
+            let last = source.transaction.last_number(from.name).await?;
             if let Some(last) = last {
-                sql!(&mut target.transaction, set_last_number(to.name, last))?;
+                target.transaction.set_last_number(to.name, last).await?;
             }
         }
         Ok(digest)
@@ -265,14 +267,14 @@ async fn objects_after(
     table: &'static str,
     path: &str,
 ) -> Result<Vec<crate::StoredObject>, StoreError> {
-    sql!(transaction, objects_after(table, path, OBJECTS_PER_PAGE))
+    transaction.objects_after(table, path, OBJECTS_PER_PAGE).await
 }
 
 impl Side {
     /// Begins a transaction that reads the present state, and keeps reading that state.
     async fn snapshot(store: Store, place: String) -> Result<Self, StoreError> {
         let mut transaction = store.begin_snapshot("copying a store").await?;
-        let columns = sql!(&mut transaction, columns(&TABLES))?;
+        let columns = transaction.columns(&TABLES).await?;
         let tables = tables::tables(columns, &place)?;
         let (lock, duties) = (None, Vec::new());
         Ok(Self {
@@ -292,7 +294,7 @@ impl Side {
             return Ok(false);
         }
         let is_there =
-            sql!(self.store.database(), "looking for a checkpoint", names_object(table, path))?;
+            self.store.read("looking for a checkpoint").names_object(table, path).await?;
         Ok(!is_there)
     }
 
@@ -305,8 +307,8 @@ impl Side {
         duties: Vec<DutyClaim>,
     ) -> Result<Self, StoreError> {
         let mut transaction = store.begin(scope, "moving a store").await?;
-        sql!(&mut transaction, keep_still(&TABLES))?;
-        let columns = sql!(&mut transaction, columns(&TABLES))?;
+        transaction.keep_still(&TABLES).await?;
+        let columns = transaction.columns(&TABLES).await?;
         let tables = tables::tables(columns, &place)?;
         Ok(Self {
             store,
@@ -322,14 +324,14 @@ impl Side {
     async fn contents(&mut self) -> Result<StoreContents, StoreError> {
         let mut contents = StoreContents::default();
         for table in &self.tables {
-            let rows = sql!(&mut self.transaction, count_rows(table.name))?;
+            let rows = self.transaction.count_rows(table.name).await?;
             contents.rows += rows;
             if table.name == "job" {
                 contents.jobs = rows;
             }
             if table.has("path") {
                 contents.objects += rows;
-                contents.bytes += sql!(&mut self.transaction, bytes_of_objects(table.name))?;
+                contents.bytes += self.transaction.bytes_of_objects(table.name).await?;
             }
         }
         Ok(contents)
@@ -338,7 +340,7 @@ impl Side {
     /// A description of rows that only a store in use has.
     async fn first_content(&mut self) -> Result<Option<String>, StoreError> {
         for name in tables::content_tables() {
-            let rows = sql!(&mut self.transaction, count_rows(name))?;
+            let rows = self.transaction.count_rows(name).await?;
             if rows > 0 {
                 return Ok(Some(tables::in_words(name, rows)));
             }
@@ -362,7 +364,7 @@ impl Side {
     async fn digest(&mut self, place: usize, done: &AtomicU64) -> Result<RowsDigest, StoreError> {
         let (sender, mut receiver) = mpsc::channel(BATCHES_AHEAD);
         let table = &self.tables[place];
-        let reading = async { sql!(&mut self.transaction, send_rows(table, sender)) };
+        let reading = async { self.transaction.send_rows(table, sender).await };
         let adding = async {
             let mut digest = RowsDigest::default();
             while let Some(rows) = receiver.recv().await {

@@ -4,7 +4,7 @@
 use std::time::{Duration, Instant};
 
 use super::Side;
-use crate::database::{Database, Scope, sql};
+use crate::database::{Database, Scope};
 use crate::place::data_dir::DataDir;
 use crate::place::location::resolved;
 use crate::{Access, Duty, DutyClaim, Location, S3Options, Store, StoreError};
@@ -45,7 +45,7 @@ pub(super) async fn open_source(location: &Location, s3: &S3Options) -> Result<S
     let duties = take_duties(&store, &place, SOURCE_REMEDY).await?;
     let mut side = Side::keep_still(store, Scope::Queue, place.clone(), lock, duties).await?;
     // Tasks of dead workers move as they are. The next server takes them back.
-    let leased = sql!(&mut side.transaction, leased_tasks(NAMED_TASKS))?;
+    let leased = side.transaction.leased_tasks(NAMED_TASKS).await?;
     if !leased.is_empty() {
         return Err(StoreError::InService { place, by: leased.join(", "), remedy: SOURCE_REMEDY });
     }
@@ -67,7 +67,7 @@ pub(super) async fn identity(location: &Location) -> Result<Option<String>, Stor
     let dir = DataDir::new(&location.folder);
     match Database::open(&dir, location.database.as_ref(), Access::Worker).await {
         Ok(database) => {
-            let identity = sql!(&database, "reading the store's identity", identity());
+            let identity = database.read("reading the store's identity").identity().await;
             database.close().await;
             identity.map(Some)
         }

@@ -1,9 +1,11 @@
+//! Rows of any table, read and written in batches.
+
+use crate::StoreError;
+use crate::database::query::{Query, Row, sql};
+use crate::database::{Reading, Transaction};
 use futures::TryStreamExt;
-use sqlx::{QueryBuilder, Row};
 use tokio::sync::mpsc;
 
-use super::rows::stored_object;
-use super::{Database, Db, DbRow, Transaction};
 use crate::StoredObject;
 use crate::transfer::rows::{DatabaseColumn, Kind, Table, Value, Values};
 
@@ -14,47 +16,40 @@ const VALUES_PER_STATEMENT: usize = 32_000;
 const BYTES_PER_BATCH: usize = 4 * 1024 * 1024;
 
 /// Objects that a table names, sorted by path, beginning after `path`.
-pub(super) fn select_objects(table: &str, path: &str, limit: i64) -> QueryBuilder<Db> {
-    let mut query = QueryBuilder::new(format!("SELECT path, size, sha256 FROM {table}"));
+pub(crate) fn select_objects(table: &str, path: &str, limit: i64) -> Query {
+    let mut query = sql(format!("SELECT path, size, sha256 FROM {table}"));
     query.push(" WHERE path > ").push_bind(path.to_owned());
     query.push(" ORDER BY path LIMIT ").push_bind(limit);
     query
 }
 
-impl Database {
+impl Reading<'_> {
     /// Whether a row names the object.
-    pub async fn names_object(&self, table: &str, path: &str) -> Result<bool, sqlx::Error> {
-        let mut query = QueryBuilder::<Db>::new(format!("SELECT COUNT(*) FROM {table}"));
+    pub async fn names_object(&mut self, table: &str, path: &str) -> Result<bool, StoreError> {
+        let mut query = sql(format!("SELECT COUNT(*) FROM {table}"));
         query.push(" WHERE path = ").push_bind(path);
-        let count: i64 = query.build_query_scalar().fetch_one(&self.reader).await?;
+        let count: i64 = query.one(self).await?;
         Ok(count > 0)
     }
 }
 
 impl Transaction {
     /// Deletes the checkpoint with a file at `path`.
-    pub async fn forget_checkpoint_with(&mut self, path: &str) -> Result<(), sqlx::Error> {
-        let statement = sqlx::query(
+    pub async fn forget_checkpoint_with(&mut self, path: &str) -> Result<(), StoreError> {
+        sql(
             "DELETE FROM checkpoint WHERE id IN (SELECT checkpoint FROM checkpoint_file WHERE path = $1)",
-        );
-        self.execute(statement.bind(path)).await
+        ).bind(path).run(self).await
     }
 
-    pub async fn count_rows(&mut self, table: &str) -> Result<u64, sqlx::Error> {
-        let count: i64 = QueryBuilder::<Db>::new(format!("SELECT COUNT(*) FROM {table}"))
-            .build_query_scalar()
-            .fetch_one(self.connection())
-            .await?;
+    pub async fn count_rows(&mut self, table: &str) -> Result<u64, StoreError> {
+        let count: i64 = sql(format!("SELECT COUNT(*) FROM {table}")).one(self).await?;
         Ok(count.unsigned_abs())
     }
 
     /// The sum of the sizes of a table's objects.
-    pub async fn bytes_of_objects(&mut self, table: &str) -> Result<u64, sqlx::Error> {
+    pub async fn bytes_of_objects(&mut self, table: &str) -> Result<u64, StoreError> {
         let select = format!("SELECT CAST(COALESCE(SUM(size), 0) AS BIGINT) FROM {table}");
-        let bytes: i64 = QueryBuilder::<Db>::new(select)
-            .build_query_scalar()
-            .fetch_one(self.connection())
-            .await?;
+        let bytes: i64 = sql(select).one(self).await?;
         Ok(bytes.unsigned_abs())
     }
 
@@ -64,30 +59,23 @@ impl Transaction {
         table: &str,
         path: &str,
         limit: i64,
-    ) -> Result<Vec<StoredObject>, sqlx::Error> {
-        let mut query = select_objects(table, path, limit);
-        let rows = query.build().fetch_all(self.connection()).await?;
-        rows.iter().map(stored_object).collect()
+    ) -> Result<Vec<StoredObject>, StoreError> {
+        select_objects(table, path, limit).all(self).await
     }
 
     /// Some tasks with a valid lease, each with its job and its worker.
-    pub async fn leased_tasks(&mut self, limit: i64) -> Result<Vec<String>, sqlx::Error> {
-        let rows = sqlx::query(concat!(
-            "SELECT id, job, label, worker, lease_until - ",
-            now!(),
-            " AS lasts FROM task WHERE state = 'running' AND lease_until > ",
-            now!(),
-            " ORDER BY id LIMIT $1"
-        ))
+    pub async fn leased_tasks(&mut self, limit: i64) -> Result<Vec<String>, StoreError> {
+        let rows = sql("SELECT id, job, label, worker, lease_until - {now} AS lasts FROM task \
+             WHERE state = 'running' AND lease_until > {now} ORDER BY id LIMIT $1")
         .bind(limit)
-        .fetch_all(self.connection())
+        .rows(self)
         .await?;
-        let name = |row: &DbRow| {
-            let (id, job): (i64, i64) = (row.try_get("id")?, row.try_get("job")?);
-            let label: &str = row.try_get("label")?;
-            let worker: Option<&str> = row.try_get("worker")?;
-            let worker = worker.unwrap_or("without a name");
-            let milliseconds: i64 = row.try_get("lasts")?;
+        let name = |row: &Row| {
+            let (id, job): (i64, i64) = (row.get("id")?, row.get("job")?);
+            let label: String = row.get("label")?;
+            let worker: Option<String> = row.get("worker")?;
+            let worker = worker.unwrap_or_else(|| "without a name".to_owned());
+            let milliseconds: i64 = row.get("lasts")?;
             let seconds = milliseconds.unsigned_abs().div_ceil(1000);
             Ok(format!(
                 "worker {worker}, which has task {id} ({label}) of job {job} for {seconds} s more"
@@ -101,10 +89,10 @@ impl Transaction {
         &mut self,
         table: &Table,
         to: mpsc::Sender<Vec<Values>>,
-    ) -> Result<(), sqlx::Error> {
+    ) -> Result<(), StoreError> {
         let select = format!("SELECT {} FROM {}", table.column_list(), table.name);
-        let mut query = QueryBuilder::<Db>::new(select);
-        let mut rows = query.build().fetch(self.connection());
+        let query = sql(select);
+        let mut rows = self.stream(query);
         let rows_per_batch = VALUES_PER_STATEMENT / table.columns.len().max(1);
         let (mut batch, mut bytes) = (Vec::new(), 0);
         while let Some(row) = rows.try_next().await? {
@@ -126,10 +114,10 @@ impl Transaction {
     }
 
     /// Inserts a batch from [`Transaction::send_rows`].
-    pub async fn insert_rows(&mut self, table: &Table, rows: &[Values]) -> Result<(), sqlx::Error> {
+    pub async fn insert_rows(&mut self, table: &Table, rows: &[Values]) -> Result<(), StoreError> {
         let insert = format!("INSERT INTO {} ({}) ", table.name, table.column_list());
-        let mut query = QueryBuilder::<Db>::new(insert);
-        query.push_values(rows, |mut row, values| {
+        let mut query = sql(insert);
+        query.push_values(rows, |row, values| {
             for (column, value) in table.columns.iter().zip(values) {
                 match column.kind {
                     Kind::Integer => row.push_bind(value.integer()),
@@ -139,26 +127,22 @@ impl Transaction {
                 };
             }
         });
-        query.build().persistent(false).execute(self.connection()).await?;
+        query.persistent(false).changed(self).await?;
         Ok(())
     }
 
-    pub async fn delete_rows(&mut self, table: &str) -> Result<(), sqlx::Error> {
-        let mut query = QueryBuilder::<Db>::new(format!("DELETE FROM {table}"));
-        query.build().execute(self.connection()).await?;
-        Ok(())
+    pub async fn delete_rows(&mut self, table: &str) -> Result<(), StoreError> {
+        sql(format!("DELETE FROM {table}")).run(self).await
     }
 }
 
-fn values(row: &DbRow, columns: &[DatabaseColumn]) -> Result<Values, sqlx::Error> {
+fn values(row: &Row, columns: &[DatabaseColumn]) -> Result<Values, StoreError> {
     let value = |(index, column): (usize, &DatabaseColumn)| {
         let value = match column.kind {
-            Kind::Integer => row.try_get::<Option<i64>, _>(index)?.map(Value::Integer),
-            Kind::Truth => {
-                row.try_get::<Option<bool>, _>(index)?.map(i64::from).map(Value::Integer)
-            }
-            Kind::Real => row.try_get::<Option<f64>, _>(index)?.map(Value::of_real),
-            Kind::Text => row.try_get::<Option<String>, _>(index)?.map(Value::Text),
+            Kind::Integer => row.get::<Option<i64>>(index)?.map(Value::Integer),
+            Kind::Truth => row.get::<Option<bool>>(index)?.map(i64::from).map(Value::Integer),
+            Kind::Real => row.get::<Option<f64>>(index)?.map(Value::of_real),
+            Kind::Text => row.get::<Option<String>>(index)?.map(Value::Text),
         };
         Ok(value.unwrap_or(Value::Nothing))
     };

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 
 use super::rows::{DatabaseColumn, Kind, Table};
 use crate::StoreError;
+use crate::database::FoundColumn;
 
 /// The tables that move. Each comes after those that its rows refer to.
 pub(crate) const TABLES: [&str; 37] = [
@@ -64,14 +65,6 @@ pub(crate) fn in_words(table: &str, rows: u64) -> String {
 /// Tables about the database itself, which do not move: the store's identity, the last write, the
 /// server started last, open sessions, the engine's view of workers, and events.
 const STAYING: [&str; 7] = ["store", "probe", "server", "session", "engine", "placement", "event"];
-
-/// A column, as a database describes it.
-#[derive(Clone, Debug)]
-pub(crate) struct FoundColumn {
-    pub table: String,
-    pub name: String,
-    pub type_name: String,
-}
 
 /// The tables that move, with the columns that they have in a database.
 ///

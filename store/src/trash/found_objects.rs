@@ -5,7 +5,7 @@ use arrow_array::cast::AsArray as _;
 use arrow_array::types::Int32Type;
 use futures::TryStreamExt as _;
 
-use crate::database::{Scope, sql};
+use crate::database::Scope;
 use crate::objects::path::is_mark;
 use crate::{JobId, RunId, Store, StoreError, StoredObject, TableReader, boxed};
 
@@ -68,8 +68,8 @@ impl Store {
     pub async fn skip_numbers(&self, job: JobId, run: RunId) -> Result<(), StoreError> {
         let mut tx = self.begin(Scope::Queue, OPERATION).await?;
         for (table, last) in [("job", job.0), ("run", run.0)] {
-            if sql!(&mut tx, last_number(table))?.unwrap_or(0) < last {
-                sql!(&mut tx, set_last_number(table, last))?;
+            if tx.last_number(table).await?.unwrap_or(0) < last {
+                tx.set_last_number(table, last).await?;
             }
         }
         tx.commit().await

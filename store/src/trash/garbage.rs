@@ -8,10 +8,11 @@ use std::time::Duration;
 use spec::Digest;
 use wire::ItemKind;
 
-use crate::boxed;
-use crate::database::{Scope, sql};
+use crate::database::column::json;
+use crate::database::query::{FromRow, Row, sql};
+use crate::database::{Reading, Scope, Transaction};
 use crate::trash::leftovers::Leftovers;
-use crate::{Item, JobId, Store, StoreError, Timestamp};
+use crate::{Item, JobId, Store, StoreError, StoredObject, Timestamp, TrackedRunId, boxed};
 
 /// When an item in the trash may be deleted permanently.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -136,15 +137,15 @@ impl Store {
     async fn ripe_garbage(&self, limit: Limit) -> Result<Vec<Garbage>, StoreError> {
         let mut found = Vec::new();
         for kind in IN_ORDER {
-            found.extend(sql!(self.database(), PURGING, ripe_items(kind, limit))?);
+            found.extend(self.read(PURGING).ripe_items(kind, limit).await?);
         }
         let job = |garbage: &Garbage| match garbage.kind {
             GarbageKind::Item(Item { kind: ItemKind::Job, id }) => Some(JobId(id)),
             _ => None,
         };
         let jobs: Vec<JobId> = found.iter().filter_map(job).collect();
-        found.extend(sql!(self.database(), PURGING, ripe_tracked_runs(limit))?);
-        found.extend(sql!(self.database(), PURGING, unread_uploads(&jobs))?);
+        found.extend(self.read(PURGING).ripe_tracked_runs(limit).await?);
+        found.extend(self.read(PURGING).unread_uploads(&jobs).await?);
         Ok(found)
     }
 
@@ -155,13 +156,13 @@ impl Store {
         limit: Limit,
     ) -> Result<Option<Vec<(String, u64)>>, StoreError> {
         let mut tx = self.begin(Scope::Rows, PURGING).await?;
-        if !sql!(&mut tx, mark_purged(item, limit))? {
+        if !tx.mark_purged(item, limit).await? {
             return Ok(None);
         }
         if item.kind == ItemKind::Job {
-            sql!(&mut tx, keep_count_of_attempts(JobId(item.id)))?;
+            tx.keep_count_of_attempts(JobId(item.id)).await?;
         }
-        let files = sql!(&mut tx, delete_details(item))?;
+        let files = tx.delete_details(item).await?;
         tx.commit().await?;
         self.delete_objects(&files).await;
         Ok(Some(files))
@@ -173,10 +174,10 @@ impl Store {
         limit: Limit,
     ) -> Result<Option<Vec<(String, u64)>>, StoreError> {
         let mut tx = self.begin(Scope::Rows, PURGING).await?;
-        let Some(run) = sql!(&mut tx, ripe_tracked_run(identifier, limit))? else {
+        let Some(run) = tx.ripe_tracked_run(identifier, limit).await? else {
             return Ok(None);
         };
-        let files = sql!(&mut tx, delete_tracked_run(run))?;
+        let files = tx.delete_tracked_run(run).await?;
         tx.commit().await?;
         self.delete_objects(&files).await;
         Ok(Some(files))
@@ -187,9 +188,9 @@ impl Store {
     async fn purge_remains(&self, limit: Limit) -> Result<Vec<Garbage>, StoreError> {
         // A submission may be about to refer to one of them.
         let mut tx = self.begin(Scope::Queue, PURGING).await?;
-        let uploads = sql!(&mut tx, delete_unread_uploads())?;
-        while sql!(&mut tx, delete_purged_jobs())? > 0 {}
-        sql!(&mut tx, delete_empty_experiments(limit))?;
+        let uploads = tx.delete_unread_uploads().await?;
+        while tx.delete_purged_jobs().await? > 0 {}
+        tx.delete_empty_experiments(limit).await?;
         tx.commit().await?;
         let garbage = |(object, name): &(crate::StoredObject, String)| Garbage {
             kind: GarbageKind::Upload(object.sha256),
@@ -222,4 +223,233 @@ fn of_leftovers(leftovers: &Leftovers) -> Vec<Garbage> {
         garbage(GarbageKind::Unfinished, "files that were never finished", unfinished),
     ];
     all.into_iter().filter(|garbage| garbage.files > 0).collect()
+}
+
+/// The table with the files of a kind of item.
+const fn files_of(kind: ItemKind) -> Option<&'static str> {
+    match kind {
+        ItemKind::Job => None,
+        ItemKind::Run => Some("artifact"),
+        ItemKind::Dataset => Some("shard_file"),
+        ItemKind::Checkpoint => Some("checkpoint_file"),
+    }
+}
+
+/// The kinds of items that jobs leave.
+const LEFT: [ItemKind; 3] = [ItemKind::Run, ItemKind::Dataset, ItemKind::Checkpoint];
+
+impl Reading<'_> {
+    /// Items whose date has come, sorted by id. A job waits for all items that it left.
+    pub async fn ripe_items(
+        &mut self,
+        kind: ItemKind,
+        limit: Limit,
+    ) -> Result<Vec<Garbage>, StoreError> {
+        let column = limit.column;
+        let measured = |what: &str| match files_of(kind) {
+            Some(table) => format!(
+                "(SELECT CAST(COALESCE({what}, 0) AS BIGINT) FROM {table} WHERE {table}.{kind} = {kind}.id)"
+            ),
+            None => "CAST(0 AS BIGINT)".to_owned(),
+        };
+        let mut query = sql(format!(
+            "SELECT {kind}.id, maker.name, {} AS files, {} AS bytes FROM {kind} \
+             JOIN job AS maker ON maker.id = {kind}.{} \
+             WHERE {kind}.deleted_at IS NOT NULL AND {kind}.purged_at IS NULL AND {kind}.{column} <= ",
+            measured("COUNT(*)"),
+            measured("SUM(size)"),
+            if kind == ItemKind::Job { "id" } else { "job" },
+        ));
+        query.push_bind(limit.moment);
+        if kind == ItemKind::Job {
+            for left in LEFT {
+                query.push(format!(
+                    " AND NOT EXISTS (SELECT 1 FROM {left} WHERE {left}.job = job.id \
+                     AND {left}.purged_at IS NULL AND {left}.{column} > "
+                ));
+                query.push_bind(limit.moment).push(")");
+            }
+        }
+        query.push(format!(" ORDER BY {kind}.id"));
+        let rows = query.rows(self).await?;
+        let garbage = |row: &Row| {
+            Ok(Garbage {
+                kind: GarbageKind::Item(Item::new(kind, row.get("id")?)),
+                name: row.get("name")?,
+                files: row.get("files")?,
+                bytes: row.get("bytes")?,
+            })
+        };
+        rows.iter().map(garbage).collect()
+    }
+
+    pub async fn ripe_tracked_runs(&mut self, limit: Limit) -> Result<Vec<Garbage>, StoreError> {
+        let mut query = sql(format!(
+            "SELECT identifier, name, \
+             (SELECT COUNT(*) FROM tracked_artifact AS file WHERE file.run = tracked_run.id) AS files, \
+             (SELECT CAST(COALESCE(SUM(size), 0) AS BIGINT) FROM tracked_artifact AS file \
+              WHERE file.run = tracked_run.id) AS bytes \
+             FROM tracked_run WHERE is_deleted AND {} <= ",
+            limit.column
+        ));
+        query.push_bind(limit.moment).push(" ORDER BY id");
+        let rows = query.rows(self).await?;
+        let garbage = |row: &Row| {
+            Ok(Garbage {
+                kind: GarbageKind::TrackedRun(row.get("identifier")?),
+                name: row.get("name")?,
+                files: row.get("files")?,
+                bytes: row.get("bytes")?,
+            })
+        };
+        rows.iter().map(garbage).collect()
+    }
+
+    /// Sent files that only purged jobs have read, or jobs among `jobs`.
+    pub async fn unread_uploads(&mut self, jobs: &[JobId]) -> Result<Vec<Garbage>, StoreError> {
+        let rows = sql("SELECT * FROM upload WHERE EXISTS (SELECT 1 FROM job_input \
+                 WHERE digest = upload.sha256) AND NOT EXISTS (SELECT 1 FROM job_input JOIN job \
+                 ON job.id = job_input.job WHERE job_input.digest = upload.sha256 \
+                 AND job.purged_at IS NULL AND job.id NOT IN {ids $1}) ORDER BY sha256")
+        .bind(json(&jobs))
+        .rows(self)
+        .await?;
+        let garbage = |row: &Row| {
+            let object = StoredObject::from_row(row)?;
+            Ok(Garbage {
+                kind: GarbageKind::Upload(object.sha256),
+                name: row.get("name")?,
+                files: 1,
+                bytes: object.size,
+            })
+        };
+        rows.iter().map(garbage).collect()
+    }
+}
+
+impl Transaction {
+    /// Marks an item as purged. Returns whether it was ripe and this transaction is the one that
+    /// purges it. A job has to wait for all items that it left.
+    pub async fn mark_purged(&mut self, item: Item, limit: Limit) -> Result<bool, StoreError> {
+        let kind = item.kind;
+        let mut query = sql(format!("UPDATE {kind} SET purged_at = "));
+        query.push("{now}").push(" WHERE deleted_at IS NOT NULL AND purged_at IS NULL AND id = ");
+        query.push_bind(item.id).push(format!(" AND {} <= ", limit.column));
+        query.push_bind(limit.moment);
+        if kind == ItemKind::Job {
+            for left in LEFT {
+                query.push(format!(
+                    " AND NOT EXISTS (SELECT 1 FROM {left} WHERE {left}.job = job.id \
+                     AND {left}.purged_at IS NULL)"
+                ));
+            }
+        }
+        let marked = query.changed(self).await?;
+        Ok(marked > 0)
+    }
+
+    /// Adds the attempts of a job that have ended to those of jobs that were purged before.
+    pub async fn keep_count_of_attempts(&mut self, job: JobId) -> Result<(), StoreError> {
+        sql(
+            "INSERT INTO purged_attempts (kind, outcome, number) \
+             SELECT job.kind, attempt.outcome, COUNT(*) FROM attempt JOIN job ON job.id = attempt.job \
+             WHERE attempt.job = $1 AND attempt.outcome IS NOT NULL \
+             GROUP BY job.kind, attempt.outcome ORDER BY job.kind, attempt.outcome \
+             ON CONFLICT (kind, outcome) DO UPDATE SET number = purged_attempts.number + excluded.number",
+        ).bind(job).run(self).await
+    }
+
+    /// Deletes the rows about an item in other tables. Returns the paths and sizes of the objects
+    /// that they named.
+    pub async fn delete_details(&mut self, item: Item) -> Result<Vec<(String, u64)>, StoreError> {
+        let mut files = Vec::new();
+        if let Some(table) = files_of(item.kind) {
+            let mut query = sql(format!("DELETE FROM {table} WHERE {} = ", item.kind));
+            query.push_bind(item.id).push(" RETURNING path, size");
+            let rows = query.rows(self).await?;
+            for row in &rows {
+                files.push((row.get("path")?, row.get("size")?));
+            }
+        }
+        let more: &[&str] = match item.kind {
+            // Attempts and their logs are deleted with their tasks.
+            ItemKind::Job => &["task", "idempotency_key"],
+            ItemKind::Run => &["metric", "metric_latest"],
+            ItemKind::Dataset => &["shard"],
+            ItemKind::Checkpoint => &[],
+        };
+        for table in more {
+            let mut query = sql(format!("DELETE FROM {table} WHERE {} = ", item.kind));
+            query.push_bind(item.id);
+            query.changed(self).await?;
+        }
+        Ok(files)
+    }
+
+    /// Locks a ripe tracked run, so that nobody else writes to it until the transaction ends.
+    pub async fn ripe_tracked_run(
+        &mut self,
+        identifier: &str,
+        limit: Limit,
+    ) -> Result<Option<TrackedRunId>, StoreError> {
+        let mut query = sql("SELECT id FROM tracked_run WHERE identifier = ");
+        query.push_bind(identifier.to_owned());
+        query.push(format!(" AND is_deleted AND {} <= ", limit.column)).push_bind(limit.moment);
+        query.push("{locked}");
+        query.optional(self).await
+    }
+
+    /// Deletes a tracked run with everything it has. Returns the paths and sizes of its objects.
+    pub async fn delete_tracked_run(
+        &mut self,
+        run: TrackedRunId,
+    ) -> Result<Vec<(String, u64)>, StoreError> {
+        let rows = sql("DELETE FROM tracked_artifact WHERE run = $1 RETURNING path, size")
+            .bind(run)
+            .rows(self)
+            .await?;
+        sql("DELETE FROM tracked_run WHERE id = $1").bind(run).changed(self).await?;
+        rows.iter().map(|row| Ok((row.get("path")?, row.get("size")?))).collect()
+    }
+
+    /// Deletes sent files that only purged jobs have read. Returns them with their names.
+    pub async fn delete_unread_uploads(
+        &mut self,
+    ) -> Result<Vec<(StoredObject, String)>, StoreError> {
+        let rows = sql(
+            "DELETE FROM upload WHERE EXISTS (SELECT 1 FROM job_input WHERE digest = upload.sha256) \
+             AND NOT EXISTS (SELECT 1 FROM job_input JOIN job ON job.id = job_input.job \
+                 WHERE job_input.digest = upload.sha256 AND job.purged_at IS NULL) RETURNING *",
+        )
+        .rows(self)
+        .await?;
+        rows.iter().map(|row| Ok((StoredObject::from_row(row)?, row.get("name")?))).collect()
+    }
+
+    /// Deletes rows of purged jobs that no other job refers to. Returns how many it deleted. After
+    /// that, others may be free.
+    pub async fn delete_purged_jobs(&mut self) -> Result<u64, StoreError> {
+        let deleted =
+            sql("DELETE FROM job WHERE deleted_at IS NOT NULL AND purged_at IS NOT NULL \
+             AND NOT EXISTS (SELECT 1 FROM job_need WHERE job_need.needs = job.id) \
+             AND NOT EXISTS (SELECT 1 FROM pipeline_member AS member WHERE member.job = job.id) \
+             AND NOT EXISTS (SELECT 1 FROM job_input AS input \
+                 WHERE input.digest = job.digest AND input.job <> job.id)")
+            .changed(self)
+            .await?;
+        Ok(deleted)
+    }
+
+    /// Deletes experiments without runs, except the two that always exist.
+    pub async fn delete_empty_experiments(&mut self, limit: Limit) -> Result<(), StoreError> {
+        let mut query = sql(format!(
+            "DELETE FROM tracked_experiment WHERE is_deleted AND id > 1 AND {} <= ",
+            limit.column
+        ));
+        query.push_bind(limit.moment).push(
+            " AND NOT EXISTS (SELECT 1 FROM tracked_run WHERE experiment = tracked_experiment.id)",
+        );
+        query.changed(self).await?;
+        Ok(())
+    }
 }

@@ -2,7 +2,10 @@
 
 use futures::TryStreamExt;
 
-use crate::database::sql;
+use crate::database::Reading;
+use crate::database::query::sql;
+use crate::transfer::statements::select_objects;
+use crate::transfer::tables::in_words;
 use crate::{Store, StoreError, StoredObject, boxed};
 
 /// The tables whose rows name objects.
@@ -32,7 +35,7 @@ impl Store {
         while let Some(table) = TABLES.get(place.table) {
             let path = place.path.as_str();
             let operation = "listing objects";
-            let objects = sql!(self.database(), operation, objects_named_by(table, path, PAGE))?;
+            let objects = self.read(operation).objects_named_by(table, path, PAGE).await?;
             if let Some(last) = objects.last() {
                 place.path.clone_from(&last.path);
                 return Ok(objects);
@@ -60,7 +63,31 @@ impl Store {
     /// When the database cannot be read.
     #[boxed]
     pub async fn database_damage(&self) -> Result<Option<String>, StoreError> {
-        sql!(self.database(), "looking for damage", damage())
+        let damage = self.database().damage().await;
+        damage.map_err(StoreError::database("looking for damage"))
+    }
+}
+
+impl Reading<'_> {
+    /// The objects that a table names, sorted by path, beginning after `path`.
+    pub async fn objects_named_by(
+        &mut self,
+        table: &str,
+        path: &str,
+        limit: i64,
+    ) -> Result<Vec<StoredObject>, StoreError> {
+        select_objects(table, path, limit).all(self).await
+    }
+
+    /// The number of rows of the first of these tables that has any, in words.
+    pub async fn first_content(&mut self, tables: &[&str]) -> Result<Option<String>, StoreError> {
+        for table in tables {
+            let count: i64 = sql(format!("SELECT COUNT(*) FROM {table}")).one(self).await?;
+            if count > 0 {
+                return Ok(Some(in_words(table, count.unsigned_abs())));
+            }
+        }
+        Ok(None)
     }
 }
 

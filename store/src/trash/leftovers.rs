@@ -6,7 +6,6 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use crate::boxed;
-use crate::database::sql;
 use crate::objects::UnfinishedLeftover;
 use crate::{Store, StoreError};
 
@@ -50,7 +49,7 @@ impl Store {
         let Some(limit) = now.checked_sub(older_than) else { return Ok(Vec::new()) };
         let mut old = self.objects().older_than(limit).await?;
         // Rows are read after the listing, so objects that were committed in between are seen.
-        let named = sql!(self.database(), OPERATION, named_objects())?;
+        let named = self.read(OPERATION).named_objects().await?;
         let named: HashSet<String> = named.into_iter().collect();
         old.retain(|(path, _)| !named.contains(path));
         Ok(old)

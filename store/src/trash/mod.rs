@@ -19,17 +19,21 @@ pub(crate) mod garbage;
 pub(crate) mod inventory;
 pub(crate) mod leftovers;
 pub(crate) mod retention;
+pub(crate) mod statements;
 
 use std::fmt;
 use std::time::Duration;
 
 use spec::Digest;
-use wire::{ItemKind, JobState};
+use wire::ItemKind;
 
 use crate::boxed;
-use crate::database::{Scope, Transaction, sql};
+use crate::database::query::{Row, sql};
+use crate::database::rows::deletion;
+use crate::database::{Scope, Transaction};
 use crate::queue::rules::deletion::{Obstacle, obstacle};
 use crate::trash::dependents::Dependent;
+use crate::trash::statements::trash::ItemRow;
 use crate::{CheckpointId, DatasetId, JobId, RunId, Store, StoreError, Timestamp};
 
 /// Something that can be deleted.
@@ -97,19 +101,6 @@ pub struct TrashPlace {
     pub item: Item,
 }
 
-/// The row of an item.
-#[derive(Clone, Debug)]
-pub(crate) struct ItemRow {
-    pub item: Item,
-    /// The job that made it, or the item itself if it is a job.
-    pub job: JobId,
-    pub job_state: JobState,
-    pub digest: Digest,
-    pub deletion: Option<Deletion>,
-    /// The moment at which its owner was deleted.
-    pub owner_deleted_at: Option<Timestamp>,
-}
-
 /// The extent of a deletion.
 pub(crate) struct Reach {
     /// The job that made the item. For a job, it and the members that it owns.
@@ -157,6 +148,38 @@ impl fmt::Display for Item {
     }
 }
 
+/// The items in the trash, without those that were deleted together with their owner. The size
+/// covers their own files and the files of items that were deleted with them.
+const TRASH: &str = "SELECT * FROM (\
+     SELECT 'job' AS kind, job.id, job.name, job.deleted_at, job.purge_at, job.purged_at, job.deletion_reason, \
+         (SELECT CAST(COALESCE(SUM(file.size), 0) AS BIGINT) FROM dataset \
+              JOIN shard_file AS file ON file.dataset = dataset.id WHERE dataset.job = job.id) \
+         + (SELECT CAST(COALESCE(SUM(file.size), 0) AS BIGINT) FROM run \
+              JOIN artifact AS file ON file.run = run.id WHERE run.job = job.id) \
+         + (SELECT CAST(COALESCE(SUM(file.size), 0) AS BIGINT) FROM checkpoint \
+              JOIN checkpoint_file AS file ON file.checkpoint = checkpoint.id WHERE checkpoint.job = job.id) AS bytes \
+     FROM job WHERE job.deleted_at IS NOT NULL AND job.purged_at IS NULL \
+     AND NOT EXISTS (SELECT 1 FROM pipeline_member AS member JOIN job AS pipeline ON pipeline.id = member.pipeline \
+         WHERE member.job = job.id AND pipeline.deleted_at = job.deleted_at) \
+     UNION ALL SELECT 'run', run.id, job.name, run.deleted_at, run.purge_at, run.purged_at, run.deletion_reason, \
+         (SELECT CAST(COALESCE(SUM(file.size), 0) AS BIGINT) FROM artifact AS file WHERE file.run = run.id) \
+         + (SELECT CAST(COALESCE(SUM(file.size), 0) AS BIGINT) FROM checkpoint \
+              JOIN checkpoint_file AS file ON file.checkpoint = checkpoint.id WHERE checkpoint.run = run.id) \
+     FROM run JOIN job ON job.id = run.job WHERE run.deleted_at IS NOT NULL AND run.purged_at IS NULL \
+     AND (job.deleted_at IS NULL OR job.deleted_at <> run.deleted_at) \
+     UNION ALL SELECT 'dataset', dataset.id, job.name, dataset.deleted_at, dataset.purge_at, dataset.purged_at, \
+         dataset.deletion_reason, \
+         (SELECT CAST(COALESCE(SUM(file.size), 0) AS BIGINT) FROM shard_file AS file WHERE file.dataset = dataset.id) \
+     FROM dataset JOIN job ON job.id = dataset.job WHERE dataset.deleted_at IS NOT NULL AND dataset.purged_at IS NULL \
+     AND (job.deleted_at IS NULL OR job.deleted_at <> dataset.deleted_at) \
+     UNION ALL SELECT 'checkpoint', checkpoint.id, job.name, checkpoint.deleted_at, checkpoint.purge_at, \
+         checkpoint.purged_at, checkpoint.deletion_reason, \
+         (SELECT CAST(COALESCE(SUM(file.size), 0) AS BIGINT) FROM checkpoint_file AS file \
+          WHERE file.checkpoint = checkpoint.id) \
+     FROM checkpoint JOIN job ON job.id = checkpoint.job JOIN run ON run.id = checkpoint.run \
+     WHERE checkpoint.deleted_at IS NOT NULL AND checkpoint.purged_at IS NULL \
+     AND (run.deleted_at IS NULL OR run.deleted_at <> checkpoint.deleted_at)) AS trash";
+
 impl Store {
     /// Moves an item into the trash, with everything that it owns.
     ///
@@ -181,7 +204,7 @@ impl Store {
             }
             Some(Obstacle::Needed) => return Err(StoreError::Needed { item, by: found }),
         }
-        let deleted_at = sql!(&mut tx, present())?;
+        let deleted_at = tx.present().await?;
         let keep = i64::try_from(order.keep.as_millis()).unwrap_or(i64::MAX);
         let milliseconds = deleted_at.milliseconds().saturating_add(keep);
         let purge_at = Timestamp::from_milliseconds(milliseconds);
@@ -189,7 +212,7 @@ impl Store {
         let deletion = Deletion { deleted_at, purge_at, purged_at: None, reason };
         let mut along = Vec::new();
         for (kind, column, ids) in owned(item, &reach) {
-            along.extend(sql!(&mut tx, mark_deleted(kind, column, &ids, &deletion))?);
+            along.extend(tx.mark_deleted(kind, column, &ids, &deletion).await?);
         }
         along.retain(|other| *other != item);
         tx.commit().await?;
@@ -214,18 +237,18 @@ impl Store {
             return Err(StoreError::OwnerDeleted { item, job: row.job });
         }
         let jobs = match item.kind {
-            ItemKind::Job => sql!(&mut tx, members_deleted_with(row.job, deletion.deleted_at))?,
+            ItemKind::Job => tx.members_deleted_with(row.job, deletion.deleted_at).await?,
             _ => Vec::new(),
         };
         let jobs = std::iter::once(row.job).chain(jobs).collect();
         let reach = Reach { jobs, digests: Vec::new(), whole: item.kind == ItemKind::Job };
         let mut restored = Vec::new();
         for (kind, column, ids) in owned(item, &reach) {
-            restored.extend(sql!(&mut tx, mark_restored(kind, column, &ids, deletion.deleted_at))?);
+            restored.extend(tx.mark_restored(kind, column, &ids, deletion.deleted_at).await?);
         }
         // The statements above wait for a running purge, and leave purged items as they are.
         let Some(place) = restored.iter().position(|other| *other == item) else {
-            let purged_at = sql!(&mut tx, present())?;
+            let purged_at = tx.present().await?;
             return Err(StoreError::Purged { item, purged_at });
         };
         restored.remove(place);
@@ -245,7 +268,7 @@ impl Store {
         let found = dependents::of(&mut tx, &reach).await?;
         let mut along = Vec::new();
         for (kind, column, ids) in owned(item, &reach) {
-            along.extend(sql!(&mut tx, items_not_deleted(kind, column, &ids))?);
+            along.extend(tx.items_not_deleted(kind, column, &ids).await?);
         }
         along.retain(|other| *other != item);
         tx.roll_back().await?;
@@ -263,7 +286,7 @@ impl Store {
             let of_kind = items.iter().filter(|item| item.kind == kind);
             let ids: Vec<i64> = of_kind.map(|item| item.id).collect();
             if !ids.is_empty() {
-                bytes += sql!(self.database(), "adding up files", size_of(kind, &ids))?;
+                bytes += self.read("adding up files").size_of(kind, &ids).await?;
             }
         }
         Ok(bytes)
@@ -280,7 +303,23 @@ impl Store {
         after: Option<TrashPlace>,
         limit: u32,
     ) -> Result<Vec<Trashed>, StoreError> {
-        sql!(self.database(), "reading the trash", trash(after, limit))
+        let mut query = sql(TRASH);
+        if let Some(TrashPlace { deleted_at, item }) = after {
+            query.push(" WHERE (deleted_at, kind, id) < (").push_bind(deleted_at);
+            query.push(", ").push_bind(item.kind.as_str()).push(", ").push_bind(item.id).push(")");
+        }
+        query.push(" ORDER BY deleted_at DESC, kind DESC, id DESC LIMIT ");
+        query.push_bind(limit);
+        let rows = query.rows(&mut self.read("reading the trash")).await?;
+        let trashed = |row: &Row| {
+            Ok(Trashed {
+                item: Item::new(row.get("kind")?, row.get("id")?),
+                name: row.get("name")?,
+                bytes: row.get("bytes")?,
+                deletion: deletion(row)?.ok_or_else(|| row.incomplete())?,
+            })
+        };
+        rows.iter().map(trashed).collect()
     }
 }
 
@@ -305,7 +344,7 @@ async fn reach(tx: &mut Transaction, row: &ItemRow) -> Result<Reach, StoreError>
     let whole = row.item.kind == ItemKind::Job;
     let (mut jobs, mut digests) = (vec![row.job], vec![row.digest]);
     if whole {
-        for (member, digest) in sql!(tx, owned_members(row.job))? {
+        for (member, digest) in tx.owned_members(row.job).await? {
             jobs.push(member);
             digests.push(digest);
         }
@@ -314,7 +353,8 @@ async fn reach(tx: &mut Transaction, row: &ItemRow) -> Result<Reach, StoreError>
 }
 
 async fn known(tx: &mut Transaction, item: Item) -> Result<ItemRow, StoreError> {
-    sql!(tx, item(item))?
+    tx.item(item)
+        .await?
         .ok_or_else(|| StoreError::not_found(item.kind.as_str(), item.id.to_string()))
 }
 

@@ -7,7 +7,8 @@ use serde_json::Value;
 use spec::{Digest, TrainingStep};
 
 use crate::boxed;
-use crate::database::{Scope, sql};
+use crate::database::Scope;
+use crate::trash::statements::trash::OldCheckpoint;
 use crate::{CheckpointId, DeletionOrder, Item, JobId, Respect, Store, StoreError};
 
 /// How long things are kept that nobody asked to be kept; for ever without a value.
@@ -16,7 +17,7 @@ pub struct Retention {
     /// Jobs that failed or were cancelled, counted from their end. A pipeline counts only if none
     /// of its members succeeded.
     pub failed_jobs: Option<Duration>,
-    /// The newest checkpoints of each training that has ended, so many.
+    /// How many of the newest checkpoints to keep per ended training.
     pub checkpoints: Option<u32>,
     /// Logs of jobs, since they ended.
     pub logs: Option<Duration>,
@@ -28,16 +29,6 @@ pub struct Outdated {
     pub item: Item,
     pub name: String,
     pub reason: String,
-}
-
-/// A checkpoint that is not among the newest of its training, not final, not the best and not labelled.
-#[derive(Clone, Debug)]
-pub(crate) struct OldCheckpoint {
-    pub id: CheckpointId,
-    pub step: u64,
-    /// The training's name and digest.
-    pub name: String,
-    pub digest: Digest,
 }
 
 /// Number of items moved in one pass. The next pass moves the rest.
@@ -92,7 +83,7 @@ impl Store {
     /// When the database fails.
     #[boxed]
     pub async fn outdated_logs(&self, age: Duration) -> Result<Vec<JobId>, StoreError> {
-        sql!(self.database(), RETIRING, jobs_with_old_logs(age, None))
+        self.read(RETIRING).jobs_with_old_logs(age, None).await
     }
 
     /// Deletes the logs of jobs that ended longer than `age` ago, for good. Returns how many jobs lost theirs.
@@ -103,12 +94,12 @@ impl Store {
     pub async fn delete_old_logs(&self, age: Duration) -> Result<u64, StoreError> {
         let mut count = 0;
         loop {
-            let jobs = sql!(self.database(), RETIRING, jobs_with_old_logs(age, Some(AT_ONCE)))?;
+            let jobs = self.read(RETIRING).jobs_with_old_logs(age, Some(AT_ONCE)).await?;
             if jobs.is_empty() {
                 return Ok(count);
             }
             let mut tx = self.begin(Scope::Rows, "deleting old logs").await?;
-            sql!(&mut tx, delete_logs_of_jobs(&jobs))?;
+            tx.delete_logs_of_jobs(&jobs).await?;
             tx.commit().await?;
             count += jobs.len() as u64;
         }
@@ -118,7 +109,7 @@ impl Store {
         let reason =
             format!("failed jobs are kept for {} days", age.as_millis() / MILLISECONDS_OF_A_DAY);
         let mut found = Vec::new();
-        let jobs = sql!(self.database(), RETIRING, failed_jobs(age, AT_ONCE))?;
+        let jobs = self.read(RETIRING).failed_jobs(age, AT_ONCE).await?;
         for (job, name) in jobs {
             let item = Item::from(job);
             if self.is_free(item).await? {
@@ -135,7 +126,7 @@ impl Store {
         let mut named: BTreeMap<String, Vec<u64>> = BTreeMap::new();
         let mut after = CheckpointId(0);
         loop {
-            let page = sql!(self.database(), RETIRING, old_checkpoints(keep, after, AT_ONCE))?;
+            let page = self.read(RETIRING).old_checkpoints(keep, after, AT_ONCE).await?;
             let Some(last) = page.last() else { return Ok(found) };
             after = last.id;
             for OldCheckpoint { id, step, name, digest } in page {
@@ -143,7 +134,7 @@ impl Store {
                 let steps = match named.get(&key) {
                     Some(steps) => steps,
                     None => {
-                        let specs = sql!(self.database(), RETIRING, specs_that_name(digest))?;
+                        let specs = self.read(RETIRING).specs_that_name(digest).await?;
                         let steps = specs.iter().flat_map(|spec| steps_named(spec, digest));
                         named.entry(key).or_insert(steps.collect())
                     }

@@ -4,10 +4,14 @@ use std::collections::HashMap;
 
 use spec::{Moment, Resources};
 
-use crate::boxed;
-use crate::database::sql;
+use crate::database::column::json;
+use crate::database::query::{Query, Row, from_row, sql};
+use crate::database::rows::{moment, resources, text_of_tags};
+use crate::database::{Reading, Transaction};
+use crate::identifiers::ResourcesId;
 use crate::queue::rules::placement::{Placement, placement};
-use crate::{JobId, Store, StoreError, Worker};
+use crate::queue::statements::line::may_be_claimed;
+use crate::{JobId, Store, StoreError, Worker, boxed};
 
 /// Waiting tasks that ask for the same resources.
 #[derive(Clone, Debug, PartialEq)]
@@ -36,7 +40,7 @@ impl Store {
     /// When the database fails.
     #[boxed]
     pub async fn demand(&self) -> Result<Vec<Demand>, StoreError> {
-        sql!(self.database(), "reading what tasks ask for", demand())
+        self.read("reading what tasks ask for").demand().await
     }
 
     /// Why the queued tasks of `jobs` wait, where it is not only for their turn.
@@ -45,7 +49,7 @@ impl Store {
     /// When the database fails.
     #[boxed]
     pub async fn waits(&self, jobs: &[JobId]) -> Result<HashMap<JobId, Wait>, StoreError> {
-        let asked = sql!(self.database(), "reading what jobs wait for", asked_by(jobs))?;
+        let asked = self.read("reading what jobs wait for").asked_by(jobs).await?;
         if asked.is_empty() {
             return Ok(HashMap::new());
         }
@@ -86,3 +90,70 @@ impl Wait {
         }
     }
 }
+
+impl Reading<'_> {
+    /// The tasks that may be claimed, grouped by the resources they ask for, in the order of the
+    /// queue.
+    pub async fn demand(&mut self) -> Result<Vec<Demand>, StoreError> {
+        sql(demand()).all(self).await
+    }
+
+    /// Jobs with queued tasks that ask for resources or may not begin yet, with these resources and
+    /// the start time.
+    pub async fn asked_by(
+        &mut self,
+        jobs: &[JobId],
+    ) -> Result<Vec<(JobId, Resources, Option<Moment>)>, StoreError> {
+        let rows =
+            sql("SELECT job.id AS job, asked.cpus, asked.gpus, asked.memory_mb, asked.tags, \
+             CASE WHEN job.not_before > {now} THEN job.not_before ELSE 0 END AS begins_at \
+             FROM job JOIN resources AS asked ON asked.id = job.resources \
+             WHERE job.id IN {ids $1} AND job.state IN ('queued', 'running') AND (asked.cpus > 0 \
+             OR asked.gpus > 0 OR asked.memory_mb > 0 OR asked.tags <> '[]' \
+             OR job.not_before > {now}) AND EXISTS (SELECT 1 FROM task WHERE task.job = job.id \
+             AND task.state = 'queued')")
+            .bind(json(&jobs))
+            .rows(self)
+            .await?;
+        let read = |row: &Row| Ok((row.get("job")?, resources(row)?, moment(row, "begins_at")?));
+        rows.iter().map(read).collect()
+    }
+}
+
+impl Transaction {
+    /// The id of a combination of resources. Inserts it if it is new.
+    pub async fn resources_id(&mut self, asked: &Resources) -> Result<ResourcesId, StoreError> {
+        if let Some(id) = find_resources(asked).optional(self).await? {
+            return Ok(id);
+        }
+        sql("INSERT INTO resources (cpus, gpus, memory_mb, tags) VALUES ($1, $2, $3, $4) \
+             ON CONFLICT (cpus, gpus, memory_mb, tags) DO NOTHING")
+        .bind(asked.cpus.unwrap_or(0))
+        .bind(asked.gpus)
+        .bind(asked.megabytes())
+        .bind(text_of_tags(&asked.tags))
+        .run(self)
+        .await?;
+        find_resources(asked).one(self).await
+    }
+}
+
+fn find_resources(asked: &Resources) -> Query {
+    sql("SELECT id FROM resources WHERE cpus = $1 AND gpus = $2 AND memory_mb = $3 AND tags = $4")
+        .bind(asked.cpus.unwrap_or(0))
+        .bind(asked.gpus)
+        .bind(asked.megabytes())
+        .bind(text_of_tags(&asked.tags))
+}
+
+fn demand() -> String {
+    format!(
+        "SELECT asked.cpus, asked.gpus, asked.memory_mb, asked.tags, found.waiting \
+         FROM (SELECT resources, COUNT(*) AS waiting, MIN(turn) AS turn FROM task WHERE {} \
+               GROUP BY resources) AS found \
+         JOIN resources AS asked ON asked.id = found.resources ORDER BY found.turn, asked.id",
+        may_be_claimed("{now}")
+    )
+}
+
+from_row!(Demand { waiting, ..row => resources: resources(row)? });

@@ -2,22 +2,9 @@
 //! PostgreSQL, and only one of them does the housekeeping.
 
 use crate::boxed;
-use crate::database::Database;
+use crate::database::Duty;
 use crate::database::postgres::DutyLock;
 use crate::{Store, StoreError};
-
-/// Work that only one server does at a time.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Duty {
-    /// Giving the tasks of dead workers to other workers.
-    Reaping,
-    /// Deleting objects without a row.
-    Sweeping,
-    /// Asking Slurm or Kubernetes for workers.
-    Placing,
-    /// Deleting old events.
-    Forgetting,
-}
 
 /// A claim to a [`Duty`].
 #[derive(Debug)]
@@ -25,11 +12,7 @@ pub struct DutyClaim(Option<DutyLock>);
 
 impl Store {
     pub fn duty(&self, duty: Duty) -> DutyClaim {
-        DutyClaim(match self.database() {
-            // Only one server uses a data folder.
-            Database::Sqlite(_) => None,
-            Database::Postgres(database) => Some(database.duty_lock(duty)),
-        })
+        DutyClaim(self.database().duty_lock(duty))
     }
 }
 

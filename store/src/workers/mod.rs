@@ -8,9 +8,10 @@ use std::time::Duration;
 
 use spec::Resources;
 
-use crate::boxed;
-use crate::database::{Scope, sql};
-use crate::{JobId, Store, StoreError, TaskId, Timestamp};
+use crate::database::query::{FromRow, Row, sql};
+use crate::database::rows::{resources, text_of_tags};
+use crate::database::{Reading, Scope, Transaction};
+use crate::{JobId, Store, StoreError, TaskId, Timestamp, boxed};
 
 /// A worker's description of itself.
 #[derive(Clone, Debug, PartialEq)]
@@ -65,7 +66,7 @@ impl Store {
     #[boxed]
     pub async fn register_server(&self, version: &str) -> Result<(), StoreError> {
         let mut tx = self.begin(Scope::Rows, "registering the server").await?;
-        sql!(&mut tx, set_server(version))?;
+        tx.set_server(version).await?;
         tx.commit().await
     }
 
@@ -75,7 +76,9 @@ impl Store {
     /// When the database fails.
     #[boxed]
     pub async fn server_version(&self) -> Result<Option<String>, StoreError> {
-        sql!(self.database(), "reading the server's version", server_version())
+        sql("SELECT version FROM server")
+            .optional(&mut self.read("reading the server's version"))
+            .await
     }
 
     /// # Errors
@@ -83,8 +86,8 @@ impl Store {
     #[boxed]
     pub async fn register_worker(&self, new: &WorkerProcess) -> Result<(), StoreError> {
         let mut tx = self.begin(Scope::Lease, "registering a worker").await?;
-        sql!(&mut tx, forget_dead_workers(REMEMBER))?;
-        sql!(&mut tx, insert_worker(new))?;
+        tx.forget_dead_workers(REMEMBER).await?;
+        tx.insert_worker(new).await?;
         tx.commit().await
     }
 
@@ -99,7 +102,7 @@ impl Store {
         waits_for: Option<&str>,
     ) -> Result<(), StoreError> {
         let mut tx = self.begin(Scope::Statement, "seeing a worker").await?;
-        sql!(&mut tx, see_worker(worker, waits_for))?;
+        tx.see_worker(worker, waits_for).await?;
         tx.commit().await
     }
 
@@ -110,7 +113,7 @@ impl Store {
     #[boxed]
     pub async fn forget_worker(&self, worker: &WorkerProcess) -> Result<(), StoreError> {
         let mut tx = self.begin(Scope::Lease, "forgetting a worker").await?;
-        sql!(&mut tx, delete_worker(worker))?;
+        tx.delete_worker(worker).await?;
         tx.commit().await
     }
 
@@ -122,7 +125,7 @@ impl Store {
     #[boxed]
     pub async fn drain_worker(&self, name: &str) -> Result<(), StoreError> {
         let mut tx = self.begin(Scope::Rows, "draining a worker").await?;
-        if !sql!(&mut tx, drain_worker(name))? {
+        if !tx.drain_worker(name).await? {
             return Err(StoreError::not_found("worker", name.to_owned()));
         }
         tx.commit().await
@@ -135,7 +138,7 @@ impl Store {
     #[boxed]
     pub async fn undrain_worker(&self, name: &str) -> Result<(), StoreError> {
         let mut tx = self.begin(Scope::Rows, "ending the drain of a worker").await?;
-        if !sql!(&mut tx, undrain_worker(name))? {
+        if !tx.undrain_worker(name).await? {
             return Err(StoreError::not_found("worker", name.to_owned()));
         }
         tx.commit().await
@@ -147,6 +150,142 @@ impl Store {
     /// When the database fails.
     #[boxed]
     pub async fn workers(&self) -> Result<Vec<Worker>, StoreError> {
-        sql!(self.database(), "reading workers", workers(Self::WORKER_SEEN_WITHIN))
+        self.read("reading workers").workers(Self::WORKER_SEEN_WITHIN).await
+    }
+}
+
+impl Reading<'_> {
+    /// Workers sorted by name, each with the newest task that it has.
+    pub async fn workers(&mut self, seen_within: Duration) -> Result<Vec<Worker>, StoreError> {
+        sql("SELECT worker.*, seen_at > {now} - $1 AS is_alive, task.id AS task, task.job, \
+             task.label FROM worker LEFT JOIN task ON task.id = (SELECT MAX(id) FROM task \
+             WHERE task.state = 'running' AND task.worker = worker.name) ORDER BY worker.name")
+        .bind(seen_within)
+        .all(self)
+        .await
+    }
+
+    pub async fn identity(&mut self) -> Result<String, StoreError> {
+        sql("SELECT id FROM store").one(self).await
+    }
+}
+
+impl Transaction {
+    pub async fn set_identity(&mut self, identity: &str) -> Result<(), StoreError> {
+        sql("UPDATE store SET id = $1").bind(identity).run(self).await
+    }
+
+    pub async fn insert_worker(&mut self, new: &WorkerProcess) -> Result<(), StoreError> {
+        sql("INSERT INTO worker (name, host, pid, version, device, threads, cpus, gpus, \
+             memory_mb, tags, started_at, seen_at) \
+             VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, {now}, {now}) \
+             ON CONFLICT (name) DO UPDATE SET host = excluded.host, pid = excluded.pid, version = \
+             excluded.version, device = excluded.device, threads = excluded.threads, cpus = \
+             excluded.cpus, gpus = excluded.gpus, memory_mb = excluded.memory_mb, tags = \
+             excluded.tags, waits_for = NULL, started_at = excluded.started_at, seen_at = \
+             excluded.seen_at")
+        .bind(&new.name)
+        .bind(&new.host)
+        .bind(new.pid)
+        .bind(&new.version)
+        .bind(&new.device)
+        .bind(new.threads)
+        .bind(new.offers.cpus.unwrap_or(0))
+        .bind(new.offers.gpus)
+        .bind(new.offers.megabytes())
+        .bind(text_of_tags(&new.offers.tags))
+        .run(self)
+        .await
+    }
+
+    /// Does nothing for a worker whose name another one has taken.
+    pub async fn see_worker(
+        &mut self,
+        worker: &WorkerProcess,
+        waits_for: Option<&str>,
+    ) -> Result<(), StoreError> {
+        sql("UPDATE worker SET waits_for = $1, seen_at = {now} WHERE name = $2 AND host = $3 \
+             AND pid = $4")
+        .bind(waits_for)
+        .bind(&worker.name)
+        .bind(&worker.host)
+        .bind(worker.pid)
+        .run(self)
+        .await
+    }
+
+    /// Returns whether the worker exists. If it is drained already, the time of the drain stays.
+    pub async fn drain_worker(&mut self, name: &str) -> Result<bool, StoreError> {
+        let drained =
+            sql("UPDATE worker SET drained_at = COALESCE(drained_at, {now}) WHERE name = $1")
+                .bind(name)
+                .changed(self)
+                .await?;
+        Ok(drained > 0)
+    }
+
+    /// Returns whether the worker exists.
+    pub async fn undrain_worker(&mut self, name: &str) -> Result<bool, StoreError> {
+        let undrained = sql("UPDATE worker SET drained_at = NULL WHERE name = $1")
+            .bind(name)
+            .changed(self)
+            .await?;
+        Ok(undrained > 0)
+    }
+
+    pub async fn delete_worker(&mut self, worker: &WorkerProcess) -> Result<(), StoreError> {
+        sql("DELETE FROM worker WHERE name = $1 AND host = $2 AND pid = $3")
+            .bind(&worker.name)
+            .bind(&worker.host)
+            .bind(worker.pid)
+            .run(self)
+            .await
+    }
+
+    pub async fn forget_dead_workers(&mut self, after: Duration) -> Result<(), StoreError> {
+        sql("DELETE FROM worker WHERE seen_at < {now} - $1").bind(after).run(self).await
+    }
+
+    pub async fn set_server(&mut self, version: &str) -> Result<(), StoreError> {
+        sql("INSERT INTO server (id, version, started_at) VALUES (1, $1, {now}) \
+             ON CONFLICT (id) DO UPDATE SET version = excluded.version, started_at = \
+             excluded.started_at")
+        .bind(version)
+        .run(self)
+        .await
+    }
+
+    /// Writes a row, to test that the database can be written to.
+    pub async fn probe(&mut self) -> Result<(), StoreError> {
+        sql("INSERT INTO probe (id, written_at) VALUES (1, {now}) ON CONFLICT (id) DO UPDATE \
+             SET written_at = excluded.written_at")
+        .run(self)
+        .await
+    }
+}
+
+impl FromRow for Worker {
+    fn from_row(row: &Row) -> Result<Self, StoreError> {
+        let task: Option<_> = row.get("task")?;
+        let task = task.map(|id| {
+            Ok::<_, StoreError>(WorkersTask { id, job: row.get("job")?, label: row.get("label")? })
+        });
+        Ok(Self {
+            process: WorkerProcess {
+                name: row.get("name")?,
+                host: row.get("host")?,
+                pid: row.get("pid")?,
+                version: row.get("version")?,
+                device: row.get("device")?,
+                threads: row.get("threads")?,
+                offers: resources(row)?,
+            },
+            drained_at: row.get("drained_at")?,
+            waits_for: row.get("waits_for")?,
+            started_at: row.get("started_at")?,
+            seen_at: row.get("seen_at")?,
+            is_alive: row.get("is_alive")?,
+            task: task.transpose()?,
+        })
     }
 }

@@ -1,8 +1,11 @@
 //! Workers that Slurm or Kubernetes places, in the states that the engine shows.
 
+use std::time::Duration;
+
 use wire::PlacementState;
 
-use crate::database::{Scope, sql};
+use crate::database::query::{from_row, sql};
+use crate::database::{Scope, Transaction};
 use crate::workers::REMEMBER;
 use crate::{Store, StoreError, Timestamp};
 
@@ -49,8 +52,8 @@ impl Store {
     pub async fn set_engine(&self, engine: Option<&Engine>) -> Result<(), StoreError> {
         let mut tx = self.begin(Scope::Rows, "setting the engine").await?;
         match engine {
-            Some(engine) => sql!(&mut tx, set_engine(engine))?,
-            None => sql!(&mut tx, delete_engine())?,
+            Some(engine) => tx.set_engine(engine).await?,
+            None => tx.delete_engine().await?,
         }
         tx.commit().await
     }
@@ -58,7 +61,10 @@ impl Store {
     /// # Errors
     /// When the database fails.
     pub async fn engine(&self) -> Result<Option<Engine>, StoreError> {
-        sql!(self.database(), "reading the engine", engine())
+        let row: Option<(String, Option<String>)> = sql("SELECT name, obstacle FROM engine")
+            .optional(&mut self.read("reading the engine"))
+            .await?;
+        Ok(row.map(|(name, obstacle)| Engine { name, obstacle }))
     }
 
     /// Records workers in the states that their engine shows. Deletes workers that ended a day ago,
@@ -68,9 +74,9 @@ impl Store {
     /// When the database fails.
     pub async fn record_placements(&self, placed: &[Placed]) -> Result<(), StoreError> {
         let mut tx = self.begin(Scope::Rows, "recording placements").await?;
-        sql!(&mut tx, forget_ended_placements(REMEMBER, REMEMBERED))?;
+        tx.forget_ended_placements(REMEMBER, REMEMBERED).await?;
         for placed in placed {
-            sql!(&mut tx, upsert_placement(placed))?;
+            tx.upsert_placement(placed).await?;
         }
         tx.commit().await
     }
@@ -80,6 +86,70 @@ impl Store {
     /// # Errors
     /// When the database fails.
     pub async fn placements(&self) -> Result<Vec<Placement>, StoreError> {
-        sql!(self.database(), "reading placements", placements())
+        sql("SELECT * FROM placement ORDER BY worker")
+            .all(&mut self.read("reading placements"))
+            .await
     }
 }
+
+impl Transaction {
+    pub async fn set_engine(&mut self, engine: &Engine) -> Result<(), StoreError> {
+        sql(
+            "INSERT INTO engine (id, name, obstacle) VALUES (1, $1, $2) ON CONFLICT (id) DO UPDATE \
+             SET name = excluded.name, obstacle = excluded.obstacle",
+        )
+        .bind(&engine.name)
+        .bind(&engine.obstacle)
+        .run(self)
+        .await
+    }
+
+    pub async fn delete_engine(&mut self) -> Result<(), StoreError> {
+        sql("DELETE FROM engine").run(self).await
+    }
+
+    /// Inserts or updates a worker. A worker that has ended does not change any more.
+    pub async fn upsert_placement(&mut self, placed: &Placed) -> Result<(), StoreError> {
+        sql("INSERT INTO placement (worker, engine, identifier, state, reason, node, asked_at, \
+             changed_at) VALUES ($1, $2, $3, $4, $5, $6, {now}, {now}) \
+             ON CONFLICT (worker) DO UPDATE SET identifier = excluded.identifier, state = \
+             excluded.state, reason = excluded.reason, node = COALESCE(excluded.node, \
+             placement.node), changed_at = excluded.changed_at WHERE placement.state <> 'ended'")
+        .bind(&placed.worker)
+        .bind(&placed.engine)
+        .bind(&placed.identifier)
+        .bind(placed.state)
+        .bind(&placed.reason)
+        .bind(&placed.node)
+        .run(self)
+        .await
+    }
+
+    /// Deletes workers that ended long ago, and all ended workers except the newest `keep`.
+    pub async fn forget_ended_placements(
+        &mut self,
+        after: Duration,
+        keep: u32,
+    ) -> Result<(), StoreError> {
+        sql("DELETE FROM placement WHERE state = 'ended' AND (changed_at < {now} - $1 \
+             OR worker NOT IN (SELECT worker FROM placement WHERE state = 'ended' \
+             ORDER BY changed_at DESC, worker LIMIT $2))")
+        .bind(after)
+        .bind(keep)
+        .run(self)
+        .await
+    }
+}
+
+from_row!(Placement {
+    asked_at, changed_at,
+    ..row =>
+    placed: Placed {
+        worker: row.get("worker")?,
+        engine: row.get("engine")?,
+        identifier: row.get("identifier")?,
+        state: row.get("state")?,
+        reason: row.get("reason")?,
+        node: row.get("node")?,
+    },
+});

@@ -14,27 +14,17 @@ use std::time::Duration;
 use serde_json::Value;
 use spec::Resources;
 use sqlx::postgres::PgRow;
-use sqlx::{AssertSqlSafe, FromRow, Row};
+use sqlx::{AssertSqlSafe, Row};
 use wire::{AttemptOutcome, TaskState};
 
-use super::dialect::first_in_line;
-use super::statements::line::may_be_claimed;
-use super::statements::milliseconds;
-use super::statements::rows::text_of_tags;
+use super::dialect::{NOW, first_in_line};
 use super::{Database, LEASE_LOCK, QUEUE_LOCK};
-use crate::Fence;
-use crate::queue::leases::NextTask;
-
-/// The outcome of [`Database::complete_in_stage`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum StageEnd {
-    /// It is completed, and its job stays as it is: another task of its stage is queued.
-    Completed,
-    /// Nothing was changed: the job may have to move on with it.
-    Last,
-    /// Nothing was changed: the lease is lost.
-    Lost,
-}
+use crate::database::StageEnd;
+use crate::database::column::milliseconds;
+use crate::database::query::{FromRow as _, Row as FoundRow};
+use crate::database::rows::text_of_tags;
+use crate::queue::statements::tasks::NextTask;
+use crate::{Fence, StoreError};
 
 /// PostgreSQL's code for a prepared statement that the connection does not have.
 /// <https://www.postgresql.org/docs/15/errcodes-appendix.html>
@@ -59,9 +49,9 @@ fn prepared_claim() -> String {
          SELECT next.*, job.kind, job.spec, job.digest, job.time_limit_s, job.state AS job_state, \
              run.id AS run \
          FROM next JOIN job ON job.id = next.job LEFT JOIN run ON run.job = job.id",
-        next = first_in_line(&may_be_claimed(), " FOR NO KEY UPDATE SKIP LOCKED"),
+        next = first_in_line(" FOR NO KEY UPDATE SKIP LOCKED"),
         running = TaskState::Running.as_str(),
-        now = now!(),
+        now = NOW,
     )
 }
 
@@ -82,7 +72,7 @@ fn prepared_completion() -> String {
         running = TaskState::Running.as_str(),
         succeeded = TaskState::Succeeded.as_str(),
         outcome = AttemptOutcome::Succeeded.as_str(),
-        now = now!(),
+        now = NOW,
     )
 }
 
@@ -93,7 +83,8 @@ impl Database {
         worker: &str,
         offers: &Resources,
         ttl: Duration,
-    ) -> Result<Option<NextTask>, sqlx::Error> {
+        operation: &'static str,
+    ) -> Result<Option<NextTask>, StoreError> {
         let sent = format!(
             "SELECT pg_advisory_xact_lock_shared({LEASE_LOCK}); \
              EXECUTE torqued_claim ({worker}, {cpus}, {gpus}, {memory_mb}, {tags}, {ttl})",
@@ -104,8 +95,9 @@ impl Database {
             tags = literal(&text_of_tags(&offers.tags)),
             ttl = milliseconds(ttl),
         );
-        let rows = self.locked_rows(sent).await?;
-        rows.first().map(NextTask::from_row).transpose()
+        let rows = self.locked_rows(sent).await.map_err(StoreError::database(operation))?;
+        let row = rows.into_iter().next().map(|row| FoundRow::new(row, operation));
+        row.as_ref().map(NextTask::from_row).transpose()
     }
 
     /// Completes a held task, and the attempt, if another task of its stage is queued.

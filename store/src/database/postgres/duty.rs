@@ -6,7 +6,7 @@ use sqlx::postgres::PgConnectOptions;
 use sqlx::{ConnectOptions, PgConnection};
 
 use super::Database;
-use crate::workers::duties::Duty;
+use crate::database::Duty;
 
 /// Time limit for an answer of a connection that holds a lock.
 const ANSWER_WITHIN: Duration = Duration::from_secs(5);

@@ -11,29 +11,26 @@
 //!
 //! A worker claims and completes most tasks in one round trip each ([`claims`]).
 
-#[macro_use]
-mod dialect;
 mod claims;
+mod dialect;
 mod duty;
 mod events;
 mod kept;
 mod opening;
-#[path = "../statements.rs"]
-mod statements;
-mod transfer;
 mod waiting;
 
+use futures::stream::{self, BoxStream, StreamExt as _, TryStreamExt as _};
 use sqlx::pool::PoolConnection;
-use sqlx::postgres::{PgArguments, PgConnectOptions};
-use sqlx::query::Query;
+use sqlx::postgres::PgConnectOptions;
 use sqlx::{AssertSqlSafe, PgConnection, PgPool, Postgres};
 
 use crate::database::Scope;
+use crate::database::column::json;
+use crate::database::query::{Query, Row, sql};
 use crate::place::location::DatabaseUrl;
 use crate::{Access, JobId, StoreError};
 use kept::KeptConnection;
 
-pub(crate) use claims::StageEnd;
 pub(crate) use duty::DutyLock;
 pub(crate) use events::Horizon;
 pub(crate) use opening::known_schema;
@@ -128,9 +125,15 @@ impl Database {
         closed.await;
     }
 
-    /// Returns `None`: PostgreSQL checks its own files.
-    pub async fn damage(&self) -> Result<Option<String>, sqlx::Error> {
-        Ok(None)
+    pub async fn fetch(
+        &self,
+        query: Query,
+        operation: &'static str,
+    ) -> Result<Vec<Row>, sqlx::Error> {
+        let mut connection = self.lend().await?;
+        let rows = query.for_postgres()?.fetch_all(&mut *connection).await?;
+        self.take_back(connection);
+        Ok(rows.into_iter().map(|row| Row::new(row, operation)).collect())
     }
 }
 
@@ -147,7 +150,8 @@ pub(crate) struct Transaction {
     /// The place of the connection after the end.
     kept: KeptConnection,
     pool: PgPool,
-    operation: &'static str,
+    /// The purpose of the transaction. It completes "while ..." in an error.
+    pub(super) operation: &'static str,
     /// Whether there is something to commit. A statement of [`Scope::Statement`] is a transaction of
     /// its own.
     is_open: bool,
@@ -164,11 +168,6 @@ impl Drop for Transaction {
 }
 
 impl Transaction {
-    /// The purpose of the transaction. It completes "while ..." in an error.
-    pub const fn operation(&self) -> &'static str {
-        self.operation
-    }
-
     pub async fn commit(self) -> Result<(), StoreError> {
         self.end("COMMIT").await
     }
@@ -189,45 +188,76 @@ impl Transaction {
         Ok(())
     }
 
-    /// Takes the lock of [`Scope::Queue`] without waiting. Waiting could deadlock, because others
-    /// may wait for rows that this transaction has locked.
-    pub async fn take_the_queue(&mut self) -> Result<bool, sqlx::Error> {
-        sqlx::query_scalar("SELECT pg_try_advisory_xact_lock($1)")
-            .bind(QUEUE_LOCK)
-            .fetch_one(self.connection())
-            .await
-    }
-
-    /// Wakes workers that wait for a task. They are woken when the transaction commits.
-    pub async fn ring(&mut self) -> Result<(), sqlx::Error> {
-        self.execute(sqlx::query("SELECT pg_notify($1, '')").bind(waiting::CHANNEL)).await
-    }
-
-    /// Waits until no other transaction with a turn for the same job is open, and makes later ones
-    /// wait.
-    pub async fn wait_for_turn(&mut self, of: JobId) -> Result<(), sqlx::Error> {
-        let lock = sqlx::query("SELECT pg_advisory_xact_lock($1)").bind(TURN_LOCK ^ of.0);
-        self.execute(lock).await
-    }
-
-    /// Waits until all claims that have begun are committed.
-    pub async fn wait_for_claims(&mut self) -> Result<(), sqlx::Error> {
-        for lock in [QUEUE_LOCK, LEASE_LOCK] {
-            self.execute(sqlx::query("SELECT pg_advisory_xact_lock($1)").bind(lock)).await?;
-        }
-        Ok(())
-    }
-
-    /// Executes a statement that returns no rows.
-    async fn execute(
+    pub async fn fetch(
         &mut self,
-        statement: Query<'_, Postgres, PgArguments>,
-    ) -> Result<(), sqlx::Error> {
-        statement.execute(self.connection()).await?;
-        Ok(())
+        query: Query,
+        operation: &'static str,
+    ) -> Result<Vec<Row>, sqlx::Error> {
+        let rows = query.for_postgres()?.fetch_all(self.connection()).await?;
+        Ok(rows.into_iter().map(|row| Row::new(row, operation)).collect())
+    }
+
+    pub async fn execute(&mut self, query: Query) -> Result<u64, sqlx::Error> {
+        Ok(query.for_postgres()?.execute(self.connection()).await?.rows_affected())
+    }
+
+    pub fn stream(
+        &mut self,
+        query: Query,
+        operation: &'static str,
+    ) -> BoxStream<'_, Result<Row, sqlx::Error>> {
+        match query.for_postgres() {
+            Ok(query) => {
+                query.fetch(self.connection()).map_ok(move |row| Row::new(row, operation)).boxed()
+            }
+            Err(error) => stream::once(async { Err(error) }).boxed(),
+        }
     }
 
     fn connection(&mut self) -> &mut PgConnection {
         self.connection.as_mut().expect("a transaction has its connection until it ends")
     }
+}
+
+/// Notifies workers that wait for a task, when the transaction commits.
+pub(super) fn ring() -> Query {
+    sql("SELECT pg_notify($1, '')").bind(waiting::CHANNEL)
+}
+
+/// Takes the lock of [`Scope::Queue`] without waiting. Waiting could deadlock, because others may
+/// wait for rows that this transaction has locked.
+pub(super) fn take_the_queue() -> Query {
+    sql("SELECT pg_try_advisory_xact_lock($1)").bind(QUEUE_LOCK)
+}
+
+pub(super) fn turn_of(job: JobId) -> Query {
+    sql("SELECT pg_advisory_xact_lock($1)").bind(TURN_LOCK ^ job.0)
+}
+
+pub(super) fn locks_of_claims() -> [Query; 2] {
+    [QUEUE_LOCK, LEASE_LOCK].map(|lock| sql("SELECT pg_advisory_xact_lock($1)").bind(lock))
+}
+
+pub(super) fn locks_of_tables(tables: &[&str]) -> [Query; 2] {
+    let lock = format!("LOCK TABLE {} IN SHARE MODE", tables.join(", "));
+    [sql("SET LOCAL idle_in_transaction_session_timeout = 0"), sql(lock)]
+}
+
+/// The columns of these tables. The database may have other tables, which are not ours.
+pub(super) fn columns(tables: &[&str]) -> Query {
+    sql("SELECT CAST(table_name AS TEXT), CAST(column_name AS TEXT), CAST(data_type AS TEXT) \
+         FROM information_schema.columns WHERE table_schema = current_schema() \
+         AND table_name IN {texts $1}")
+    .bind(json(tables))
+}
+
+pub(super) fn last_number(table: &str) -> Query {
+    sql("SELECT pg_sequence_last_value(CAST(pg_get_serial_sequence($1, 'id') AS regclass))")
+        .bind(table)
+}
+
+/// A sequence begins at 1. Before its first use there is nothing to do.
+pub(super) fn set_last_number(table: &str, last: i64) -> Vec<Query> {
+    let set = sql("SELECT setval(CAST(pg_get_serial_sequence($1, 'id') AS regclass), $2)");
+    if last < 1 { Vec::new() } else { vec![set.bind(table).bind(last)] }
 }

@@ -1,144 +1,81 @@
-//! SQL fragments in SQLite's dialect.
+//! Fragments of SQL in SQLite's dialect, and the types of its parameters.
 
-use sqlx::Sqlite;
-use sqlx::sqlite::SqliteRow;
+use sqlx::error::BoxDynError;
+use sqlx::query::Query as Prepared;
+use sqlx::sqlite::SqliteArguments;
+use sqlx::{Arguments, Sqlite};
 
-pub(super) type Db = Sqlite;
-pub(super) type DbRow = SqliteRow;
+use crate::database::column::Parameter;
+use crate::database::query::Query;
+use crate::queue::statements::line::may_be_claimed;
 
-/// The current time by the database's clock, in milliseconds since 1970.
-macro_rules! now {
-    () => {
-        "CAST(unixepoch('subsec') * 1000 AS INTEGER)"
-    };
+const NOW: &str = "CAST(unixepoch('subsec') * 1000 AS INTEGER)";
+
+/// A fragment of the list in [`crate::database`].
+pub(super) fn fragment(words: &[&str]) -> Option<String> {
+    Some(match words {
+        ["now"] => NOW.to_owned(),
+        ["ids" | "texts", list] => format!("(SELECT value FROM json_each({list}))"),
+        ["items", list] => format!("json_each({list}) AS item"),
+        ["integer" | "text", index] => format!("item.value ->> {index}"),
+        ["field", column, name] => format!("CAST({column} ->> {name} AS TEXT)"),
+        ["number", column, path @ ..] => {
+            let steps = path.iter().map(|step| match step.parse::<usize>() {
+                Ok(index) => format!("[{index}]"),
+                Err(_) => format!(".\"{step}\""),
+            });
+            format!("CAST({column} ->> '${}' AS REAL)", steps.collect::<String>())
+        }
+        ["tags", table, thing, id] => {
+            format!("(SELECT json_group_array(tag) FROM {table} WHERE {table}.{thing} = {id})")
+        }
+        ["unique"] => "lower(hex(randomblob(16)))".to_owned(),
+        ["chance"] => "abs(random() % 251)".to_owned(),
+        ["larger"] => "MAX".to_owned(),
+        ["find"] => "instr".to_owned(),
+        ["is_experiment"] => "job.is_part = 0".to_owned(),
+        // Nobody else writes meanwhile. Texts are compared by bytes.
+        ["locked" | "by_bytes" | "both" | "end"] => String::new(),
+        ["and"] => ";".to_owned(),
+        ["first_in_line"] => first_in_line(),
+        _ => return None,
+    })
 }
 
-/// The ids of a parameter that is a JSON list of ids.
-macro_rules! listed_ids {
-    ($parameter:literal) => {
-        concat!("(SELECT value FROM json_each(", $parameter, "))")
-    };
-}
-
-/// The SQL before and after such a parameter.
-pub(super) const LISTED_IDS: (&str, &str) = ("(SELECT value FROM json_each(", "))");
-
-/// The texts of a parameter that is a JSON list of texts.
-macro_rules! listed_texts {
-    ($parameter:literal) => {
-        concat!("(SELECT value FROM json_each(", $parameter, "))")
-    };
-}
-
-/// The SQL before and after such a parameter.
-pub(super) const LISTED_TEXTS: (&str, &str) = LISTED_IDS;
-
-/// The lists of a parameter that is a JSON list of lists, as rows of `item` with their position
-/// `key`.
-macro_rules! items {
-    ($parameter:literal) => {
-        concat!("json_each(", $parameter, ") AS item")
-    };
-}
-
-/// An element of an `item`.
-macro_rules! item {
-    ($kind:ident $index:literal) => {
-        concat!("item.value ->> ", $index)
-    };
-}
-
-/// A field of a JSON column, as text; `NULL` if there is none.
-macro_rules! field {
-    ($column:literal, $parameter:literal) => {
-        concat!("CAST(", $column, " ->> ", $parameter, " AS TEXT)")
-    };
-}
-
-/// The number at a path of names and indexes in a JSON column; `NULL` if there is none.
-pub(super) fn number_in(column: &str, path: &[&str]) -> String {
-    let steps = path.iter().map(|step| match step.parse::<usize>() {
-        Ok(index) => format!("[{index}]"),
-        Err(_) => format!(".\"{step}\""),
-    });
-    format!("CAST({column} ->> '${}' AS REAL)", steps.collect::<String>())
-}
-
-/// 32 hexadecimal digits that are unique.
-macro_rules! unique_digits {
-    () => {
-        "lower(hex(randomblob(16)))"
-    };
-}
-
-/// The tags of the thing with this id, from a table of tags, as JSON.
-macro_rules! tags_of {
-    ($table:literal, $thing:literal, $id:literal) => {
-        concat!(
-            "(SELECT json_group_array(tag) FROM ",
-            $table,
-            " WHERE ",
-            $table,
-            ".",
-            $thing,
-            " = ",
-            $id,
-            ")"
-        )
-    };
-}
-
-/// A random integer from 0 to 250.
-macro_rules! chance {
-    () => {
-        "abs(random() % 251)"
-    };
-}
-
-/// Locks the rows that were read until the transaction ends. SQLite needs nothing for it, because
-/// nobody else writes meanwhile.
-macro_rules! locked {
-    () => {
-        ""
-    };
-}
-
-/// Combines two statements that change rows of different tables into one.
-macro_rules! together {
-    ($first:expr, $second:expr) => {
-        concat!($first, "; ", $second)
-    };
-}
-
-/// The larger of two numbers.
-macro_rules! larger {
-    ($a:expr, $b:expr) => {
-        concat!("MAX(", $a, ", ", $b, ")")
-    };
-}
-
-/// The first task in line that a worker could take; none if it is drained. The worker's name is
-/// `$1`, and its offer is `$2` to `$5`. The first task of each combination of resources is at the
-/// beginning of the index, however many wait.
-pub(super) fn first_in_line(may_be_claimed: &str, locked: &str) -> String {
+/// The first task of each combination of resources is at the beginning of the index, however many
+/// wait.
+fn first_in_line() -> String {
     format!(
-        "SELECT first.* FROM resources AS asked JOIN task AS first ON first.id = \
-             (SELECT id FROM task WHERE resources = asked.id AND {may_be_claimed} \
-              ORDER BY turn, id LIMIT 1{locked}) \
-         WHERE asked.cpus <= $2 AND asked.gpus <= $3 AND asked.memory_mb <= $4 \
-         AND NOT EXISTS (SELECT 1 FROM json_each(asked.tags) AS tag \
-             WHERE tag.value NOT IN (SELECT value FROM json_each($5))) \
-         AND NOT EXISTS (SELECT 1 FROM worker WHERE name = $1 AND drained_at IS NOT NULL) \
-         ORDER BY first.turn, first.id LIMIT 1"
+        "SELECT first.* FROM resources AS asked JOIN task AS first ON first.id = (SELECT id \
+         FROM task WHERE resources = asked.id AND {} ORDER BY turn, id LIMIT 1) \
+         WHERE asked.cpus <= $2 AND asked.gpus <= $3 AND asked.memory_mb <= $4 AND NOT EXISTS \
+         (SELECT 1 FROM json_each(asked.tags) AS tag WHERE tag.value NOT IN (SELECT value \
+         FROM json_each($5))) AND NOT EXISTS (SELECT 1 FROM worker WHERE name = $1 \
+         AND drained_at IS NOT NULL) ORDER BY first.turn, first.id LIMIT 1",
+        may_be_claimed(NOW)
     )
 }
 
-/// The function that returns the position of a text in another, counting from 1; 0 if it is not
-/// there.
-pub(super) const FIND: &str = "instr";
+impl Query {
+    /// The query as SQLite's driver takes it.
+    pub(super) fn for_sqlite(
+        mut self,
+    ) -> Result<Prepared<'static, Sqlite, SqliteArguments>, sqlx::Error> {
+        self.forget_numbers();
+        let mut arguments = SqliteArguments::default();
+        for parameter in std::mem::take(&mut self.parameters) {
+            add(&mut arguments, parameter).map_err(sqlx::Error::Encode)?;
+        }
+        let prepared = sqlx::query_with(self.text(fragment), arguments);
+        Ok(prepared.persistent(self.persistent))
+    }
+}
 
-/// Placed after a text, it makes comparisons go by bytes.
-pub(super) const BY_BYTES: &str = "";
-
-/// The condition of the partial indexes of experiments. It must be the same, word for word.
-pub(super) const IS_EXPERIMENT: &str = "job.is_part = 0";
+fn add(arguments: &mut SqliteArguments, parameter: Parameter) -> Result<(), BoxDynError> {
+    match parameter {
+        Parameter::Integer(value) => Arguments::add(arguments, value),
+        Parameter::Truth(value) => Arguments::add(arguments, value),
+        Parameter::Real(value) => Arguments::add(arguments, value),
+        Parameter::Text(value) | Parameter::Json(value) => Arguments::add(arguments, value),
+    }
+}

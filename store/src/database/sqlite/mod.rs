@@ -1,34 +1,26 @@
 //! SQLite: opening, checking and migrating a database, and the SQL of its own dialect.
 
-#[macro_use]
-mod dialect;
 mod claims;
-mod events;
+mod dialect;
 #[cfg(test)]
 mod plans;
-#[path = "../statements.rs"]
-mod statements;
-mod transfer;
 mod waiting;
 
 use std::path::PathBuf;
 use std::sync::LazyLock;
 use std::time::Duration;
 
+use futures::stream::{self, BoxStream, StreamExt as _, TryStreamExt as _};
 use sqlx::migrate::{Migrate, Migration, MigrationType, Migrator};
-use sqlx::pool::PoolConnection;
-use sqlx::query::Query;
-use sqlx::sqlite::{
-    SqliteArguments, SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous,
-};
+use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous};
 use sqlx::{ConnectOptions, Connection, SqlStr, Sqlite, SqliteConnection, SqlitePool};
 
 use crate::database::Scope;
+use crate::database::query::{Query, Row, sql};
 use crate::error::sqlite_code;
 use crate::place::data_dir::DataDir;
-use crate::{Access, JobId, StoreError};
+use crate::{Access, StoreError};
 
-pub(crate) use events::Horizon;
 pub(crate) use waiting::Bell;
 
 /// Number, name and statements of each file in `migrations/sqlite`. sqlx has a macro that lists
@@ -160,15 +152,13 @@ impl Database {
         Ok(Transaction { inner, operation, bell: self.bell.clone(), rings: false })
     }
 
-    /// A connection for reading.
-    async fn lend(&self) -> Result<PoolConnection<Sqlite>, sqlx::Error> {
-        self.reader.acquire().await
-    }
-
-    /// Takes back a lent connection.
-    #[expect(clippy::unused_self, reason = "other databases keep it for the next operation")]
-    fn take_back(&self, connection: PoolConnection<Sqlite>) {
-        drop(connection);
+    pub async fn fetch(
+        &self,
+        query: Query,
+        operation: &'static str,
+    ) -> Result<Vec<Row>, sqlx::Error> {
+        let rows = query.for_sqlite()?.fetch_all(&self.reader).await?;
+        Ok(rows.into_iter().map(|row| Row::new(row, operation)).collect())
     }
 
     pub async fn close(&self) {
@@ -188,18 +178,14 @@ impl Database {
 #[derive(Debug)]
 pub(crate) struct Transaction {
     inner: sqlx::Transaction<'static, Sqlite>,
-    operation: &'static str,
+    /// The purpose of the transaction. It completes "while ..." in an error.
+    pub(super) operation: &'static str,
     bell: PathBuf,
     /// Whether the transaction queued tasks.
     rings: bool,
 }
 
 impl Transaction {
-    /// The purpose of the transaction. It completes "while ..." in an error.
-    pub const fn operation(&self) -> &'static str {
-        self.operation
-    }
-
     pub async fn commit(self) -> Result<(), StoreError> {
         self.inner.commit().await.map_err(StoreError::database(self.operation))?;
         if self.rings {
@@ -212,37 +198,54 @@ impl Transaction {
         self.inner.rollback().await.map_err(StoreError::database(self.operation))
     }
 
-    /// Wakes workers that wait for a task. They are woken when the transaction commits.
-    #[expect(clippy::unused_async, reason = "other databases write here")]
-    pub async fn ring(&mut self) -> Result<(), sqlx::Error> {
+    /// Wakes workers that wait for a task, when the transaction commits.
+    pub fn ring(&mut self) {
         self.rings = true;
-        Ok(())
     }
 
-    /// Returns at once, because nobody else writes meanwhile.
-    #[expect(clippy::unused_async, reason = "other databases wait here")]
-    pub async fn wait_for_turn(&mut self, _of: JobId) -> Result<(), sqlx::Error> {
-        Ok(())
-    }
-
-    /// Returns at once, because nobody claims while this transaction writes.
-    #[expect(clippy::unused_async, reason = "other databases wait here")]
-    pub async fn wait_for_claims(&mut self) -> Result<(), sqlx::Error> {
-        Ok(())
-    }
-
-    /// Executes a statement that returns no rows.
-    async fn execute(
+    pub async fn fetch(
         &mut self,
-        statement: Query<'_, Sqlite, SqliteArguments>,
-    ) -> Result<(), sqlx::Error> {
-        statement.execute(self.connection()).await?;
-        Ok(())
+        query: Query,
+        operation: &'static str,
+    ) -> Result<Vec<Row>, sqlx::Error> {
+        let rows = query.for_sqlite()?.fetch_all(&mut *self.inner).await?;
+        Ok(rows.into_iter().map(|row| Row::new(row, operation)).collect())
     }
 
-    fn connection(&mut self) -> &mut SqliteConnection {
-        &mut self.inner
+    pub async fn execute(&mut self, query: Query) -> Result<u64, sqlx::Error> {
+        Ok(query.for_sqlite()?.execute(&mut *self.inner).await?.rows_affected())
     }
+
+    pub fn stream(
+        &mut self,
+        query: Query,
+        operation: &'static str,
+    ) -> BoxStream<'_, Result<Row, sqlx::Error>> {
+        match query.for_sqlite() {
+            Ok(query) => {
+                query.fetch(&mut *self.inner).map_ok(move |row| Row::new(row, operation)).boxed()
+            }
+            Err(error) => stream::once(async { Err(error) }).boxed(),
+        }
+    }
+}
+
+/// The columns of all tables. The database of a data folder has no others.
+pub(super) fn columns() -> Query {
+    sql("SELECT found.name, \"column\".name, \"column\".type FROM sqlite_schema AS found \
+         JOIN pragma_table_info(found.name) AS \"column\" WHERE found.type = 'table' \
+         AND found.name NOT LIKE 'sqlite%' AND found.name <> '_sqlx_migrations'")
+}
+
+pub(super) fn last_number(table: &str) -> Query {
+    sql("SELECT seq FROM sqlite_sequence WHERE name = $1").bind(table)
+}
+
+pub(super) fn set_last_number(table: &str, last: i64) -> Vec<Query> {
+    vec![
+        sql("DELETE FROM sqlite_sequence WHERE name = $1").bind(table),
+        sql("INSERT INTO sqlite_sequence (name, seq) VALUES ($1, $2)").bind(table).bind(last),
+    ]
 }
 
 /// Whether no transaction is open on the connection. A connection with an open one is replaced;
@@ -397,10 +400,11 @@ mod tests {
         connection.close().await.unwrap();
 
         let database = Database::open(&dir, Access::Server).await.unwrap();
-        let mut tx = database.begin(Scope::Queue, "testing").await.unwrap();
+        let tx = database.begin(Scope::Queue, "testing").await.unwrap();
+        let mut tx = crate::database::Transaction::Sqlite(tx);
         let next = tx.next_task("w", &spec::Resources::default()).await.unwrap().unwrap();
         let limit = Some(Duration::from_secs(7));
-        assert_eq!((next.task.job, next.task.time_limit), (JobId(2), limit));
+        assert_eq!((next.task.job, next.task.time_limit), (crate::JobId(2), limit));
     }
 
     /// The inputs of jobs that were submitted before there was a trash are kept too.
@@ -450,7 +454,7 @@ mod tests {
         ] {
             let mut tx = database.begin(scope, "testing").await.unwrap();
             let synchronous: i64 =
-                sqlx::query_scalar("PRAGMA synchronous").fetch_one(tx.connection()).await.unwrap();
+                sqlx::query_scalar("PRAGMA synchronous").fetch_one(&mut *tx.inner).await.unwrap();
             assert_eq!(synchronous, expected, "{scope:?}");
             tx.commit().await.unwrap();
         }
@@ -464,7 +468,7 @@ mod tests {
         for _ in 0..3 {
             let mut tx = database.begin(Scope::Queue, "testing").await.unwrap();
             sqlx::query("INSERT OR ROLLBACK INTO _sqlx_migrations SELECT * FROM _sqlx_migrations")
-                .execute(tx.connection())
+                .execute(&mut *tx.inner)
                 .await
                 .unwrap_err();
             drop(tx);

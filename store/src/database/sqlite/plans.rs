@@ -1,14 +1,11 @@
 //! Tests of the query plans that SQLite chooses.
 
 use spec::Resources;
-use sqlx::{AssertSqlSafe, Row};
 use wire::JobState;
 
-use super::Database;
-use super::dialect::first_in_line;
-use super::statements::line::may_be_claimed;
-use super::statements::listing::page;
-use crate::database::Scope;
+use crate::database::query::sql;
+use crate::database::{Database, Scope};
+use crate::lists::statements::listing::page;
 use crate::place::data_dir::DataDir;
 use crate::{Access, Direction, Key, Listing, Position, Sort, Thing};
 
@@ -18,7 +15,7 @@ async fn experiments_are_read_from_an_index_that_holds_nothing_else() {
     let folder = tempfile::tempdir().unwrap();
     let dir = DataDir::new(folder.path());
     dir.create().unwrap();
-    let database = Database::open(&dir, Access::Server).await.unwrap();
+    let database = Database::open(&dir, None, Access::Server).await.unwrap();
     for (state, index) in [(None, "experiment"), (Some(JobState::Failed), "experiment_by_state")] {
         let state = state.map(|state| state.as_str().to_owned());
         let listing = Listing { state, experiments_alone: true, ..Listing::default() };
@@ -30,9 +27,9 @@ async fn experiments_are_read_from_an_index_that_holds_nothing_else() {
 
 /// The steps of the plan that finds a page of a list.
 async fn steps(database: &Database, thing: Thing, listing: &Listing) -> Vec<String> {
-    let mut query = page("EXPLAIN QUERY PLAN ", thing, listing);
-    let plan = query.build().fetch_all(&database.reader).await.unwrap();
-    plan.iter().map(|row| row.get("detail")).collect()
+    let query = page("EXPLAIN QUERY PLAN ", thing, listing);
+    let plan = query.rows(&mut database.read("testing")).await.unwrap();
+    plan.iter().map(|row| row.get("detail").unwrap()).collect()
 }
 
 /// The errors of things are not in an index, but nothing but the things themselves is read for them.
@@ -41,7 +38,7 @@ async fn an_order_by_error_looks_up_one_row_per_thing() {
     let folder = tempfile::tempdir().unwrap();
     let dir = DataDir::new(folder.path());
     dir.create().unwrap();
-    let database = Database::open(&dir, Access::Server).await.unwrap();
+    let database = Database::open(&dir, None, Access::Server).await.unwrap();
     for (thing, found, looked_up) in [
         (
             Thing::Job,
@@ -65,7 +62,7 @@ async fn a_page_behind_another_is_read_from_an_index_of_its_order() {
     let folder = tempfile::tempdir().unwrap();
     let dir = DataDir::new(folder.path());
     dir.create().unwrap();
-    let database = Database::open(&dir, Access::Server).await.unwrap();
+    let database = Database::open(&dir, None, Access::Server).await.unwrap();
     let orders = [
         (Thing::Job, Sort::Created, "INTEGER PRIMARY KEY"),
         (Thing::Job, Sort::Finished, "INDEX job_by_finish"),
@@ -98,29 +95,25 @@ const TASKS: u32 = 100_000;
 /// A database with a job whose tasks all wait: some for a GPU, and some until tomorrow.
 async fn with_many_tasks(dir: &DataDir) -> Database {
     dir.create().unwrap();
-    let database = Database::open(dir, Access::Server).await.unwrap();
+    let database = Database::open(dir, None, Access::Server).await.unwrap();
     let mut tx = database.begin(Scope::Queue, "testing").await.unwrap();
     let gpu = Resources { gpus: 1, ..Resources::default() };
     let gpu = tx.resources_id(&gpu).await.unwrap();
-    sqlx::query(
-        "INSERT INTO job (kind, name, spec, digest, state, unit, priority, max_attempts, is_part, \
-         asked_alone, created_at) VALUES ('k', 'n', '{}', ?, 'queued', 'u', 0, 3, 0, 1, 0)",
-    )
+    sql("INSERT INTO job (kind, name, spec, digest, state, unit, priority, max_attempts, \
+         is_part, asked_alone, created_at) VALUES ('k', 'n', '{}', $1, 'queued', 'u', 0, 3, 0, \
+         1, 0)")
     .bind("0".repeat(64))
-    .execute(tx.connection())
+    .run(&mut tx)
     .await
     .unwrap();
-    sqlx::query(concat!(
-        "WITH RECURSIVE n (i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n WHERE i < ?1) \
-         INSERT INTO task (job, stage, ordinal, label, payload, state, turn, run_at, max_attempts, \
-         total, resources, not_before) SELECT 1, 0, i, 'l', '{}', 'queued', i, 0, 3, 1, \
-         CASE i % 2 WHEN 0 THEN ?2 ELSE 1 END, CASE i % 4 WHEN 1 THEN ",
-        now!(),
-        " + 86400000 ELSE 0 END FROM n"
-    ))
+    sql("WITH RECURSIVE n (i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n \
+         WHERE i < $1) INSERT INTO task (job, stage, ordinal, label, payload, state, turn, \
+         run_at, max_attempts, total, resources, not_before) \
+         SELECT 1, 0, i, 'l', '{}', 'queued', i, 0, 3, 1, CASE i % 2 WHEN 0 THEN $2 ELSE 1 END, \
+         CASE i % 4 WHEN 1 THEN {now} + 86400000 ELSE 0 END FROM n")
     .bind(TASKS)
     .bind(gpu)
-    .execute(tx.connection())
+    .run(&mut tx)
     .await
     .unwrap();
     tx.commit().await.unwrap();
@@ -132,17 +125,16 @@ async fn with_many_tasks(dir: &DataDir) -> Database {
 async fn the_first_in_line_is_found_in_an_index_without_sorting() {
     let folder = tempfile::tempdir().unwrap();
     let database = with_many_tasks(&DataDir::new(folder.path())).await;
-    let explain = format!("EXPLAIN QUERY PLAN {}", first_in_line(&may_be_claimed(), ""));
-    let plan = sqlx::query(AssertSqlSafe(explain))
+    let plan = sql("EXPLAIN QUERY PLAN {first_in_line}")
         .bind("w")
         .bind(0)
         .bind(0)
         .bind(0)
         .bind("[]")
-        .fetch_all(&database.reader)
+        .rows(&mut database.read("testing"))
         .await
         .unwrap();
-    let steps: Vec<String> = plan.iter().map(|row| row.get("detail")).collect();
+    let steps: Vec<String> = plan.iter().map(|row| row.get("detail").unwrap()).collect();
     let found = "SEARCH task USING COVERING INDEX task_to_claim (resources=?)";
     assert!(steps.iter().any(|step| step == found), "{steps:#?}");
     // Only the first task of each combination of resources is sorted.
@@ -150,7 +142,7 @@ async fn the_first_in_line_is_found_in_an_index_without_sorting() {
     assert_eq!(sorts, 1, "{steps:#?}");
 
     let nothing = Resources::default();
-    assert!(database.poll("w", &nothing).await.unwrap().is_any_claimable);
+    assert!(database.read("testing").poll("w", &nothing).await.unwrap().is_any_claimable);
     let mut tx = database.begin(Scope::Queue, "testing").await.unwrap();
     let next = tx.next_task("w", &nothing).await.unwrap().unwrap();
     assert_eq!(next.task.ordinal, 3);
@@ -160,7 +152,7 @@ async fn the_first_in_line_is_found_in_an_index_without_sorting() {
 async fn what_tasks_ask_for_is_counted_in_an_index() {
     let folder = tempfile::tempdir().unwrap();
     let database = with_many_tasks(&DataDir::new(folder.path())).await;
-    let demand = database.demand().await.unwrap();
+    let demand = database.read("testing").demand().await.unwrap();
     let counts: Vec<u64> = demand.iter().map(|demand| demand.waiting).collect();
     assert_eq!(counts, [u64::from(TASKS) / 2, u64::from(TASKS) / 4]);
 }

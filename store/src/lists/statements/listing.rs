@@ -1,32 +1,35 @@
-use spec::ValidationMetric;
-use sqlx::{QueryBuilder, Row};
+//! Pages of lists.
 
-use super::datasets::standing;
-use super::{BY_BYTES, Database, Db, DbRow, FIND, IS_EXPERIMENT, number_in};
+use crate::StoreError;
+use spec::ValidationMetric;
+
+use crate::database::Reading;
+use crate::database::query::{Query, Row, sql};
+use crate::results::datasets::standing;
 use crate::{Direction, Key, Listing, Position, Sort, Thing};
 
-impl Database {
+impl Reading<'_> {
     /// The positions of the rows of a page, and of one more row if there is one.
     pub async fn places(
-        &self,
+        &mut self,
         thing: Thing,
         listing: &Listing,
-    ) -> Result<Vec<Position>, sqlx::Error> {
-        let rows = page("", thing, listing).build().fetch_all(&self.reader).await?;
-        let place = |row: &DbRow| {
+    ) -> Result<Vec<Position>, StoreError> {
+        let rows = page("", thing, listing).rows(self).await?;
+        let place = |row: &Row| {
             let key = match listing.sort {
-                Sort::Name => Key::Text(row.try_get("sort_key")?),
-                Sort::Rmse => Key::Number(row.try_get("sort_key")?),
-                _ => Key::Integer(row.try_get("sort_key")?),
+                Sort::Name => Key::Text(row.get("sort_key")?),
+                Sort::Rmse => Key::Number(row.get("sort_key")?),
+                _ => Key::Integer(row.get("sort_key")?),
             };
-            Ok(Position { key, id: row.try_get("id")? })
+            Ok(Position { key, id: row.get("id")? })
         };
         rows.iter().map(place).collect()
     }
 }
 
 /// The statement that finds a page. `start` may put EXPLAIN before it.
-pub(crate) fn page(start: &str, thing: Thing, listing: &Listing) -> QueryBuilder<Db> {
+pub(crate) fn page(start: &str, thing: Thing, listing: &Listing) -> Query {
     let table = thing.as_str();
     let source = match thing {
         Thing::Job => "job",
@@ -38,7 +41,7 @@ pub(crate) fn page(start: &str, thing: Thing, listing: &Listing) -> QueryBuilder
     let select = format!(
         "{start}SELECT {table}.id AS id, {key} AS sort_key FROM {source} WHERE {table}.deleted_at IS NULL"
     );
-    let mut query = QueryBuilder::new(select);
+    let mut query = sql(select);
     filter(&mut query, thing, listing);
     let (beyond, direction) = match listing.direction {
         Direction::Ascending => (">", "ASC"),
@@ -67,9 +70,9 @@ fn key(thing: Thing, listing: &Listing) -> String {
     match (listing.sort, thing) {
         (Sort::Created, _) => format!("{table}.id"),
         (Sort::Finished, _) => "COALESCE(job.finished_at, 9223372036854775807)".to_owned(),
-        (Sort::Name, Thing::Job) => format!("COALESCE(job.given_name, job.name){BY_BYTES}"),
+        (Sort::Name, Thing::Job) => format!("COALESCE(job.given_name, job.name){{by_bytes}}"),
         (Sort::Name, _) => {
-            format!("COALESCE({table}.given_name, job.given_name, job.name){BY_BYTES}")
+            format!("COALESCE({table}.given_name, job.given_name, job.name){{by_bytes}}")
         }
         (Sort::Priority, _) => "job.priority".to_owned(),
         (Sort::Trajectories, Thing::Dataset) => "dataset.trajectories".to_owned(),
@@ -85,17 +88,13 @@ fn rmse(thing: Thing) -> String {
     let validation = ValidationMetric::RmseDeg.key();
     match thing {
         // The result of an evaluation's last task is a `wire::EvaluationResult`.
-        Thing::Job => {
-            let error = number_in("result", &["headline", "best", "0", "rmse_deg"]);
-            format!(
-                "(SELECT {error} FROM task WHERE task.job = job.id \
-                  ORDER BY stage DESC, ordinal DESC LIMIT 1)"
-            )
-        }
+        Thing::Job => "(SELECT {number result headline best 0 rmse_deg} FROM task \
+                        WHERE task.job = job.id ORDER BY stage DESC, ordinal DESC LIMIT 1)"
+            .to_owned(),
         Thing::Run => format!(
             "(SELECT value FROM metric_latest WHERE metric_latest.run = run.id AND key = '{validation}')"
         ),
-        Thing::Checkpoint => number_in("checkpoint.metrics", &[validation]),
+        Thing::Checkpoint => format!("{{number checkpoint.metrics {validation}}}"),
         Thing::Dataset => "NULL".to_owned(),
     }
 }
@@ -112,7 +111,7 @@ fn missing_last(number: &str, direction: Direction) -> String {
     )
 }
 
-fn push_key(query: &mut QueryBuilder<Db>, key: &Key) {
+fn push_key(query: &mut Query, key: &Key) {
     match key {
         Key::Integer(number) => query.push_bind(*number),
         Key::Number(number) => query.push_bind(*number),
@@ -120,10 +119,10 @@ fn push_key(query: &mut QueryBuilder<Db>, key: &Key) {
     };
 }
 
-fn filter(query: &mut QueryBuilder<Db>, thing: Thing, listing: &Listing) {
+fn filter(query: &mut Query, thing: Thing, listing: &Listing) {
     let table = thing.as_str();
     if listing.experiments_alone {
-        query.push(" AND ").push(IS_EXPERIMENT);
+        query.push(" AND ").push("{is_experiment}");
     }
     if let Some(kind) = &listing.kind {
         query.push(" AND job.kind = ").push_bind(kind.clone());
@@ -142,10 +141,10 @@ fn filter(query: &mut QueryBuilder<Db>, thing: Thing, listing: &Listing) {
         query.push(")");
     }
     if let Some(words) = listing.words() {
-        query.push(format!(" AND ({FIND}({table}.searched, "));
+        query.push(format!(" AND ({{find}}({table}.searched, "));
         query.push_bind(words.clone()).push(") > 0");
         if thing != Thing::Job {
-            query.push(format!(" OR {FIND}(job.searched, ")).push_bind(words).push(") > 0");
+            query.push(format!(" OR {{find}}(job.searched, ")).push_bind(words).push(") > 0");
         }
         query.push(")");
     }

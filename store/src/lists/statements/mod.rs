@@ -1,0 +1,3 @@
+//! Statements of lists.
+
+pub(crate) mod listing;

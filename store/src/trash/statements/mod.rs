@@ -1,0 +1,3 @@
+//! Statements about deleted items.
+
+pub(crate) mod trash;
