@@ -1,6 +1,5 @@
 //! Submissions: turns a spec as sent into jobs in the store.
 
-use serde::de::IgnoredAny;
 use serde_json::{Value, json};
 use spec::{Digest, JobSpec, SpecError};
 use store::{Idempotency, JobId, JobState, Labels, Reuse, Store, Submission, Submitted, Timestamp};
@@ -18,8 +17,8 @@ use crate::references::References;
 /// # Errors
 /// [`SubmissionError::Json`] or [`SubmissionError::Spec`] when it is refused.
 pub fn read(text: &[u8]) -> Result<JobSpec, SubmissionError> {
-    spec::read_json::<IgnoredAny>(text).map_err(SubmissionError::Json)?;
-    Ok(spec::parse(text)?)
+    let value = spec::read_json(text).map_err(SubmissionError::Json)?;
+    Ok(spec::parse_json(value)?)
 }
 
 /// The key with a digest of the request. A repeated request has the same digest.
@@ -31,7 +30,6 @@ pub fn idempotency(text: &[u8], reuse: Reuse, key: String) -> Idempotency {
 /// A job that can be tried again: its spec as it is stored, and its labels.
 pub struct Retried {
     spec: Value,
-    /// The labels of the new job.
     pub labels: Labels,
 }
 
@@ -55,8 +53,8 @@ impl Retried {
     ///
     /// # Errors
     /// [`SubmissionError::Spec`] when this version refuses it.
-    pub fn read(&self) -> Result<JobSpec, SubmissionError> {
-        let mut spec = spec::parse(self.spec.to_string().as_bytes())?;
+    pub fn read(self) -> Result<JobSpec, SubmissionError> {
+        let mut spec = spec::parse_json(self.spec)?;
         if let JobSpec::Pipeline(pipeline) = &mut spec {
             pipeline.name_siblings();
         }
@@ -64,41 +62,13 @@ impl Retried {
     }
 }
 
-/// Submits a spec that was read: a job, or a pipeline with all its jobs, in one transaction.
+/// Submits a spec that was read: a job, or a pipeline with all its jobs, in one transaction. Ask
+/// [`repeated`] before it reads the spec of a request with a key.
 ///
 /// # Errors
 /// [`SubmissionError::Spec`] when it exceeds a limit, or refers to something that is gone. Nothing
 /// is queued then.
 pub async fn submit(
-    store: &Store,
-    limits: &Limits,
-    spec: &JobSpec,
-    reuse: Reuse,
-    idempotency: Option<Idempotency>,
-    labels: Labels,
-) -> Result<Submitted, SubmissionError> {
-    match repeated(store, idempotency.as_ref()).await? {
-        Some(submitted) => Ok(submitted),
-        None => submit_new(store, limits, spec, reuse, idempotency, labels).await,
-    }
-}
-
-/// The outcome of an earlier submission of the same request. It is looked up before the request is
-/// checked, because limits and the things that a spec refers to may have changed.
-///
-/// # Errors
-/// When another request had the same key.
-pub async fn repeated(
-    store: &Store,
-    idempotency: Option<&Idempotency>,
-) -> Result<Option<Submitted>, SubmissionError> {
-    match idempotency {
-        Some(asked) => Ok(store.repeated(asked).await?),
-        None => Ok(None),
-    }
-}
-
-async fn submit_new(
     store: &Store,
     limits: &Limits,
     spec: &JobSpec,
@@ -116,6 +86,21 @@ async fn submit_new(
         single => (vec![plan(None, &references.resolve(single).await?, limits)?], None),
     };
     Ok(store.submit(Submission { jobs, pipeline, reuse, idempotency, labels }).await?)
+}
+
+/// The outcome of an earlier submission of the same request. It is looked up before the request is
+/// checked, because limits and the things that a spec refers to may have changed.
+///
+/// # Errors
+/// When another request had the same key.
+pub async fn repeated(
+    store: &Store,
+    idempotency: Option<&Idempotency>,
+) -> Result<Option<Submitted>, SubmissionError> {
+    match idempotency {
+        Some(asked) => Ok(store.repeated(asked).await?),
+        None => Ok(None),
+    }
 }
 
 fn check_limits(spec: &JobSpec, limits: &Limits, now: Timestamp) -> Result<(), SpecError> {

@@ -97,7 +97,7 @@ pub use job_kind::JobKind;
 pub use json::{JsonFault, read_json};
 pub use model::*;
 pub use moment::{Moment, ParseMomentError};
-pub use parse::parse;
+pub use parse::{parse, parse_json};
 pub use pipeline::{PipelineMember, PipelineSpec};
 pub use preset::{Preset, PresetPlace, presets};
 pub use range::Range;

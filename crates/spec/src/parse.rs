@@ -13,6 +13,14 @@ use crate::{JobSpec, SpecError, read_json};
 pub fn parse(text: &[u8]) -> Result<JobSpec, SpecError> {
     let value: Value = read_json(text)
         .map_err(|fault| SpecError::one("", "", format!("not valid JSON: {fault}")))?;
+    parse_json(value)
+}
+
+/// Like [`parse`], from JSON that was read.
+///
+/// # Errors
+/// When the spec is refused.
+pub fn parse_json(value: Value) -> Result<JobSpec, SpecError> {
     let spec = JobSpec::from_json(value, &RESOLVED)?;
     let mut violations = Violations::default();
     spec.check(&mut violations);
