@@ -138,6 +138,7 @@ impl Crate {
         self.read_module(tokens, file, folder, path);
     }
 
+    #[expect(clippy::needless_pass_by_value, reason = "callers make the path for this module alone")]
     fn read_module(&mut self, tokens: TokenStream, file: &Path, folder: &Path, path: ModulePath) {
         let mut module = Module { file: file.to_owned(), ..Module::default() };
         let tokens = without_tests(tokens);
@@ -323,8 +324,8 @@ impl Module {
     }
 
     /// Reads one tree of a `use`, below `prefix`.
-    fn bind(&mut self, tree: &[TokenTree], prefix: &mut Vec<String>, is_public: bool) {
-        let mut path = prefix.clone();
+    fn bind(&mut self, tree: &[TokenTree], prefix: &[String], is_public: bool) {
+        let mut path = prefix.to_vec();
         let mut at = 0;
         if is_punct(tree.first(), ':') {
             // Another crate.

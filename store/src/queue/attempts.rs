@@ -91,7 +91,7 @@ impl FromRow for Attempt {
             label: row.get("label")?,
             epoch: row.get("epoch")?,
             worker: row.get("worker")?,
-            outcome: outcome,
+            outcome,
             reason: row.get("reason")?,
             started_at: row.get("started_at")?,
             ended_at: row.get("ended_at")?,

@@ -70,7 +70,7 @@ fn key(thing: Thing, listing: &Listing) -> String {
     match (listing.sort, thing) {
         (Sort::Created, _) => format!("{table}.id"),
         (Sort::Finished, _) => "COALESCE(job.finished_at, 9223372036854775807)".to_owned(),
-        (Sort::Name, Thing::Job) => format!("COALESCE(job.given_name, job.name){{by_bytes}}"),
+        (Sort::Name, Thing::Job) => "COALESCE(job.given_name, job.name){by_bytes}".to_owned(),
         (Sort::Name, _) => {
             format!("COALESCE({table}.given_name, job.given_name, job.name){{by_bytes}}")
         }
@@ -144,7 +144,7 @@ fn filter(query: &mut Query, thing: Thing, listing: &Listing) {
         query.push(format!(" AND ({{find}}({table}.searched, "));
         query.push_bind(words.clone()).push(") > 0");
         if thing != Thing::Job {
-            query.push(format!(" OR {{find}}(job.searched, ")).push_bind(words).push(") > 0");
+            query.push(" OR {find}(job.searched, ").push_bind(words).push(") > 0");
         }
         query.push(")");
     }
