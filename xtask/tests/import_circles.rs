@@ -272,7 +272,7 @@ impl Module {
                 TokenTree::Ident(word) if word == "use" && !is_punct(tokens.get(at + 1), '<') => {
                     let end = (at..tokens.len()).find(|&end| is_punct(tokens.get(end), ';'));
                     let end = end.unwrap_or(tokens.len());
-                    self.bind(&tokens[at + 1..end], &mut Vec::new(), is_public(&tokens[..at]));
+                    self.bind(&tokens[at + 1..end], &[], is_public(&tokens[..at]));
                     at = end;
                 }
                 TokenTree::Ident(word) if is_top && word == "mod" => {
@@ -342,7 +342,7 @@ impl Module {
                     let inner: Vec<TokenTree> = group.stream().into_iter().collect();
                     for tree in inner.split(|token| is_punct(Some(token), ',')) {
                         if !tree.is_empty() {
-                            self.bind(tree, &mut path.clone(), is_public);
+                            self.bind(tree, &path.clone(), is_public);
                         }
                     }
                     return;
