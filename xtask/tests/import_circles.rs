@@ -342,7 +342,7 @@ impl Module {
                     let inner: Vec<TokenTree> = group.stream().into_iter().collect();
                     for tree in inner.split(|token| is_punct(Some(token), ',')) {
                         if !tree.is_empty() {
-                            self.bind(tree, &path.clone(), is_public);
+                            self.bind(tree, &path, is_public);
                         }
                     }
                     return;
