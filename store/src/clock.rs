@@ -5,10 +5,6 @@ use std::fmt;
 use chrono::{DateTime, SecondsFormat};
 use serde::{Serialize, Serializer};
 
-use crate::boxed;
-use crate::database::query::sql;
-use crate::{Store, StoreError};
-
 /// A moment by the database's clock; written as RFC 3339 in UTC.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Timestamp(i64);
@@ -30,17 +26,6 @@ impl fmt::Display for Timestamp {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let time = DateTime::from_timestamp_millis(self.0).unwrap_or_default();
         f.write_str(&time.to_rfc3339_opts(SecondsFormat::Millis, true))
-    }
-}
-
-impl Store {
-    /// The current moment by the database's clock.
-    ///
-    /// # Errors
-    /// When the database fails.
-    #[boxed]
-    pub async fn now(&self) -> Result<Timestamp, StoreError> {
-        sql("SELECT {now}").one(&mut self.read("reading the clock")).await
     }
 }
 

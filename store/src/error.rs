@@ -10,7 +10,7 @@ use thiserror::Error;
 use wire::{JobState, Relation, Scope};
 
 use crate::objects::trouble::{Trouble, advice, in_short};
-use crate::{Dependent, Epoch, Fingerprint, Item, JobId, MAX_TAGS, MAX_TOKENS, TaskId, Timestamp};
+use crate::{Dependent, Epoch, Fingerprint, Item, JobId, TaskId, Timestamp};
 
 #[derive(Debug, Error)]
 #[non_exhaustive]
@@ -176,11 +176,11 @@ pub enum StoreError {
     #[error("a token with the name {name} exists already; revoke it, or choose another name")]
     TokenExists { name: String },
 
-    #[error("there are {MAX_TOKENS} tokens, which is the limit; revoke some")]
-    TooManyTokens,
+    #[error("there are {allowed} tokens, which is the limit; revoke some")]
+    TooManyTokens { allowed: u64 },
 
-    #[error("{what} {id} would have {tags} tags, allowed: {MAX_TAGS}; remove some of them first")]
-    TooManyTags { what: &'static str, id: i64, tags: usize },
+    #[error("{what} {id} would have {tags} tags, allowed: {allowed}; remove some of them first")]
+    TooManyTags { what: &'static str, id: i64, tags: usize, allowed: usize },
 
     #[error(
         "the first token has the scope {scope}, allowed: admin; the server requires a token from \

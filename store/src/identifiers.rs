@@ -44,3 +44,10 @@ identifier!(
     /// The fencing number of a task. Every claim raises it by one.
     Epoch
 );
+
+/// A task and the epoch at which it was claimed. It gives a worker the right to write.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Fence {
+    pub task: TaskId,
+    pub epoch: Epoch,
+}

@@ -62,7 +62,8 @@ pub use database::Duty;
 pub use error::StoreError;
 pub use events::{EVENTS_KEPT, EVENTS_KEPT_FOR, Event, EventFilter, EventTail};
 pub use identifiers::{
-    CheckpointId, DatasetId, Epoch, ExperimentId, JobId, RunId, TaskId, TokenId, TrackedRunId,
+    CheckpointId, DatasetId, Epoch, ExperimentId, Fence, JobId, RunId, TaskId, TokenId,
+    TrackedRunId,
 };
 pub use lists::census::Census;
 pub use lists::labels::{Labels, MAX_TAGS, Thing};
@@ -75,6 +76,7 @@ pub use parquet::description::{
     CheckpointDescription, CheckpointFileDescription, DatasetDescription, FileDescription,
     ShardDescription, TableColumns,
 };
+pub use parquet::file_content::FileContent;
 pub use parquet::layout::{STEP, TRAJECTORY, table_schema, trajectories_per_row_group};
 pub use parquet::shard_summary::{ChannelSummary, ShardSummary, Spectrum};
 pub use parquet::table_reader::TableReader;
@@ -92,7 +94,7 @@ pub use queue::pause::Queue;
 pub use queue::pipelines::Member;
 pub use queue::reaper::{Reaped, Reaper, WorkerEnd};
 pub use queue::rules::Retry;
-pub use queue::statements::tasks::{ClaimedTask, Fence, IdlePoll, Progress, Task};
+pub use queue::statements::tasks::{ClaimedTask, IdlePoll, Progress, Task};
 pub use queue::submission::{
     JobReuse, Need, NewJob, NewMember, NewPipeline, NewTask, Output, PartReuse, Reuse, Submission,
     Submitted,
@@ -102,7 +104,7 @@ pub use queue::tasks::{ResultTally, TaskOverview, TaskPage};
 pub use queue::waiting::Bell;
 pub use results::artifacts::{Artifact, NewArtifact};
 pub use results::checkpoints::{Checkpoint, CheckpointFile, NewCheckpoint, WhichCheckpoint};
-pub use results::datasets::{Dataset, FileContent, Shard, ShardContents};
+pub use results::datasets::{Dataset, Shard, ShardContents};
 pub use results::metrics::{CurvePoint, Metric, MetricCurve};
 pub use results::runs::Run;
 pub use results::uploads::{Upload, UploadWriter};
@@ -112,13 +114,13 @@ pub use tracking::experiments::TrackedExperiment;
 pub use tracking::metrics::{TrackedBatch, TrackedMetric};
 pub use tracking::runs::{NewTrackedRun, TrackedRun, TrackedRunChange, TrackedStatus};
 pub use transfer::{StoreContents, Transfer, TransferProgress};
-pub use trash::dependents::Dependent;
 pub use trash::found_objects::FoundTable;
 pub use trash::garbage::{Garbage, GarbageKind, Ripe};
 pub use trash::inventory::ObjectPlace;
 pub use trash::leftovers::{Sweeper, Swept};
 pub use trash::retention::{Outdated, Retention};
-pub use trash::{Deleted, Deletion, DeletionOrder, Item, Respect, TrashPlace, Trashed};
+pub use trash::rules::{Dependent, Item, Respect};
+pub use trash::{Deleted, Deletion, DeletionOrder, TrashPlace, Trashed};
 pub use wire::{
     AttemptOutcome, DatasetState, EventKind, ItemKind, JobState, LabelChange, PlacementState,
     Relation, Scope, Sort, TaskState, TextChange,

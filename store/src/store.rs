@@ -5,13 +5,13 @@ use std::path::Path;
 use std::sync::Arc;
 
 use crate::boxed;
-use crate::database::Database;
 use crate::database::query::sql;
+use crate::database::{Database, Reading, Scope, Transaction};
 use crate::objects::Objects;
 use crate::place::data_dir::DataDir;
 use crate::place::disk::FileIdentity;
 use crate::place::new_place;
-use crate::{Access, Location, RemoteObjects, S3Options, StoreError};
+use crate::{Access, Location, RemoteObjects, S3Options, StoreError, Timestamp};
 
 /// An open data folder. Clones share it, and several processes may have the same folder open.
 #[derive(Clone, Debug)]
@@ -136,6 +136,15 @@ impl Store {
         sql("SELECT 1").rows(&mut self.read("asking whether it is there")).await.map(drop)
     }
 
+    /// The current moment by the database's clock.
+    ///
+    /// # Errors
+    /// When the database fails.
+    #[boxed]
+    pub async fn now(&self) -> Result<Timestamp, StoreError> {
+        sql("SELECT {now}").one(&mut self.read("reading the clock")).await
+    }
+
     /// Closes all connections. SQLite then merges its write-ahead log into the database.
     #[boxed]
     pub async fn close(&self) {
@@ -152,6 +161,27 @@ impl Store {
 
     pub(crate) fn database(&self) -> &Database {
         &self.inner.database
+    }
+
+    /// Reads outside of a transaction.
+    pub(crate) fn read(&self, operation: &'static str) -> Reading<'_> {
+        self.database().read(operation)
+    }
+
+    /// Begins a transaction that reads the state of one moment while others write.
+    pub(crate) async fn begin_snapshot(
+        &self,
+        operation: &'static str,
+    ) -> Result<Transaction, StoreError> {
+        self.database().begin_snapshot(operation).await
+    }
+
+    pub(crate) async fn begin(
+        &self,
+        scope: Scope,
+        operation: &'static str,
+    ) -> Result<Transaction, StoreError> {
+        self.database().begin(scope, operation).await
     }
 
     pub(crate) fn objects(&self) -> &Objects {

@@ -144,18 +144,6 @@ impl FromRef<App> for Checks {
     }
 }
 
-impl FromRef<App> for Access {
-    fn from_ref(app: &App) -> Self {
-        app.access.clone()
-    }
-}
-
-impl FromRef<App> for Places {
-    fn from_ref(app: &App) -> Self {
-        app.places.clone()
-    }
-}
-
 impl App {
     pub fn new(store: Store, options: &Options) -> Self {
         Self {

@@ -129,7 +129,7 @@ fn of_store(error: &StoreError) -> (StatusCode, &'static str, &'static str) {
             (S::CONFLICT, "need-not-met", "A job that this one needs has just ended")
         }
         StoreError::TokenExists { .. }
-        | StoreError::TooManyTokens
+        | StoreError::TooManyTokens { .. }
         | StoreError::FirstToken { .. } => (S::CONFLICT, "tokens", "The token cannot be created"),
         StoreError::TooManyTags { .. } => (S::CONFLICT, "tags", "There are too many tags"),
         StoreError::ExperimentTaken { .. } => {

@@ -354,7 +354,7 @@ fn store_message(error: &StoreError) -> String {
         | StoreError::IdempotencyConflict { .. }
         | StoreError::NeedNotMet { .. }
         | StoreError::TokenExists { .. }
-        | StoreError::TooManyTokens
+        | StoreError::TooManyTokens { .. }
         | StoreError::FirstToken { .. }
         | StoreError::TooManyTags { .. }
         | StoreError::ExperimentTaken { .. }

@@ -1,4 +1,4 @@
-//! What is evaluated: the trait of predictors, and their answers.
+//! The trait of predictors, which evaluations compare, and their answers.
 
 use series::Observed;
 

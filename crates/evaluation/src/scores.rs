@@ -44,7 +44,7 @@ macro_rules! measures {
                 match self { $(Self::$measure => stringify!($name),)+ }
             }
 
-            /// What it means.
+            /// The meaning of the measure, in a sentence.
             pub const fn about(self) -> &'static str {
                 match self { $(Self::$measure => $about,)+ }
             }

@@ -41,7 +41,7 @@ pub struct KnownWorker {
     pub claims_nothing: Option<&'static str>,
 }
 
-/// What a worker does, as far as the plan can use it.
+/// The state of a worker, as far as the plan depends on it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum WorkerState {
     /// It has waited for its place for this long.
@@ -59,7 +59,7 @@ pub enum WorkerState {
 pub enum Action {
     /// Request a worker from the engine.
     Ask {
-        /// What the worker must offer to tasks.
+        /// The resources that the worker must offer to tasks.
         resources: Resources,
         /// Whether the worker keeps running when it finds no task.
         stays: bool,

@@ -61,7 +61,7 @@ impl PackedWeight {
         Self { factors, kept: Arc::default() }
     }
 
-    /// What products with this weight read.
+    /// The numbers that products with this weight read their factors as.
     pub fn factors(&self) -> Factors {
         self.factors
     }

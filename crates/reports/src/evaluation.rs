@@ -264,7 +264,7 @@ pub(crate) fn label(predictor: &PredictorInfo) -> String {
     }
 }
 
-/// What a predictor knows before it sees a context. `None` for older reports.
+/// The knowledge that a predictor has before it sees a context. `None` for older reports.
 fn prior_knowledge(predictor: &PredictorInfo) -> Option<String> {
     let leak = match predictor.normalization {
         _ if !predictor.sees_the_future() => None,

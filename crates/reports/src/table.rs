@@ -16,7 +16,7 @@ pub enum Align {
 #[derive(Debug)]
 pub struct Table {
     pub title: String,
-    /// What the reader must know of the numbers; empty if there is nothing to say.
+    /// A note on the numbers, for below the table. It may be empty.
     pub note: String,
     pub columns: Vec<Column>,
     pub rows: Vec<Vec<Cell>>,

@@ -63,7 +63,7 @@ impl Store {
         let known = tx.known_tokens().await?;
         let count = known.iter().filter(|token| token.revoked_at.is_none()).count();
         if count as u64 >= MAX_TOKENS {
-            return Err(StoreError::TooManyTokens);
+            return Err(StoreError::TooManyTokens { allowed: MAX_TOKENS });
         }
         let can_administer = |token: &Token| token.is_valid && token.scope == Scope::Admin;
         let is_admin = token.scope == Scope::Admin || known.iter().any(can_administer);

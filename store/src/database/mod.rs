@@ -71,7 +71,7 @@ use self::query::{Executor, Query, Row, Writer};
 use crate::place::data_dir::DataDir;
 use crate::place::location::DatabaseUrl;
 use crate::queue::statements::tasks::NextTask;
-use crate::{Access, Fence, JobId, Store, StoreError};
+use crate::{Access, Fence, JobId, StoreError};
 
 /// An open database.
 #[derive(Debug)]
@@ -477,28 +477,5 @@ impl Executor for Reading<'_> {
             Database::Postgres(database) => database.fetch(query, self.operation).await,
         };
         rows.map_err(StoreError::database(self.operation))
-    }
-}
-
-impl Store {
-    /// Reads outside of a transaction.
-    pub(crate) fn read(&self, operation: &'static str) -> Reading<'_> {
-        self.database().read(operation)
-    }
-
-    /// Begins a transaction that reads the state of one moment while others write.
-    pub(crate) async fn begin_snapshot(
-        &self,
-        operation: &'static str,
-    ) -> Result<Transaction, StoreError> {
-        self.database().begin_snapshot(operation).await
-    }
-
-    pub(crate) async fn begin(
-        &self,
-        scope: Scope,
-        operation: &'static str,
-    ) -> Result<Transaction, StoreError> {
-        self.database().begin(scope, operation).await
     }
 }

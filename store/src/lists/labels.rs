@@ -157,7 +157,8 @@ async fn relabel(
     let (before, made_with) = tx.labels(thing, id).await?.ok_or_else(missing)?;
     let after = change(before);
     if after.tags.len() > MAX_TAGS {
-        return Err(StoreError::TooManyTags { what: thing.as_str(), id, tags: after.tags.len() });
+        let (what, tags) = (thing.as_str(), after.tags.len());
+        return Err(StoreError::TooManyTags { what, id, tags, allowed: MAX_TAGS });
     }
     let searched = searched(made_with.as_deref(), &after);
     tx.set_labels(thing, id, &after, searched.as_deref()).await

@@ -9,12 +9,8 @@
 use serde::{Deserialize, Serialize};
 use wire::Sort;
 
-use crate::boxed;
 use crate::lists::labels::folded;
-use crate::{
-    Checkpoint, CheckpointId, Dataset, DatasetId, Job, JobId, Page, Run, RunId, Store, StoreError,
-    Thing, Timestamp,
-};
+use crate::{Page, Store, StoreError, Thing, Timestamp};
 
 /// The query of a list. An item must match every filter that is set.
 #[derive(Clone, Debug)]
@@ -109,15 +105,15 @@ pub struct Listed<T> {
 }
 
 /// The positions of the rows of a page, in order, and the page's end.
-struct FoundRows {
-    ids: Vec<i64>,
+pub(crate) struct FoundRows {
+    pub ids: Vec<i64>,
     end: Option<Position>,
 }
 
 impl FoundRows {
     /// The rows at these positions, in the same order. A row that was deleted meanwhile is left
     /// out.
-    fn with<T>(self, mut rows: Vec<T>, id: impl Fn(&T) -> i64) -> Listed<T> {
+    pub fn with<T>(self, mut rows: Vec<T>, id: impl Fn(&T) -> i64) -> Listed<T> {
         let place = |row: &T| self.ids.iter().position(|found| *found == id(row));
         rows.sort_by_cached_key(place);
         Listed { items: rows, end: self.end }
@@ -125,51 +121,12 @@ impl FoundRows {
 }
 
 impl Store {
-    /// # Errors
-    /// When the database fails.
-    #[boxed]
-    pub async fn list_jobs(&self, listing: &Listing) -> Result<Listed<Job>, StoreError> {
-        let found = self.found(Thing::Job, listing).await?;
-        let ids: Vec<JobId> = found.ids.iter().copied().map(JobId).collect();
-        let rows = self.jobs_by_id(&ids).await?;
-        Ok(found.with(rows, |job| job.id.0))
-    }
-
-    /// # Errors
-    /// When the database fails.
-    #[boxed]
-    pub async fn list_runs(&self, listing: &Listing) -> Result<Listed<Run>, StoreError> {
-        let found = self.found(Thing::Run, listing).await?;
-        let ids: Vec<RunId> = found.ids.iter().copied().map(RunId).collect();
-        let rows = self.read(LISTING).runs_by_id(&ids).await?;
-        Ok(found.with(rows, |run| run.id.0))
-    }
-
-    /// # Errors
-    /// When the database fails.
-    #[boxed]
-    pub async fn list_datasets(&self, listing: &Listing) -> Result<Listed<Dataset>, StoreError> {
-        let found = self.found(Thing::Dataset, listing).await?;
-        let ids: Vec<DatasetId> = found.ids.iter().copied().map(DatasetId).collect();
-        let rows = self.datasets_by_id(&ids).await?;
-        Ok(found.with(rows, |dataset| dataset.id.0))
-    }
-
-    /// # Errors
-    /// When the database fails.
-    #[boxed]
-    pub async fn list_checkpoints(
-        &self,
-        listing: &Listing,
-    ) -> Result<Listed<Checkpoint>, StoreError> {
-        let found = self.found(Thing::Checkpoint, listing).await?;
-        let ids: Vec<CheckpointId> = found.ids.iter().copied().map(CheckpointId).collect();
-        let rows = self.read(LISTING).checkpoints_by_id(&ids).await?;
-        Ok(found.with(rows, |checkpoint| checkpoint.id.0))
-    }
-
     /// Finds the ids of a page before any large column is read.
-    async fn found(&self, thing: Thing, listing: &Listing) -> Result<FoundRows, StoreError> {
+    pub(crate) async fn found(
+        &self,
+        thing: Thing,
+        listing: &Listing,
+    ) -> Result<FoundRows, StoreError> {
         let mut places = self.read(LISTING).places(thing, listing).await?;
         let limit = usize::try_from(listing.limit()).unwrap_or(usize::MAX);
         // One row more than the limit tells whether there is another page.
@@ -180,4 +137,4 @@ impl Store {
     }
 }
 
-const LISTING: &str = "reading a list";
+pub(crate) const LISTING: &str = "reading a list";

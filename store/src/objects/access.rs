@@ -1,6 +1,8 @@
 //! Writing and reading objects.
 
 use std::io::{self, Read};
+use std::sync::Arc;
+use std::time::Duration;
 
 use bytes::Bytes;
 use object_store::ObjectStoreExt;
@@ -9,9 +11,23 @@ use spec::Digest;
 use crate::boxed;
 use crate::objects::cache::KEPT_FROM;
 use crate::objects::parse;
+use crate::objects::signed::{SignedFor, UrlSigner};
 use crate::{ObjectWriter, Store, StoreError, StoredObject};
 
 impl Store {
+    /// Begins to fetch an object that will be opened soon, unless several are being fetched
+    /// already. Does nothing if objects are local files.
+    pub fn fetch_ahead(&self, object: &StoredObject) {
+        let Some(elsewhere) = self.objects().away() else { return };
+        let Ok(turn) = Arc::clone(&elsewhere.ahead).try_acquire_owned() else { return };
+        let (store, object) = (self.clone(), object.clone());
+        elsewhere.runtime.spawn_blocking(move || {
+            let _turn = turn;
+            // An error is reported when the object is opened.
+            drop(store.objects().open_verified(&object));
+        });
+    }
+
     /// Publishes `bytes` under `path`. In a bucket, an object is never replaced by another one.
     ///
     /// # Errors
@@ -87,5 +103,33 @@ impl Store {
         };
         let read = tokio::task::spawn_blocking(read).await;
         read.map_err(|error| failed(io::Error::other(error)))?
+    }
+
+    /// A URL from which anybody can fetch the object, or ranges of it, for the given time. `None`
+    /// where objects do not lie in a bucket. The bytes are not compared with their digest on the
+    /// way.
+    ///
+    /// # Errors
+    /// [`StoreError::DamagedObject`] when the object has another size or was found damaged. It also
+    /// fails when the object does not exist.
+    #[boxed]
+    pub async fn signed_url(
+        &self,
+        object: &StoredObject,
+        method: SignedFor,
+        valid_for: Duration,
+    ) -> Result<Option<String>, StoreError> {
+        let signer = self.objects().away().and_then(|elsewhere| elsewhere.signer.as_ref());
+        let Some(UrlSigner { bucket, prefix }) = signer else { return Ok(None) };
+        self.look_up_object(object).await?;
+        let method = match method {
+            SignedFor::Get => object_store::signer::Method::GET,
+            SignedFor::Head => object_store::signer::Method::HEAD,
+        };
+        let path = prefix.parts().chain(parse(&object.path)?.parts()).collect();
+        let signed = bucket.signed_url(method, &path, valid_for).await;
+        signed
+            .map(|url| Some(url.into()))
+            .map_err(StoreError::object("signing an address of", &object.path))
     }
 }

@@ -18,8 +18,8 @@ use super::path::PROBE_CLOCK;
 use super::signed::UrlSigner;
 use super::trouble::in_short;
 use super::{parse, unique_name};
+use crate::StoreError;
 use crate::place::data_dir::DataDir;
-use crate::{Store, StoreError, StoredObject};
 
 /// A remote object store and the options of its use.
 #[derive(Clone, Debug)]
@@ -55,9 +55,9 @@ pub(crate) struct RemoteStore {
     /// Whether a thread is looking at the mark.
     looks: Arc<AtomicBool>,
     /// Each object that is fetched ahead takes one permit.
-    ahead: Arc<Semaphore>,
+    pub(super) ahead: Arc<Semaphore>,
     /// Runs network requests while a thread blocks.
-    runtime: Handle,
+    pub(super) runtime: Handle,
 }
 
 /// How long a store may fail before tasks have to wait.
@@ -161,20 +161,5 @@ impl RemoteStore {
         let published = self.remote.head(&location).await.map_err(failed())?.last_modified;
         self.remote.delete(&location).await.map_err(failed())?;
         Ok(published.into())
-    }
-}
-
-impl Store {
-    /// Begins to fetch an object that will be opened soon, unless several are being fetched
-    /// already. Does nothing if objects are local files.
-    pub fn fetch_ahead(&self, object: &StoredObject) {
-        let Some(elsewhere) = self.objects().away() else { return };
-        let Ok(turn) = Arc::clone(&elsewhere.ahead).try_acquire_owned() else { return };
-        let (store, object) = (self.clone(), object.clone());
-        elsewhere.runtime.spawn_blocking(move || {
-            let _turn = turn;
-            // An error is reported when the object is opened.
-            drop(store.objects().open_verified(&object));
-        });
     }
 }

@@ -1,10 +1,20 @@
-//! Fingerprints that tell an object from other bytes under the same path.
+//! Published objects, and the fingerprints that tell one from other bytes under the same path.
 
 use std::fmt;
 
 use spec::Digest;
 
-use crate::{StoreError, StoredObject};
+use crate::StoreError;
+
+/// An object that was published.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct StoredObject {
+    /// The path in the store, or in the folder that it was written to.
+    pub path: String,
+    /// Size in bytes.
+    pub size: u64,
+    pub sha256: Digest,
+}
 
 /// A property that tells bytes from other bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

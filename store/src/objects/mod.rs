@@ -51,7 +51,6 @@ use futures::{StreamExt, TryStreamExt};
 use object_store::local::LocalFileSystem;
 use object_store::path::Path;
 use object_store::{ObjectStore, ObjectStoreExt};
-use spec::Digest;
 
 use crate::StoreError;
 use crate::objects::checked::{CheckedObjects, Verdict};
@@ -64,23 +63,13 @@ pub use away::RemoteObjects;
 pub(crate) use away::RemoteStore;
 pub(crate) use cache::{UnfinishedCopy, is_made as is_cache_name};
 pub use file::measure_file;
-pub use fingerprint::Fingerprint;
+pub use fingerprint::{Fingerprint, StoredObject};
 pub(crate) use path::unique_name;
 pub use s3::{Patience, S3Options};
 pub use signed::SignedFor;
 pub(crate) use unfinished_file::UnfinishedLeftover;
 pub use url::ObjectsUrl;
 pub use writer::ObjectWriter;
-
-/// An object that was published.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct StoredObject {
-    /// The path in the store, or in the folder that it was written to.
-    pub path: String,
-    /// Size in bytes.
-    pub size: u64,
-    pub sha256: Digest,
-}
 
 /// An object, or a range of one, that is being downloaded.
 pub struct ObjectBytes {

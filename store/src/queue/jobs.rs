@@ -10,8 +10,11 @@ use crate::database::column::json;
 use crate::database::query::{FromRow, Query, Row, from_row, sql};
 use crate::database::rows::{deletion, moment, resources, tags};
 use crate::database::{Reading, Transaction};
+use crate::lists::listing::Listed;
 use crate::trash::refuse_deleted;
-use crate::{DatasetId, Deletion, JobId, Listing, RunId, Store, StoreError, Timestamp, boxed};
+use crate::{
+    DatasetId, Deletion, JobId, Listing, RunId, Store, StoreError, Thing, Timestamp, boxed,
+};
 
 #[derive(Clone, Debug)]
 pub struct Job {
@@ -100,6 +103,18 @@ pub struct JobFilter<'a> {
 }
 
 impl Store {
+    /// A page of the list of jobs.
+    ///
+    /// # Errors
+    /// When the database fails.
+    #[boxed]
+    pub async fn list_jobs(&self, listing: &Listing) -> Result<Listed<Job>, StoreError> {
+        let found = self.found(Thing::Job, listing).await?;
+        let ids: Vec<JobId> = found.ids.iter().copied().map(JobId).collect();
+        let rows = self.jobs_by_id(&ids).await?;
+        Ok(found.with(rows, |job| job.id.0))
+    }
+
     /// # Errors
     /// When there is no such job, or it was deleted.
     #[boxed]

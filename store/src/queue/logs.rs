@@ -9,7 +9,7 @@
 use crate::database::column::json;
 use crate::database::query::{from_row, sql};
 use crate::database::{Reading, Scope, Transaction};
-use crate::queue::leases;
+use crate::queue::fences;
 use crate::{Attempt, Fence, JobId, Store, StoreError, TaskId, Timestamp, boxed};
 
 /// Finds the ids of chunks first, because texts are long and should not be sorted. `$1` to `$3` are
@@ -113,7 +113,7 @@ impl Store {
     pub async fn append_log(&self, fence: Fence, chunks: &[NewLogChunk]) -> Result<(), StoreError> {
         let (Some(first), Some(last)) = (chunks.first(), chunks.last()) else { return Ok(()) };
         let tx = self.begin(Scope::Rows, "adding to the log of an attempt").await?;
-        let (mut tx, job, _) = leases::held_or_rolled_back(tx, fence).await?;
+        let (mut tx, job, _) = fences::held_or_rolled_back(tx, fence).await?;
         // A task that was claimed by a version without attempts has none.
         let Some(attempt) = tx.attempt_at(fence).await? else { return Ok(()) };
         tx.insert_log(job, attempt, chunks).await?;

@@ -2,6 +2,7 @@
 
 pub(crate) mod attempts;
 pub(crate) mod cancellation;
+pub(crate) mod fences;
 pub(crate) mod idempotency;
 pub(crate) mod jobs;
 pub(crate) mod leases;

@@ -7,7 +7,7 @@ use serde_json::Value;
 use crate::database::patience::patiently;
 use crate::database::query::sql;
 use crate::database::{Reading, Scope, Transaction};
-use crate::queue::leases;
+use crate::queue::fences;
 use crate::results::datasets::shards_from_rows;
 use crate::{Checkpoint, DatasetId, Fence, JobId, RunId, ShardContents, Store, StoreError, boxed};
 
@@ -87,7 +87,7 @@ impl Store {
     ) -> Result<(), StoreError> {
         patiently!({
             let mut tx = self.begin(Scope::Rows, "taking over metrics").await?;
-            let (_, run) = leases::held_run(&mut tx, fence).await?;
+            let (_, run) = fences::held_run(&mut tx, fence).await?;
             for key in tx.copy_metrics(from, run, step).await? {
                 tx.set_latest(run, &key).await?;
             }

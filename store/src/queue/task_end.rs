@@ -7,8 +7,8 @@ use wire::{AttemptOutcome, TaskState};
 use crate::boxed;
 use crate::database::patience::patiently;
 use crate::database::{Scope, StageEnd, Transaction};
-use crate::queue::leases;
-use crate::queue::leases::lease_lost;
+use crate::queue::fences;
+use crate::queue::fences::lease_lost;
 use crate::queue::propagation::advance;
 use crate::queue::rules::task::{Ending, TaskStanding};
 use crate::{Fence, JobId, Retry, Store, StoreError};
@@ -126,11 +126,11 @@ impl Completion {
         operation: &'static str,
     ) -> Result<Self, StoreError> {
         let mut tx = store.begin(Scope::Task, operation).await?;
-        let (mut job, mut standing, stage_goes_on) = leases::held_in_stage(&mut tx, fence).await?;
+        let (mut job, mut standing, stage_goes_on) = fences::held_in_stage(&mut tx, fence).await?;
         if !stage_goes_on && !tx.take_the_queue().await? {
             tx.roll_back().await?;
             tx = store.begin(Scope::Queue, operation).await?;
-            (job, standing) = leases::held(&mut tx, fence).await?;
+            (job, standing) = fences::held(&mut tx, fence).await?;
         }
         Ok(Self { tx, job, fence, standing, moves_job: !stage_goes_on })
     }
@@ -153,7 +153,7 @@ pub(crate) async fn give_back(
     ending: Ending,
     error: Option<&str>,
 ) -> Result<TaskState, StoreError> {
-    let (job, held) = leases::held(tx, fence).await?;
+    let (job, held) = fences::held(tx, fence).await?;
     let (standing, delay) = held.after(ending);
     let outcome = match ending {
         _ if standing.state == TaskState::Cancelled => AttemptOutcome::Cancelled,

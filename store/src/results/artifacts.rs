@@ -10,7 +10,7 @@ use crate::database::column::json;
 use crate::database::patience::patiently;
 use crate::database::query::{from_row, sql};
 use crate::database::{Reading, Scope, Transaction};
-use crate::queue::leases;
+use crate::queue::fences;
 use crate::{Fence, RunId, Store, StoreError, StoredObject, Timestamp, boxed, object_path};
 
 const COMMIT: &str = "committing an artifact";
@@ -82,7 +82,7 @@ impl Store {
     async fn run_of(&self, fence: Fence) -> Result<RunId, StoreError> {
         patiently!({
             let mut tx = self.begin(Scope::Rows, COMMIT).await?;
-            let (_, run) = leases::held_run(&mut tx, fence).await?;
+            let (_, run) = fences::held_run(&mut tx, fence).await?;
             Ok(run)
         })
     }
@@ -98,7 +98,7 @@ impl Store {
     ) -> Result<(), StoreError> {
         patiently!({
             let mut tx = self.begin(Scope::Rows, COMMIT).await?;
-            leases::held(&mut tx, fence).await?;
+            fences::held(&mut tx, fence).await?;
             let replaced = tx.upsert_artifact(run, name, media_type, object).await?;
             tx.commit().await?;
             let outdated = replaced.into_iter().filter(|old| *old != object.path).collect();

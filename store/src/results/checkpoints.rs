@@ -11,11 +11,12 @@ use crate::database::query::{FromRow, from_row, sql};
 use crate::database::rows::{deletion, tags};
 use crate::database::{Reading, Scope, Transaction};
 use crate::events::tell;
-use crate::queue::leases;
+use crate::lists::listing::{LISTING, Listed};
+use crate::queue::fences;
 use crate::trash::refuse_deleted;
 use crate::{
-    CheckpointId, Deletion, EventKind, Fence, JobId, Page, RunId, Store, StoreError, StoredObject,
-    Timestamp, boxed,
+    CheckpointId, Deletion, EventKind, Fence, JobId, Listing, Page, RunId, Store, StoreError,
+    StoredObject, Thing, Timestamp, boxed,
 };
 
 macro_rules! select_checkpoint {
@@ -99,6 +100,21 @@ pub enum WhichCheckpoint {
 }
 
 impl Store {
+    /// A page of the list of checkpoints.
+    ///
+    /// # Errors
+    /// When the database fails.
+    #[boxed]
+    pub async fn list_checkpoints(
+        &self,
+        listing: &Listing,
+    ) -> Result<Listed<Checkpoint>, StoreError> {
+        let found = self.found(Thing::Checkpoint, listing).await?;
+        let ids: Vec<CheckpointId> = found.ids.iter().copied().map(CheckpointId).collect();
+        let rows = self.read(LISTING).checkpoints_by_id(&ids).await?;
+        Ok(found.with(rows, |checkpoint| checkpoint.id.0))
+    }
+
     /// Commits a checkpoint of the fence's job. It replaces a checkpoint of the same step and keeps
     /// its id. A checkpoint of a later step than all others shows progress: earlier attempts then
     /// no longer count towards the limit.
@@ -116,8 +132,8 @@ impl Store {
                 self.objects().verify_published(&file.object).await?;
             }
             let mut tx = self.begin(Scope::Rows, "committing a checkpoint").await?;
-            let (_, standing) = leases::held(&mut tx, fence).await?;
-            let (job, run) = leases::held_run(&mut tx, fence).await?;
+            let (_, standing) = fences::held(&mut tx, fence).await?;
+            let (job, run) = fences::held_run(&mut tx, fence).await?;
             if tx.last_step(job).await?.is_none_or(|last| last < new.step) {
                 tx.set_attempt(fence.task, standing.with_saved_progress().attempt).await?;
             }
@@ -148,7 +164,7 @@ impl Store {
     pub async fn prune_checkpoints(&self, fence: Fence, keep: u32) -> Result<(), StoreError> {
         patiently!({
             let mut tx = self.begin(Scope::Rows, "pruning checkpoints").await?;
-            let (job, _) = leases::held(&mut tx, fence).await?;
+            let (job, _) = fences::held(&mut tx, fence).await?;
             let mut paths = Vec::new();
             for id in tx.outdated_checkpoints(job, keep).await? {
                 paths.extend(tx.delete_checkpoint_files(id).await?);
@@ -172,7 +188,7 @@ impl Store {
     ) -> Result<(), StoreError> {
         patiently!({
             let mut tx = self.begin(Scope::Rows, "discarding a checkpoint").await?;
-            leases::held(&mut tx, fence).await?;
+            fences::held(&mut tx, fence).await?;
             let paths = tx.delete_checkpoint_files(id).await?;
             tx.delete_checkpoint(id).await?;
             tx.commit().await?;

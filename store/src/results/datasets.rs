@@ -2,10 +2,8 @@
 //! it.
 
 use std::collections::BTreeMap;
-use std::fmt;
 use std::ops::Range;
 
-use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use spec::Digest;
 use wire::DatasetState;
@@ -15,11 +13,13 @@ use crate::database::patience::patiently;
 use crate::database::query::{FromRow, Row, from_row, sql};
 use crate::database::rows::{deletion, tags};
 use crate::database::{Reading, Transaction};
+use crate::lists::listing::Listed;
+use crate::parquet::file_content::FileContent;
 use crate::queue::task_end::Completion;
 use crate::trash::refuse_deleted;
 use crate::{
-    DatasetId, Deletion, Fence, JobId, Listing, Page, Store, StoreError, StoredObject, Timestamp,
-    boxed,
+    DatasetId, Deletion, Fence, JobId, Listing, Page, Store, StoreError, StoredObject, Thing,
+    Timestamp, boxed,
 };
 
 /// The state of a dataset. It is building as long as its job can still fill it.
@@ -82,53 +82,6 @@ pub struct Dataset {
     pub deletion: Option<Deletion>,
 }
 
-/// The two files of a shard.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum FileContent {
-    /// One row per time step.
-    Trajectories,
-    /// One row per trajectory: its robot and its excitation.
-    Robots,
-}
-
-impl FileContent {
-    pub const ALL: [Self; 2] = [Self::Trajectories, Self::Robots];
-
-    pub const fn as_str(self) -> &'static str {
-        match self {
-            Self::Trajectories => "trajectories",
-            Self::Robots => "robots",
-        }
-    }
-
-    /// The name under which the file of a shard is downloaded, e.g. `trajectories-00003.parquet`.
-    pub fn file_name(self, shard: u32) -> String {
-        format!("{self}-{shard:05}.parquet")
-    }
-
-    /// The number of rows of a shard's file with this many trajectories of this many samples.
-    pub fn rows(self, trajectories: u64, samples: u32) -> u64 {
-        match self {
-            Self::Trajectories => trajectories * u64::from(samples),
-            Self::Robots => trajectories,
-        }
-    }
-}
-
-crate::database::column::column! {
-    FileContent: String, Text, |content| content.as_str().to_owned(), |found| {
-        let known = FileContent::ALL.into_iter().find(|content| content.as_str() == found);
-        known.ok_or_else(|| format!("there is no content {found:?}"))?
-    };
-}
-
-impl fmt::Display for FileContent {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.as_str())
-    }
-}
-
 /// A committed shard.
 #[derive(Clone, Debug)]
 pub struct Shard {
@@ -177,6 +130,18 @@ enum Count {
 }
 
 impl Store {
+    /// A page of the list of datasets.
+    ///
+    /// # Errors
+    /// When the database fails.
+    #[boxed]
+    pub async fn list_datasets(&self, listing: &Listing) -> Result<Listed<Dataset>, StoreError> {
+        let found = self.found(Thing::Dataset, listing).await?;
+        let ids: Vec<DatasetId> = found.ids.iter().copied().map(DatasetId).collect();
+        let rows = self.datasets_by_id(&ids).await?;
+        Ok(found.with(rows, |dataset| dataset.id.0))
+    }
+
     /// Commits the shard of the fence's task and completes the task. The task's ordinal is the
     /// shard's index. The last shard completes dataset and job in the same transaction. Repeating
     /// the call does no harm.

@@ -13,7 +13,7 @@ use crate::database::patience::patiently;
 use crate::database::query::{FromRow, Row, sql};
 use crate::database::{Reading, Scope, Transaction};
 use crate::events::tell;
-use crate::queue::leases;
+use crate::queue::fences;
 use crate::{EventKind, Fence, RunId, Store, StoreError, Timestamp, boxed};
 
 /// A number to record.
@@ -53,7 +53,7 @@ impl Store {
     pub async fn record_metrics(&self, fence: Fence, metrics: &[Metric]) -> Result<(), StoreError> {
         patiently!({
             let mut tx = self.begin(Scope::Rows, "recording metrics").await?;
-            let (job, run) = leases::held_run(&mut tx, fence).await?;
+            let (job, run) = fences::held_run(&mut tx, fence).await?;
             // If a key has several values at a step, the last one counts.
             let by_key: BTreeMap<(&str, u64), f64> = metrics
                 .iter()
@@ -83,7 +83,7 @@ impl Store {
     pub async fn delete_metrics_after(&self, fence: Fence, step: u64) -> Result<(), StoreError> {
         patiently!({
             let mut tx = self.begin(Scope::Rows, "deleting metrics").await?;
-            let (_, run) = leases::held_run(&mut tx, fence).await?;
+            let (_, run) = fences::held_run(&mut tx, fence).await?;
             for key in tx.delete_metrics_after(run, step).await? {
                 tx.set_latest(run, &key).await?;
                 tx.delete_extremes_from(run, &key, step).await?;

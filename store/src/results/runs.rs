@@ -9,8 +9,9 @@ use crate::database::column::json;
 use crate::database::query::{from_row, sql};
 use crate::database::rows::{deletion, tags};
 use crate::database::{Reading, Transaction};
+use crate::lists::listing::{LISTING, Listed};
 use crate::trash::refuse_deleted;
-use crate::{Deletion, JobId, Listing, Page, RunId, Store, StoreError, Timestamp, boxed};
+use crate::{Deletion, JobId, Listing, Page, RunId, Store, StoreError, Thing, Timestamp, boxed};
 
 macro_rules! select_run {
     ($($rest:expr),+ $(,)?) => {
@@ -52,6 +53,18 @@ pub struct Run {
 }
 
 impl Store {
+    /// A page of the list of runs.
+    ///
+    /// # Errors
+    /// When the database fails.
+    #[boxed]
+    pub async fn list_runs(&self, listing: &Listing) -> Result<Listed<Run>, StoreError> {
+        let found = self.found(Thing::Run, listing).await?;
+        let ids: Vec<RunId> = found.ids.iter().copied().map(RunId).collect();
+        let rows = self.read(LISTING).runs_by_id(&ids).await?;
+        Ok(found.with(rows, |run| run.id.0))
+    }
+
     /// # Errors
     /// When there is no such run, or it was deleted.
     #[boxed]

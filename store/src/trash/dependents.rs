@@ -1,24 +1,12 @@
 //! The jobs that depend on the results of other jobs.
 
-use spec::Digest;
-use wire::{JobState, Relation};
+use wire::Relation;
 
+use crate::StoreError;
 use crate::database::Transaction;
 use crate::database::query::{Query, Row, sql};
 use crate::trash::Reach;
-use crate::{JobId, StoreError};
-
-/// A job that depends on an item.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Dependent {
-    pub job: JobId,
-    /// The store does not interpret it.
-    pub kind: String,
-    pub name: String,
-    pub state: JobState,
-    pub relation: Relation,
-    pub digest: Digest,
-}
+use crate::trash::rules::Dependent;
 
 /// Dependents, sorted by job. A job that has ended counts as long as a result of it exists that was
 /// made with the item.

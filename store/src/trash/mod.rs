@@ -19,9 +19,9 @@ pub(crate) mod garbage;
 pub(crate) mod inventory;
 pub(crate) mod leftovers;
 pub(crate) mod retention;
+pub(crate) mod rules;
 pub(crate) mod statements;
 
-use std::fmt;
 use std::time::Duration;
 
 use spec::Digest;
@@ -31,17 +31,9 @@ use crate::boxed;
 use crate::database::query::{Row, sql};
 use crate::database::rows::deletion;
 use crate::database::{Scope, Transaction};
-use crate::queue::rules::deletion::{Obstacle, obstacle};
-use crate::trash::dependents::Dependent;
+use crate::trash::rules::{Dependent, Item, Obstacle, Respect, obstacle};
 use crate::trash::statements::trash::ItemRow;
-use crate::{CheckpointId, DatasetId, JobId, RunId, Store, StoreError, Timestamp};
-
-/// Something that can be deleted.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct Item {
-    pub kind: ItemKind,
-    pub id: i64,
-}
+use crate::{JobId, Store, StoreError, Timestamp};
 
 /// The record of a deletion.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -53,14 +45,6 @@ pub struct Deletion {
     pub purged_at: Option<Timestamp>,
     /// The reason; `None` if somebody asked for it.
     pub reason: Option<String>,
-}
-
-/// The dependents that prevent a deletion.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Respect {
-    All,
-    /// Only jobs that have not ended.
-    Open,
 }
 
 /// How an item is to be deleted.
@@ -111,42 +95,6 @@ pub(crate) struct Reach {
 }
 
 const DELETING: &str = "deleting something";
-
-impl Item {
-    pub const fn new(kind: ItemKind, id: i64) -> Self {
-        Self { kind, id }
-    }
-}
-
-impl From<JobId> for Item {
-    fn from(JobId(id): JobId) -> Self {
-        Self::new(ItemKind::Job, id)
-    }
-}
-
-impl From<RunId> for Item {
-    fn from(RunId(id): RunId) -> Self {
-        Self::new(ItemKind::Run, id)
-    }
-}
-
-impl From<DatasetId> for Item {
-    fn from(DatasetId(id): DatasetId) -> Self {
-        Self::new(ItemKind::Dataset, id)
-    }
-}
-
-impl From<CheckpointId> for Item {
-    fn from(CheckpointId(id): CheckpointId) -> Self {
-        Self::new(ItemKind::Checkpoint, id)
-    }
-}
-
-impl fmt::Display for Item {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} {}", self.kind, self.id)
-    }
-}
 
 /// The items in the trash, without those that were deleted together with their owner. The size
 /// covers their own files and the files of items that were deleted with them.

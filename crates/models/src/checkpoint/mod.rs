@@ -26,11 +26,11 @@ use crate::sequence_model::SequenceModel;
 
 pub use config::{CheckpointConfig, FORMAT_VERSION, Versions};
 
-/// The weights.
+/// The file with the weights.
 pub const MODEL_FILE: &str = "model.safetensors";
-/// What a training needs to go on.
+/// The file with the state of the optimizer, from which a training resumes.
 pub const OPTIMIZER_FILE: &str = "optimizer.safetensors";
-/// A [`CheckpointConfig`].
+/// The file with the [`CheckpointConfig`].
 pub const CONFIG_FILE: &str = "config.json";
 
 /// The bytes of a checkpoint's files.

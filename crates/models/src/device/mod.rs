@@ -107,7 +107,7 @@ impl Device {
         self.kind
     }
 
-    /// What is known of this device.
+    /// The backend, the hardware and the driver of this device.
     pub fn description(&self) -> &DeviceDescription {
         &self.description
     }

@@ -5,7 +5,6 @@
 //! and conditions that one row cannot answer (which jobs have a digest).
 
 pub(crate) mod cancellation;
-pub(crate) mod deletion;
 pub(crate) mod job;
 pub(crate) mod pipeline;
 pub(crate) mod placement;

@@ -11,17 +11,10 @@ use crate::database::{Reading, Transaction};
 use crate::queue::rules::job::TaskTally;
 use crate::queue::rules::task::TaskStanding;
 use crate::queue::rules::watch::Leased;
-use crate::{Epoch, JobId, RunId, StoreError, TaskId, Timestamp};
+use crate::{Epoch, Fence, JobId, RunId, StoreError, TaskId, Timestamp};
 
 /// The duration of leases in rows of a version that did not record it.
 const USUAL_LEASE_MS: i64 = 15_000;
-
-/// A task and the epoch at which it was claimed. It gives a worker the right to write.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Fence {
-    pub task: TaskId,
-    pub epoch: Epoch,
-}
 
 #[derive(Clone, Debug)]
 pub struct ClaimedTask {

@@ -1,8 +1,38 @@
-//! Dependents: the jobs that prevent a deletion.
+//! Items that can be deleted, and the jobs that prevent a deletion.
 
-use wire::JobState;
+use std::fmt;
 
-use crate::{Dependent, Respect};
+use spec::Digest;
+use wire::{ItemKind, JobState, Relation};
+
+use crate::{CheckpointId, DatasetId, JobId, RunId};
+
+/// Something that can be deleted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Item {
+    pub kind: ItemKind,
+    pub id: i64,
+}
+
+/// A job that depends on an item.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Dependent {
+    pub job: JobId,
+    /// The store does not interpret it.
+    pub kind: String,
+    pub name: String,
+    pub state: JobState,
+    pub relation: Relation,
+    pub digest: Digest,
+}
+
+/// The dependents that prevent a deletion.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Respect {
+    All,
+    /// Only jobs that have not ended.
+    Open,
+}
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Obstacle {
@@ -29,13 +59,45 @@ pub(crate) fn obstacle(
     }
 }
 
+impl Item {
+    pub const fn new(kind: ItemKind, id: i64) -> Self {
+        Self { kind, id }
+    }
+}
+
+impl From<JobId> for Item {
+    fn from(JobId(id): JobId) -> Self {
+        Self::new(ItemKind::Job, id)
+    }
+}
+
+impl From<RunId> for Item {
+    fn from(RunId(id): RunId) -> Self {
+        Self::new(ItemKind::Run, id)
+    }
+}
+
+impl From<DatasetId> for Item {
+    fn from(DatasetId(id): DatasetId) -> Self {
+        Self::new(ItemKind::Dataset, id)
+    }
+}
+
+impl From<CheckpointId> for Item {
+    fn from(CheckpointId(id): CheckpointId) -> Self {
+        Self::new(ItemKind::Checkpoint, id)
+    }
+}
+
+impl fmt::Display for Item {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} {}", self.kind, self.id)
+    }
+}
+
 #[cfg(test)]
 mod tests {
-    use spec::Digest;
-    use wire::Relation;
-
     use super::*;
-    use crate::JobId;
 
     fn dependent(state: JobState) -> Dependent {
         let (kind, name) = ("train".to_owned(), "t".to_owned());
