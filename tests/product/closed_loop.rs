@@ -90,7 +90,8 @@ async fn a_control_job_compares_a_checkpoint_with_simulators_and_shows_it() {
     let motions = product.get(&format!("/v1/runs/{}/artifacts/robot-01.csv", job["run"])).await;
     assert_eq!(motions.as_str().unwrap().lines().count(), 1 + 5 * 30);
     let page = product.get(&format!("/jobs/{}", job["id"])).await;
-    for text in ["tracking.svg", "robot-00.svg", "Tracking error in degrees", "robomorph"] {
+    for text in ["tracking.svg", "robot-00.svg", "Tracking error, with 95 % intervals", "robomorph"]
+    {
         assert!(page.as_str().unwrap().contains(text), "{text} is not in {page}");
     }
 }

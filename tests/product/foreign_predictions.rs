@@ -207,7 +207,7 @@ async fn a_file_is_scored_as_if_its_model_had_been_asked() {
 
     let evaluation = &laboratory.product.get("/v1/evaluations").await["evaluations"][0]["id"];
     let page = laboratory.product.get(&format!("/evaluations/{evaluation}")).await;
-    let remark = format!("predictions of file {}", &infos[2]["file"].as_str().unwrap()[..12]);
+    let remark = format!("; file {}", &infos[2]["file"].as_str().unwrap()[..12]);
     assert!(page.as_str().unwrap().contains(&remark), "{remark}");
     // The best model is the file, and it is drawn like a checkpoint.
     assert!(page.as_str().unwrap().contains("prediction-worst.svg"));
