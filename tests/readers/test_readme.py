@@ -54,7 +54,7 @@ class Readme(unittest.TestCase):
     def test_1_the_table_has_every_baseline_that_is_better_than_the_model(self):
         (block,) = (block for block in blocks("text") if "RMSE in degrees" in block)
         documented, printed = Table(block).rows, Table(self.product.printed).rows
-        means = {name: (numbers[0], numbers[3]) for name, (numbers, told) in printed.items()}
+        means = {name: (numbers[0], numbers[3]) for name, (numbers, _) in printed.items()}
         model = means["lagrangian"]
         better = {name for name, of in means.items() if of[0] < model[0] or of[1] < model[1]}
         self.assertEqual(better, {"simulator-fitted-damping", "identification"})

@@ -55,6 +55,9 @@ pub struct UploadForm {
         (
             "Idempotency-Key" = Option<String>,
             Header,
+            min_length = 1,
+            max_length = 255,
+            pattern = "^[ -~]+$",
             description = "A repeated request with the same key, spec and file gets the same job",
         ),
     ),

@@ -47,6 +47,9 @@ pub struct SubmitParameters {
         (
             "Idempotency-Key" = Option<String>,
             Header,
+            min_length = 1,
+            max_length = 255,
+            pattern = "^[ -~]+$",
             description = "A repeated request with the same key and spec gets the same job",
         ),
     ),

@@ -2,6 +2,8 @@
 
 use serde_json::{Value, json};
 
+use crate::limits::{HEAD_BYTES, HEAD_FIELDS};
+
 /// Errors that depend only on the operation.
 const OF_OPERATIONS: [(&str, &str, &[u16]); 8] = [
     ("post", "/v1/jobs", &[409, 410, 422, 507]),
@@ -73,6 +75,12 @@ pub fn add(operation: &mut Value, method: &str, path: &str) {
             "content": {"application/problem+json": {"schema": schema}},
         });
     }
+    // It is refused before it is read, so the answer has no body.
+    operation["responses"]["431"] = json!({
+        "description": format!(
+            "The head of the request has more than {} KiB or {HEAD_FIELDS} fields", HEAD_BYTES >> 10
+        ),
+    });
 }
 
 fn meaning(status: u16) -> &'static str {
