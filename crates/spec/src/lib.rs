@@ -106,8 +106,9 @@ pub use reference::{
 };
 pub use resources::Resources;
 pub use robot::{
-    AttachedBody, BodyDescription, BuiltInRobot, HandDescription, InertiaScheme, InitialState,
-    JointDescription, JointFriction, MAX_JOINTS, Randomization, RobotDescription, RobotModel,
+    AttachedBody, BaseDescription, BodyDescription, BuiltInRobot, HandDescription, InertiaScheme,
+    InitialState, JointDescription, JointFriction, MAX_JOINTS, Randomization, RobotDescription,
+    RobotModel,
 };
 pub use schema::{nearest, schemas, shape_violations};
 pub use simulate::{

@@ -1,11 +1,14 @@
 //! Checks the descriptions of robots.
 
-use super::description::{BodyDescription, HandDescription, JointDescription, JointFriction};
+use super::description::{
+    BaseDescription, BodyDescription, HandDescription, JointDescription, JointFriction,
+};
 use super::description::{MAX_JOINTS, Randomization, RobotDescription};
 use super::initial_state::InitialState;
 use crate::check::{Check, Violations};
 
 const LENGTH_M: std::ops::RangeInclusive<f64> = -10.0..=10.0;
+const ANGLE_DEG: std::ops::RangeInclusive<f64> = -360.0..=360.0;
 const FRACTION: std::ops::RangeInclusive<f64> = 0.0..=0.9;
 const NAME: std::ops::RangeInclusive<usize> = 1..=200;
 
@@ -21,6 +24,7 @@ impl Check for RobotDescription {
         }
         let names = self.per_joint(|joint| &joint.name);
         violations.no_duplicates("joints.name", &names);
+        violations.part("base", &self.base);
         violations.part("hand", &self.hand);
         violations.part("randomization", &self.randomization);
         violations.part("initial_state", &self.initial_state);
@@ -32,12 +36,21 @@ impl Check for RobotDescription {
     }
 }
 
+impl Check for BaseDescription {
+    fn check(&self, violations: &mut Violations) {
+        violations.all_within("position_m", &self.position_m, &(-1000.0..=1000.0));
+        violations.all_within("rpy_deg", &self.rpy_deg, &ANGLE_DEG);
+    }
+}
+
 impl Check for JointDescription {
     fn check(&self, violations: &mut Violations) {
         violations.length("name.length", self.name.len(), NAME);
         violations.within("a_m", self.a_m, LENGTH_M);
-        violations.within("alpha_deg", self.alpha_deg, -360.0..=360.0);
+        violations.within("alpha_deg", self.alpha_deg, ANGLE_DEG);
         violations.within("d_m", self.d_m, LENGTH_M);
+        violations.within("offset_deg", self.offset_deg, ANGLE_DEG);
+        violations.all_within("shift_m", &self.shift_m, &LENGTH_M);
         violations.interval("position_rad", self.position_rad, &(-100.0..=100.0));
         if self.position_rad.max - self.position_rad.min < 1e-3 {
             let range = self.position_rad.max - self.position_rad.min;
@@ -69,8 +82,11 @@ impl Check for JointFriction {
 impl Check for HandDescription {
     fn check(&self, violations: &mut Violations) {
         violations.length("contents.length", self.contents.len(), 0..=200);
+        violations.within("a_m", self.a_m, LENGTH_M);
+        violations.within("alpha_deg", self.alpha_deg, ANGLE_DEG);
+        violations.all_within("shift_m", &self.shift_m, &LENGTH_M);
         violations.within("flange_m", self.flange_m, LENGTH_M);
-        violations.within("yaw_deg", self.yaw_deg, -360.0..=360.0);
+        violations.within("yaw_deg", self.yaw_deg, ANGLE_DEG);
         violations.length("bodies", self.bodies.len(), 0..=16);
         for (i, body) in self.bodies.iter().enumerate() {
             violations.length(&format!("bodies[{i}].name.length"), body.name.len(), NAME);

@@ -9,7 +9,7 @@ use crate::Range;
 /// The largest number of joints of a robot.
 pub const MAX_JOINTS: usize = 8;
 
-/// An arm on a fixed, upright base: a chain of 1 to 8 revolute joints. Each joint turns one link.
+/// An arm on a fixed base: a chain of 1 to 8 revolute joints. Each joint turns one link.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct RobotDescription {
@@ -18,6 +18,9 @@ pub struct RobotDescription {
     /// The sources of the numbers, by block.
     #[serde(default)]
     pub sources: BTreeMap<String, String>,
+    /// How the arm is mounted. The default is upright.
+    #[serde(default, skip_serializing_if = "BaseDescription::is_upright")]
+    pub base: BaseDescription,
     /// Joints, from the base outwards.
     #[schema(min_items = 1, max_items = 8)]
     pub joints: Vec<JointDescription>,
@@ -37,8 +40,31 @@ impl RobotDescription {
     }
 }
 
+/// The pose of the frame before the first joint in the world, whose z axis points up.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct BaseDescription {
+    /// Origin, m.
+    #[schema(min_items = 3, max_items = 3)]
+    pub position_m: [f64; 3],
+    /// Turns about the world's x, y and z, one after the other, degrees: URDF's roll, pitch and yaw.
+    /// An arm that hangs from the ceiling has `[180, 0, 0]`. Multiples of 45 are exact.
+    #[schema(min_items = 3, max_items = 3)]
+    pub rpy_deg: [f64; 3],
+}
+
+impl BaseDescription {
+    /// Whether the frame before the first joint is the world.
+    pub fn is_upright(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
 /// A joint, with its row of the modified Denavit-Hartenberg table (Craig's) and the link that it
 /// turns.
+///
+/// The joint's frame is the frame before, shifted by `a_m` along x and by `shift_m`, turned by
+/// `alpha_deg` about x, shifted by `d_m` along z, and turned by the position plus `offset_deg` about z.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct JointDescription {
@@ -49,6 +75,14 @@ pub struct JointDescription {
     pub alpha_deg: f64,
     /// Length along the joint's own axis, m.
     pub d_m: f64,
+    /// Angle of the joint's frame at position 0, degrees. Multiples of 45 are exact.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub offset_deg: f64,
+    /// A further shift, in the axes of the frame before, m. Proper tables have none. It serves
+    /// axes that are nearly parallel, for which `a_m` and `d_m` would be huge.
+    #[serde(default, skip_serializing_if = "is_no_shift")]
+    #[schema(min_items = 3, max_items = 3)]
+    pub shift_m: [f64; 3],
     /// Limits of the position, rad.
     pub position_rad: Range,
     /// Limit of the speed, rad/s.
@@ -77,6 +111,15 @@ pub struct JointDescription {
 
 const fn one() -> f64 {
     1.0
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
+}
+
+fn is_no_shift(shift_m: &[f64; 3]) -> bool {
+    *shift_m == [0.0; 3]
 }
 
 /// Nominal values of [`Friction`](crate::Friction).
@@ -109,13 +152,25 @@ pub struct BodyDescription {
 }
 
 /// The hand's frame, and the bodies fixed to the last link there.
+///
+/// The hand's frame follows the last link's as one joint's frame follows another's.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct HandDescription {
     /// A name for `bodies`, used in the descriptions of columns.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub contents: String,
-    /// Distance from the last link's frame to the hand's frame, along their z, m.
+    /// Length along x of the last link's frame, m.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub a_m: f64,
+    /// Angle about x of the last link's frame, degrees. Multiples of 45 are exact.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub alpha_deg: f64,
+    /// A further shift, in the axes of the last link's frame, m.
+    #[serde(skip_serializing_if = "is_no_shift")]
+    #[schema(min_items = 3, max_items = 3)]
+    pub shift_m: [f64; 3],
+    /// Distance to the hand's frame along its z, m.
     pub flange_m: f64,
     /// Rotation of the hand's frame about its z, degrees. Multiples of 45 are exact.
     pub yaw_deg: f64,

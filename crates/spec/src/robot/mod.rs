@@ -7,7 +7,7 @@ mod initial_state;
 
 pub use built_in::{BuiltInRobot, RobotModel};
 pub use description::{
-    AttachedBody, BodyDescription, HandDescription, InertiaScheme, JointDescription, JointFriction,
-    MAX_JOINTS, Randomization, RobotDescription,
+    AttachedBody, BaseDescription, BodyDescription, HandDescription, InertiaScheme,
+    JointDescription, JointFriction, MAX_JOINTS, Randomization, RobotDescription,
 };
 pub use initial_state::InitialState;
