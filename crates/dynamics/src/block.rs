@@ -190,7 +190,7 @@ fn add_gravity_torques<L: Lanes, S: Structure<N>, const N: usize>(
 ) {
     let mut at_rest = Dynamics::zero();
     let mut at_q = [Turn::none(); N];
-    structure.turns(q, &mut at_q);
+    structure.turns(model, q, &mut at_q);
     let (turns, qd, dynamics) = (&at_q, &[L::splat(0.0); N], &mut at_rest);
     L::run(MassMatrixAndBias { structure, model, turns, qd, dynamics });
     for joint in 0..structure.joints() {

@@ -4,6 +4,7 @@
 //! same lengths that are zero. Zeros and quarter turns cost nothing there.
 
 use crate::Kinematics;
+use crate::kinematics::{Angle, Row};
 
 /// Rotation about x from a joint's frame to its parent's, the α of its modified DH row.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -43,22 +44,24 @@ const LENGTHS: [(bool, bool); JOINTS] = [
 #[derive(Clone, Copy)]
 pub(crate) struct Compiled;
 
-/// Whether an arm has this structure.
+/// Whether an arm has this structure: the table is a proper one, and gravity acts along the first
+/// joint's axis.
 pub(crate) fn fits(kinematics: &Kinematics) -> bool {
-    let twist = |joint: usize| {
-        let (sin, cos) = (kinematics.twists[joint].sin, kinematics.twists[joint].cos);
-        (sin, cos)
-            == match TWISTS[joint] {
-                Twist::None => (0.0, 1.0),
-                Twist::Quarter => (1.0, 0.0),
-                Twist::MinusQuarter => (-1.0, 0.0),
-            }
-    };
-    let lengths = |joint: usize| {
+    let Kinematics { base, joints, .. } = kinematics;
+    let fits = |(joint, row): (usize, &Row)| {
+        let twist = match TWISTS[joint] {
+            Twist::None => (0.0, 1.0),
+            Twist::Quarter => (1.0, 0.0),
+            Twist::MinusQuarter => (-1.0, 0.0),
+        };
         let (a, d) = LENGTHS[joint];
-        (a || kinematics.a_m[joint] == 0.0) && (d || kinematics.d_m[joint] == 0.0)
+        (row.twist.sin, row.twist.cos) == twist
+            && (a || row.a_m == 0.0)
+            && (d || row.d_m == 0.0)
+            && row.shift_m == [0.0; 3]
+            && row.offset == Angle::default()
     };
-    kinematics.a_m.len() == JOINTS && (0..JOINTS).all(|joint| twist(joint) && lengths(joint))
+    joints.len() == JOINTS && base.up() == [0.0, 0.0, 1.0] && joints.iter().enumerate().all(fits)
 }
 
 /// Whether the origin of joint `J` is shifted along `axis` of the frame before it: (a, −d sin α, d cos α).

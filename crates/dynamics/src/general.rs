@@ -1,4 +1,5 @@
-//! The structure of any chain of revolute joints. Each robot has its own twists and offsets.
+//! The structure of any chain of revolute joints. Each robot has its own twists, origins and
+//! offsets, and any direction of gravity.
 //!
 //! The algorithms are those of [`crate::forward_dynamics`], in loops over the joints of the arm.
 //! Links are regrouped as well. The remainder of the first link needs no mass either, since the
@@ -116,9 +117,9 @@ fn shifted<L: Lanes>(t: Vector<L>, h: Vector<L>, inertia: Symmetric<L>) -> Symme
 impl<L: Lanes> Motion<L> {
     /// The base. It does not move, but it accelerates upwards against free fall.
     #[inline(always)]
-    fn of_base(base_acceleration: L) -> Self {
-        let zero = L::splat(0.0);
-        Self::new([zero; 3], [zero; 3], [zero, zero, base_acceleration])
+    fn of_base(base_acceleration: Vector<L>) -> Self {
+        let zero = [L::splat(0.0); 3];
+        Self::new(zero, zero, base_acceleration)
     }
 
     /// The motion of the link behind a joint, from that of the link before it.
@@ -155,9 +156,14 @@ impl Structure<MAX_JOINTS> for General {
     }
 
     #[inline(always)]
-    fn turns<L: Lanes>(self, q: &[L; MAX_JOINTS], turns: &mut [Turn<L>; MAX_JOINTS]) {
+    fn turns<L: Lanes>(
+        self,
+        model: &Model<L, MAX_JOINTS>,
+        q: &[L; MAX_JOINTS],
+        turns: &mut [Turn<L>; MAX_JOINTS],
+    ) {
         for joint in 0..self.joints() {
-            turns[joint] = Turn::by(q[joint]);
+            turns[joint] = Turn::by(q[joint]).and(model.offsets[joint]);
         }
     }
 

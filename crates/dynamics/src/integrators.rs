@@ -177,7 +177,7 @@ fn extrapolated_step<L: Lanes, S: Structure<N>, const N: usize>(
 
     // Every sequence starts from the same state, so its dynamics are computed once. The first steps
     // of all sequences come first, because they do not depend on each other.
-    structure.turns(&state.q, start_turns);
+    structure.turns(model, &state.q, start_turns);
     L::run(MassMatrixAndBias {
         structure,
         model,
@@ -245,7 +245,7 @@ fn runge_kutta_step<L: Lanes, S: Structure<N>, const N: usize>(
     let Scratch { table: [total, stage, ..], start_turns, later_turns, qd, qdd, .. } = scratch;
     total.set_zero(joints);
     stage.set_zero(joints);
-    structure.turns(&state.q, start_turns);
+    structure.turns(model, &state.q, start_turns);
     for (weight, reach) in STAGES {
         state.velocity_after(joints, stage, qd);
         structure.later_turns(start_turns, &stage.q, later_turns);

@@ -8,22 +8,106 @@ use spec::MAX_JOINTS;
 use crate::Joints;
 use crate::spatial::{Turn, Vector};
 
-/// An arm's modified Denavit-Hartenberg table (Craig's), and its hand's frame.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// Where the base, the joints and the hand of an arm are.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Kinematics {
-    /// Distance along x of the frame before the joint, m.
-    pub a_m: Joints<f64>,
-    /// Distance along the joint's own axis, m.
-    pub d_m: Joints<f64>,
-    /// Twist α about x of the frame before the joint.
-    pub twists: Joints<Angle>,
-    /// Distance from the last link's frame to the hand's along their z, m.
-    pub flange_m: f64,
-    /// Rotation of the hand's frame about its z.
-    pub hand_yaw: Angle,
+    /// The frame before the first joint.
+    pub base: Base,
+    /// The frame of each joint, in the frame of the link before it.
+    pub joints: Joints<Row>,
+    /// The hand's frame, in the last link's. Its `d_m` is the flange's distance, its `offset` the
+    /// hand's yaw.
+    pub hand: Row,
 }
 
-/// Position and orientation of a frame in the base's.
+/// A row of a modified Denavit-Hartenberg table (Craig's): the frame before, shifted by `a_m` along
+/// x and by `shift_m`, turned by `twist` about x, shifted by `d_m` along z, and turned by the
+/// joint's position plus `offset` about z.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Row {
+    /// Distance along x of the frame before, m.
+    pub a_m: f64,
+    /// Distance along the frame's own z, m.
+    pub d_m: f64,
+    /// Twist α about x of the frame before.
+    pub twist: Angle,
+    /// The angle about z at position 0.
+    pub offset: Angle,
+    /// A further shift in the axes of the frame before, m. Proper tables have none.
+    pub shift_m: [f64; 3],
+}
+
+impl Row {
+    /// The frame's origin in the frame before, m: (a, −d sin α, d cos α) plus the shift.
+    pub(crate) fn origin(&self) -> [f64; 3] {
+        let Self { a_m, d_m, twist, shift_m, .. } = *self;
+        let table = [a_m, -d_m * twist.sin, d_m * twist.cos];
+        if shift_m == [0.0; 3] {
+            return table;
+        }
+        std::array::from_fn(|axis| table[axis] + shift_m[axis])
+    }
+
+    /// The frame's z in the frame before.
+    pub(crate) const fn axis(&self) -> [f64; 3] {
+        [0.0, -self.twist.sin, self.twist.cos]
+    }
+}
+
+/// The pose of the frame before the first joint in the world, whose z axis points up.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Base {
+    /// m.
+    pub position_m: [f64; 3],
+    /// Rows of the matrix that turns the frame's axes into the world's.
+    pub rotation: [[f64; 3]; 3],
+    /// The same turn, x, y, z, w.
+    pub quaternion_xyzw: [f64; 4],
+}
+
+impl Base {
+    /// A base at `position_m`, turned by `rpy_deg` about the world's x, y and z, one after the
+    /// other.
+    pub fn new(position_m: [f64; 3], rpy_deg: [f64; 3]) -> Self {
+        let [roll, pitch, yaw] = rpy_deg.map(Angle::degrees);
+        let rotation = [
+            [
+                yaw.cos * pitch.cos,
+                yaw.cos * pitch.sin * roll.sin - yaw.sin * roll.cos,
+                yaw.cos * pitch.sin * roll.cos + yaw.sin * roll.sin,
+            ],
+            [
+                yaw.sin * pitch.cos,
+                yaw.sin * pitch.sin * roll.sin + yaw.cos * roll.cos,
+                yaw.sin * pitch.sin * roll.cos - yaw.cos * roll.sin,
+            ],
+            [-pitch.sin, pitch.cos * roll.sin, pitch.cos * roll.cos],
+        ];
+        let [(sr, cr), (sp, cp), (sy, cy)] =
+            [roll, pitch, yaw].map(|angle| (angle.half_sin, angle.half_cos));
+        let quaternion_xyzw = [
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+            cr * cp * cy + sr * sp * sy,
+        ];
+        Self { position_m, rotation, quaternion_xyzw }
+    }
+
+    /// The world's z in the base's axes.
+    pub const fn up(&self) -> [f64; 3] {
+        self.rotation[2]
+    }
+}
+
+impl Default for Base {
+    /// The world.
+    fn default() -> Self {
+        Self::new([0.0; 3], [0.0; 3])
+    }
+}
+
+/// Position and orientation of a frame in the world.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pose {
     /// m.
@@ -36,14 +120,7 @@ pub struct Pose {
 pub(crate) const POSE: usize = 7;
 
 impl Kinematics {
-    /// Origin of a joint's frame in the frame of the link before it (the base for the first), m:
-    /// (a, −d sin α, d cos α).
-    pub(crate) fn joint_origin(&self, joint: usize) -> [f64; 3] {
-        let (a, d, twist) = (self.a_m[joint], self.d_m[joint], self.twists[joint]);
-        [a, -d * twist.sin, d * twist.cos]
-    }
-
-    /// Pose of the hand's frame in the base's at positions `q` (rad), with qw not negative.
+    /// Pose of the hand's frame in the world at positions `q` (rad), with qw not negative.
     ///
     /// The hand's z points from the flange to the fingers, its y along their motion.
     pub fn end_effector_pose(&self, q: impl Into<Joints<f64>>) -> Pose {
@@ -64,7 +141,7 @@ impl Kinematics {
     /// others do not jump.
     #[inline(always)]
     pub(crate) fn record_poses<D: Lanes>(&self, q: &[f32], poses: &mut [f32]) {
-        let joints = self.a_m.len();
+        let joints = self.joints.len();
         let mut sign = None;
         let chunks = q.chunks(D::LANES * joints).zip(poses.chunks_mut(D::LANES * POSE));
         for (samples, poses) in chunks {
@@ -114,28 +191,59 @@ struct HandPose<L> {
 impl<L: Lanes> HandPose<L> {
     #[inline(always)]
     fn new(arm: &Kinematics, q: &[L; MAX_JOINTS]) -> Self {
-        let zero = L::splat(0.0);
-        let one = L::splat(1.0);
-        let Angle { half_sin, half_cos, .. } = arm.hand_yaw;
-        let mut position = [zero, zero, L::splat(arm.flange_m)];
-        let mut quaternion = [zero, zero, L::splat(half_sin), L::splat(half_cos)];
-        for joint in (0..arm.a_m.len()).rev() {
-            let twist = arm.twists[joint];
-            let half = Turn::by(q[joint] * L::splat(0.5));
+        let [zero, one] = [0.0, 1.0].map(L::splat);
+        let identity = [zero, zero, zero, one];
+        let mut position = arm.hand.origin().map(L::splat);
+        let mut quaternion =
+            quaternion_to_parent(arm.hand.twist, Turn::half(arm.hand.offset), identity);
+        for joint in (0..arm.joints.len()).rev() {
+            let row = &arm.joints[joint];
+            let mut half = Turn::by(q[joint] * L::splat(0.5));
+            if row.offset != Angle::default() {
+                half = half.and(Turn::half(row.offset));
+            }
             let twice_sin = half.sin + half.sin;
             let turn =
                 Turn { sin: twice_sin * half.cos, cos: twice_sin.neg_mul_add(half.sin, one) };
-            position = position_to_parent(twist, turn, position);
-            let origin = arm.joint_origin(joint);
+            position = position_to_parent(row.twist, turn, position);
+            let origin = row.origin();
             for axis in 0..3 {
                 if origin[axis] != 0.0 {
                     position[axis] = L::splat(origin[axis]) + position[axis];
                 }
             }
-            quaternion = quaternion_to_parent(twist, half, quaternion);
+            quaternion = quaternion_to_parent(row.twist, half, quaternion);
+        }
+        if arm.base != Base::default() {
+            position = on_base(&arm.base, position);
+            quaternion = product(arm.base.quaternion_xyzw, quaternion);
         }
         Self { position, quaternion }
     }
+}
+
+/// A point of the frame before the first joint, in the world.
+#[inline(always)]
+fn on_base<L: Lanes>(base: &Base, point: Vector<L>) -> Vector<L> {
+    let mut moved = base.position_m.map(L::splat);
+    for row in 0..3 {
+        for axis in 0..3 {
+            moved[row] = L::splat(base.rotation[row][axis]).mul_add(point[axis], moved[row]);
+        }
+    }
+    moved
+}
+
+/// The product of two quaternions: the turn `b` and then `a`.
+#[inline(always)]
+fn product<L: Lanes>(a: [f64; 4], [bx, by, bz, bw]: [L; 4]) -> [L; 4] {
+    let [ax, ay, az, aw] = a.map(L::splat);
+    [
+        az.neg_mul_add(by, ay.mul_add(bz, ax.mul_add(bw, aw * bx))),
+        ax.neg_mul_add(bz, az.mul_add(bx, ay.mul_add(bw, aw * by))),
+        ay.neg_mul_add(bx, ax.mul_add(by, az.mul_add(bw, aw * bz))),
+        az.neg_mul_add(bz, ay.neg_mul_add(by, ax.neg_mul_add(bx, aw * bw))),
+    ]
 }
 
 /// A point in the frame of a joint's link, in the axes of the link before it.
@@ -186,7 +294,7 @@ fn quaternion_to_parent<L: Lanes>(twist: Angle, half: Turn<L>, [x, y, z, w]: [L;
 
 /// Sine and cosine of an angle and of its half. Multiples of 45° are exact within f64, so that
 /// parallel and perpendicular axes stay so.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Angle {
     /// Sine.
     pub sin: f64,
@@ -203,6 +311,13 @@ impl Angle {
     pub fn degrees(degrees: f64) -> Self {
         let [(sin, cos), (half_sin, half_cos)] = [sin_cos(degrees), sin_cos(0.5 * degrees)];
         Self { sin, cos, half_sin, half_cos }
+    }
+}
+
+impl Default for Angle {
+    /// No turn.
+    fn default() -> Self {
+        Self { sin: 0.0, cos: 1.0, half_sin: 0.0, half_cos: 1.0 }
     }
 }
 
@@ -245,49 +360,67 @@ mod tests {
         stored[0]
     }
 
-    /// The hand's pose from the modified DH table, with rotations and translations multiplied out.
-    fn multiplied_out(kinematics: &Kinematics, alpha: &[f64], q: &[f64]) -> Isometry3<f64> {
-        let turn = |axis: Vector3<f64>, angle: f64| UnitQuaternion::from_scaled_axis(axis * angle);
-        let shift = |x: f64, z: f64| Translation3::new(x, 0.0, z);
-        let mut pose = Isometry3::identity();
-        for joint in 0..q.len() {
-            pose *= turn(Vector3::x(), alpha[joint].to_radians());
-            pose *= shift(kinematics.a_m[joint], kinematics.d_m[joint]);
-            pose *= turn(Vector3::z(), q[joint]);
-        }
-        pose * shift(0.0, kinematics.flange_m)
-            * turn(Vector3::z(), kinematics.hand_yaw.sin.atan2(kinematics.hand_yaw.cos))
+    /// A row in numbers: shift, a, α, d and θ₀, lengths in m and angles in degrees.
+    type Numbers = ([f64; 3], f64, f64, f64, f64);
+
+    fn row_of((shift_m, a_m, alpha, d_m, offset): Numbers) -> Row {
+        let [twist, offset] = [alpha, offset].map(Angle::degrees);
+        Row { a_m, d_m, twist, offset, shift_m }
     }
 
-    /// Arms of 1 to 8 joints with twists in degrees, among them those with an exact sine and
-    /// cosine.
-    fn arms() -> impl Strategy<Value = (Kinematics, Vec<f64>, Vec<f64>)> {
-        let twist = prop_oneof![
+    /// The hand's pose with rotations and translations multiplied out. The last row is the hand's.
+    fn multiplied_out(base: ([f64; 3], [f64; 3]), rows: &[Numbers], q: &[f64]) -> Isometry3<f64> {
+        let turn = |axis: Vector3<f64>, angle: f64| UnitQuaternion::from_scaled_axis(axis * angle);
+        let shift = |vector: [f64; 3]| Translation3::from(vector);
+        let [roll, pitch, yaw] = base.1.map(f64::to_radians);
+        let mut pose = shift(base.0) * UnitQuaternion::from_euler_angles(roll, pitch, yaw);
+        for (joint, &(shift_m, a_m, alpha, d_m, offset)) in rows.iter().enumerate() {
+            pose *= shift(shift_m) * shift([a_m, 0.0, 0.0]);
+            pose *= turn(Vector3::x(), alpha.to_radians());
+            pose *= shift([0.0, 0.0, d_m]);
+            let position = q.get(joint).copied().unwrap_or(0.0);
+            pose *= turn(Vector3::z(), position + offset.to_radians());
+        }
+        pose
+    }
+
+    fn angle() -> impl Strategy<Value = f64> {
+        prop_oneof![
             prop::sample::select(vec![-180.0, -90.0, -45.0, 0.0, 45.0, 90.0, 180.0]),
             -180.0..180.0f64,
-        ];
-        let row = (-0.5..0.5f64, twist, -0.5..0.5f64, -3.0..3.0f64);
-        let rows = prop::collection::vec(row, 1..=MAX_JOINTS);
-        (rows, 0.0..0.3f64, -180.0..180.0f64).prop_map(|(rows, flange_m, yaw)| {
-            let alpha: Vec<f64> = rows.iter().map(|row| row.1).collect();
-            let kinematics = Kinematics {
-                a_m: rows.iter().map(|row| row.0).collect(),
-                d_m: rows.iter().map(|row| row.2).collect(),
-                twists: alpha.iter().map(|alpha| Angle::degrees(*alpha)).collect(),
-                flange_m,
-                hand_yaw: Angle::degrees(yaw),
-            };
-            (kinematics, alpha, rows.iter().map(|row| row.3).collect())
-        })
+        ]
+    }
+
+    /// Arms of 1 to 8 joints and their hands, upright or not, with angles in degrees, among them
+    /// those with an exact sine and cosine.
+    fn arms() -> impl Strategy<Value = (([f64; 3], [f64; 3]), Vec<Numbers>, Vec<f64>)> {
+        let shift = prop_oneof![Just([0.0; 3]), prop::array::uniform3(-0.5..0.5f64)];
+        let offset = prop_oneof![Just(0.0), angle()];
+        let row = (shift, -0.5..0.5f64, angle(), -0.5..0.5f64, offset);
+        let rows = prop::collection::vec(row, 2..=MAX_JOINTS + 1);
+        let tilted = (prop::array::uniform3(-2.0..2.0f64), prop::array::uniform3(angle()));
+        let base = prop_oneof![Just(([0.0; 3], [0.0; 3])), tilted];
+        (base, rows, prop::collection::vec(-3.0..3.0f64, MAX_JOINTS)).prop_map(
+            |(base, rows, mut q)| {
+                q.truncate(rows.len() - 1);
+                (base, rows, q)
+            },
+        )
     }
 
     proptest! {
         #[test]
-        fn the_hand_is_where_the_table_of_lengths_and_twists_says((kinematics, alpha, q) in arms()) {
+        fn the_hand_is_where_the_table_of_lengths_and_twists_says((base, rows, q) in arms()) {
+            let (&hand, joints) = rows.split_last().unwrap();
+            let kinematics = Kinematics {
+                base: Base::new(base.0, base.1),
+                joints: joints.iter().copied().map(row_of).collect(),
+                hand: row_of(hand),
+            };
             let pose = kinematics.end_effector_pose(q.as_slice());
-            let expected = multiplied_out(&kinematics, &alpha, &q);
+            let expected = multiplied_out(base, &rows, &q);
             let position = Vector3::from(pose.position_m);
-            prop_assert!((position - expected.translation.vector).norm() < 5e-15);
+            prop_assert!((position - expected.translation.vector).norm() < 1e-14);
             let [x, y, z, w] = pose.quaternion_xyzw;
             prop_assert!(w >= 0.0);
             let length = (x * x + y * y + z * z + w * w).sqrt();
@@ -296,6 +429,17 @@ mod tests {
             let along: f64 = expected.iter().zip([x, y, z, w]).map(|(a, b)| a * b).sum();
             prop_assert!((along.abs() - 1.0).abs() < 5e-15);
         }
+    }
+
+    #[test]
+    fn an_arm_on_the_ceiling_hangs_down() {
+        let ceiling = Base::new([0.0, 0.0, 2.0], [180.0, 0.0, 0.0]);
+        assert_eq!(ceiling.up(), [0.0, 0.0, -1.0]);
+        let panda = Robot::panda().kinematics;
+        let q = [0.1, -0.3, 0.2, -1.5, 0.4, 1.9, 0.8];
+        let [x, y, z] = panda.end_effector_pose(q).position_m;
+        let hanging = Kinematics { base: ceiling, ..panda }.end_effector_pose(q).position_m;
+        assert_eq!(hanging, [x, -y, 2.0 - z]);
     }
 
     #[test]

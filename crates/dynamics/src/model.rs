@@ -23,12 +23,15 @@ pub(crate) struct Model<L, const N: usize> {
     pub(crate) origins: [[L; 3]; N],
     /// Twists about x of the frame before. Compiled structures do not read them.
     pub(crate) twists: [Turn<L>; N],
+    /// Turns of the joints at position 0. Compiled structures do not read them.
+    pub(crate) offsets: [Turn<L>; N],
     pub(crate) damping: [L; N],
     pub(crate) armature: [L; N],
     /// `None` when no robot has any.
     pub(crate) friction: Option<Sigmoids<L, N>>,
-    /// Acceleration of the base, upwards. A robot at rest under gravity feels the same.
-    pub(crate) base_acceleration: L,
+    /// Acceleration of the base in its own axes, upwards in the world. A robot at rest under gravity
+    /// feels the same.
+    pub(crate) base_acceleration: [L; 3],
 }
 
 impl<L: Lanes, const N: usize> Model<L, N> {
@@ -41,10 +44,11 @@ impl<L: Lanes, const N: usize> Model<L, N> {
             links: [link; N],
             origins: [[zero; 3]; N],
             twists: [Turn::none(); N],
+            offsets: [Turn::none(); N],
             damping: [zero; N],
             armature: [zero; N],
             friction: None,
-            base_acceleration: zero,
+            base_acceleration: [zero; 3],
         };
         for lane in 0..L::LANES {
             model.set_lane(structure, lane, robot);
@@ -54,17 +58,18 @@ impl<L: Lanes, const N: usize> Model<L, N> {
 
     #[inline(always)]
     pub(crate) fn set_lane(&mut self, structure: impl Structure<N>, lane: usize, robot: &Robot) {
-        self.base_acceleration.set_lane(lane, robot.gravity);
+        for (acceleration, up) in self.base_acceleration.iter_mut().zip(robot.kinematics.base.up())
+        {
+            acceleration.set_lane(lane, robot.gravity * up);
+        }
         let regrouped = regrouped(robot);
         for joint in 0..structure.joints() {
-            let twist = robot.kinematics.twists[joint];
-            self.twists[joint].sin.set_lane(lane, twist.sin);
-            self.twists[joint].cos.set_lane(lane, twist.cos);
+            let row = &robot.kinematics.joints[joint];
+            self.twists[joint].set_lane(lane, row.twist);
+            self.offsets[joint].set_lane(lane, row.offset);
             self.damping[joint].set_lane(lane, robot.damping[joint]);
             self.armature[joint].set_lane(lane, robot.armature[joint]);
-            for (coordinate, value) in
-                self.origins[joint].iter_mut().zip(robot.kinematics.joint_origin(joint))
-            {
+            for (coordinate, value) in self.origins[joint].iter_mut().zip(row.origin()) {
                 coordinate.set_lane(lane, value);
             }
             let (regrouped, link) = (&regrouped[joint], &mut self.links[joint]);
@@ -119,9 +124,10 @@ pub(crate) fn regrouped(robot: &Robot) -> Joints<Link<f64>> {
         link.first_moment.z = 0.0;
         link.about_origin -= Matrix3::from_diagonal(&Vector3::new(across, across, 0.0));
 
-        let axis = axis_in_parent(robot, joint);
+        let row = &robot.kinematics.joints[joint];
+        let axis = Vector3::from(row.axis());
         let moment = axis * along;
-        let origin = Vector3::from(robot.kinematics.joint_origin(joint));
+        let origin = Vector3::from(row.origin());
         let about_joint = (Matrix3::identity() - axis * axis.transpose()) * across;
         let mixed = origin * moment.transpose();
         let shift = Matrix3::identity() * (2.0 * origin.dot(&moment)) - mixed - mixed.transpose()
@@ -135,10 +141,4 @@ pub(crate) fn regrouped(robot: &Robot) -> Joints<Link<f64>> {
         first_moment: [first_moment.x, first_moment.y],
         inertia: [i.m11, i.m12, i.m13, i.m23, i.m33],
     })
-}
-
-/// The axis of a joint in the frame of the link before it.
-fn axis_in_parent(robot: &Robot, joint: usize) -> Vector3<f64> {
-    let twist = robot.kinematics.twists[joint];
-    Vector3::new(0.0, -twist.sin, twist.cos)
 }

@@ -79,12 +79,15 @@ fn reference() -> Reference {
 }
 
 fn kinematics([a4, a5, a7, d1, d3, d5, flange_m]: [f64; 7]) -> Kinematics {
-    Kinematics {
-        a_m: [0.0, 0.0, 0.0, a4, a5, 0.0, a7].into(),
-        d_m: [d1, 0.0, d3, 0.0, d5, 0.0, 0.0].into(),
-        flange_m,
-        ..Robot::panda().kinematics
+    let mut kinematics = Robot::panda().kinematics;
+    for (row, a_m) in kinematics.joints.iter_mut().zip([0.0, 0.0, 0.0, a4, a5, 0.0, a7]) {
+        row.a_m = a_m;
     }
+    for (row, d_m) in kinematics.joints.iter_mut().zip([d1, 0.0, d3, 0.0, d5, 0.0, 0.0]) {
+        row.d_m = d_m;
+    }
+    kinematics.hand.d_m = flange_m;
+    kinematics
 }
 
 fn body([mass, x, y, z, inertia @ ..]: [f64; 10]) -> RigidBody {
@@ -314,7 +317,7 @@ fn check_structure<L: Lanes, S: Structure<N>, const N: usize>(structure: S, tole
         }
         let mut dynamics = Dynamics::zero();
         let mut at_q = [Turn::none(); N];
-        structure.turns(&q, &mut at_q);
+        structure.turns(&model, &q, &mut at_q);
         let (model, turns, qd, torque) = (&model, &at_q, &qd, &torque);
         L::run(MassMatrixAndBias { structure, model, turns, qd, dynamics: &mut dynamics });
         for step in [1.0 / 60.0, 0.0].map(L::splat) {

@@ -57,11 +57,18 @@ fn scaled(
 /// Multiplies every length that is not zero by a factor of its own.
 fn draw_kinematics(nominal: &Kinematics, fraction: f64, draws: &mut Draws) -> Kinematics {
     let mut kinematics = *nominal;
-    let lengths = kinematics.a_m.iter_mut().chain(kinematics.d_m.iter_mut());
-    for length in lengths.chain([&mut kinematics.flange_m]) {
+    let Kinematics { joints, hand, .. } = &mut kinematics;
+    let mut draw = |length: &mut f64| {
         if *length != 0.0 {
             *length *= draws.factor(fraction);
         }
+    };
+    joints.iter_mut().for_each(|row| draw(&mut row.a_m));
+    joints.iter_mut().for_each(|row| draw(&mut row.d_m));
+    draw(&mut hand.d_m);
+    draw(&mut hand.a_m);
+    for row in joints.iter_mut().chain([hand]) {
+        row.shift_m.iter_mut().for_each(&mut draw);
     }
     kinematics
 }
@@ -225,7 +232,7 @@ mod tests {
         let spec = RobotSpec { geometry_fraction: 0.1, ..RobotSpec::default() };
         let kinematics = draw(&spec, 3).kinematics;
         let lengths = |k: Kinematics| -> Vec<f64> {
-            k.a_m.iter().chain(&k.d_m).copied().chain([k.flange_m]).collect()
+            k.joints.iter().chain([&k.hand]).flat_map(|row| [row.a_m, row.d_m]).collect()
         };
         let mut factors = Vec::new();
         for (drawn, nominal) in
@@ -257,7 +264,7 @@ mod tests {
         // The hand is turned by −45° about the flange's axis.
         let (c, s) = (std::f64::consts::FRAC_1_SQRT_2, -std::f64::consts::FRAC_1_SQRT_2);
         let center =
-            [c * 0.02 - s * -0.01, s * 0.02 + c * -0.01, loaded.kinematics.flange_m + 0.1034];
+            [c * 0.02 - s * -0.01, s * 0.02 + c * -0.01, loaded.kinematics.hand.d_m + 0.1034];
         for axis in 0..3 {
             let moment = |robot: &Robot| robot.links[6].mass * robot.links[6].com[axis];
             let added = moment(&loaded) - moment(&bare);

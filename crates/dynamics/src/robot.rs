@@ -2,9 +2,9 @@
 //! any are welded, and their places.
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
-use spec::{BodyDescription, Gravity, RobotDescription, RobotSpec};
+use spec::{BodyDescription, Gravity, JointDescription, RobotDescription, RobotSpec};
 
-use crate::kinematics::Angle;
+use crate::kinematics::{Angle, Base, Row};
 use crate::{Friction, Joints, Kinematics, RigidBody};
 
 /// The physical parameters of one arm.
@@ -17,13 +17,13 @@ pub struct Robot {
     pub damping: Joints<f64>,
     /// Reflected rotor inertia of each joint, kg·m².
     pub armature: Joints<f64>,
-    /// The places of the joints and of the hand.
+    /// The places of the base, the joints and the hand.
     pub kinematics: Kinematics,
     /// Friction besides the damping.
     pub friction: Option<Friction>,
     /// The payload in the hand. `links` already includes it.
     pub payload: Option<Payload>,
-    /// Downward acceleration along the base's z, m/s²; 0 when gravity is off.
+    /// Downward acceleration along the world's z, m/s²; 0 when gravity is off.
     pub gravity: f64,
 }
 
@@ -138,13 +138,27 @@ impl Nominal {
             links: joints.iter().map(|joint| body(&joint.link)).collect(),
             attached: hand.bodies.iter().map(attached).collect(),
             kinematics: Kinematics {
-                a_m: joints.iter().map(|joint| joint.a_m).collect(),
-                d_m: joints.iter().map(|joint| joint.d_m).collect(),
-                twists: joints.iter().map(|joint| Angle::degrees(joint.alpha_deg)).collect(),
-                flange_m: hand.flange_m,
-                hand_yaw: Angle::degrees(hand.yaw_deg),
+                base: Base::new(description.base.position_m, description.base.rpy_deg),
+                joints: joints.iter().map(row).collect(),
+                hand: Row {
+                    a_m: hand.a_m,
+                    d_m: hand.flange_m,
+                    twist: Angle::degrees(hand.alpha_deg),
+                    offset: Angle::degrees(hand.yaw_deg),
+                    shift_m: hand.shift_m,
+                },
             },
         }
+    }
+}
+
+fn row(joint: &JointDescription) -> Row {
+    Row {
+        a_m: joint.a_m,
+        d_m: joint.d_m,
+        twist: Angle::degrees(joint.alpha_deg),
+        offset: Angle::degrees(joint.offset_deg),
+        shift_m: joint.shift_m,
     }
 }
 
@@ -171,10 +185,12 @@ impl Hand {
     /// The last link of an arm with this hand.
     pub(crate) fn welded_to(self, last: &RigidBody, kinematics: &Kinematics) -> RigidBody {
         let Some(hand) = self.0 else { return *last };
-        let Angle { sin, cos, .. } = kinematics.hand_yaw;
-        let yaw = Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0);
-        let flange = Vector3::new(0.0, 0.0, kinematics.flange_m);
-        last.welded_to(&hand.seen_from(&Rotation3::from_matrix_unchecked(yaw), &flange))
+        let Row { twist, offset: yaw, .. } = kinematics.hand;
+        let about_x =
+            Matrix3::new(1.0, 0.0, 0.0, 0.0, twist.cos, -twist.sin, 0.0, twist.sin, twist.cos);
+        let about_z = Matrix3::new(yaw.cos, -yaw.sin, 0.0, yaw.sin, yaw.cos, 0.0, 0.0, 0.0, 1.0);
+        let turn = Rotation3::from_matrix_unchecked(about_x * about_z);
+        last.welded_to(&hand.seen_from(&turn, &Vector3::from(kinematics.hand.origin())))
     }
 }
 

@@ -76,8 +76,8 @@ fn dynamics<S: Structure<N>, const N: usize>(
 ) -> Dynamics<Lane, N> {
     let mut dynamics = Dynamics::zero();
     let mut at_q = [Turn::none(); N];
-    structure.turns(&lanes(q), &mut at_q);
     let model = &Model::splat(structure, robot);
+    structure.turns(model, &lanes(q), &mut at_q);
     let (turns, qd) = (&at_q, &lanes(qd));
     Lane::run(MassMatrixAndBias { structure, model, turns, qd, dynamics: &mut dynamics });
     dynamics

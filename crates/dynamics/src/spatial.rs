@@ -8,6 +8,7 @@
 use simd::Lanes;
 
 use crate::compiled::{TWISTS, Twist, shifted};
+use crate::kinematics::Angle;
 
 pub(crate) type Vector<L> = [L; 3];
 /// Entries xx, xy, xz, yy, yz, zz of a symmetric matrix.
@@ -39,6 +40,27 @@ impl<L: Lanes> Turn<L> {
         Self {
             sin: self.cos.mul_add(sin, self.sin.mul_add(cos_less_1, self.sin)),
             cos: self.sin.neg_mul_add(sin, self.cos.mul_add(cos_less_1, self.cos)),
+        }
+    }
+
+    #[inline(always)]
+    pub(crate) fn set_lane(&mut self, lane: usize, angle: Angle) {
+        self.sin.set_lane(lane, angle.sin);
+        self.cos.set_lane(lane, angle.cos);
+    }
+
+    /// The turn by half of a constant angle.
+    #[inline(always)]
+    pub(crate) fn half(angle: Angle) -> Self {
+        Self { sin: L::splat(angle.half_sin), cos: L::splat(angle.half_cos) }
+    }
+
+    /// Both turns about the same axis.
+    #[inline(always)]
+    pub(crate) fn and(self, other: Self) -> Self {
+        Self {
+            sin: self.cos.mul_add(other.sin, self.sin * other.cos),
+            cos: self.sin.neg_mul_add(other.sin, self.cos * other.cos),
         }
     }
 

@@ -13,8 +13,8 @@ pub(crate) trait Structure<const N: usize>: Copy + Send + Sync {
     /// Number of joints, at most `N`.
     fn joints(self) -> usize;
 
-    /// Sine and cosine of the angle `q` (rad) of every joint whose turn matters.
-    fn turns<L: Lanes>(self, q: &[L; N], turns: &mut [Turn<L>; N]);
+    /// Sine and cosine of the angle of every joint whose turn matters, at positions `q` (rad).
+    fn turns<L: Lanes>(self, model: &Model<L, N>, q: &[L; N], turns: &mut [Turn<L>; N]);
 
     /// [`Structure::turns`] of angles that differ by a small `change` from others with known turns.
     fn later_turns<L: Lanes>(self, start: &[Turn<L>; N], change: &[L; N], turns: &mut [Turn<L>; N]);

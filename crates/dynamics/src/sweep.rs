@@ -182,7 +182,7 @@ fn sweep<L: Lanes>(
         };
     }
 
-    let mut motion = Motion::of_second_link(model.base_acceleration, turns[1], qd);
+    let mut motion = Motion::of_second_link(model.base_acceleration[2], turns[1], qd);
     let wrench1 = motion.wrench(&links[1]);
     let mut composite = Composite::of_last_link(&links[6]);
     let mut entries = zero;
@@ -217,7 +217,7 @@ impl Structure<JOINTS> for Compiled {
 
     /// The turns of all joints but the first, whose turn has no effect: gravity is along its axis.
     #[inline(always)]
-    fn turns<L: Lanes>(self, q: &[L; JOINTS], turns: &mut [Turn<L>; JOINTS]) {
+    fn turns<L: Lanes>(self, _: &Model<L, JOINTS>, q: &[L; JOINTS], turns: &mut [Turn<L>; JOINTS]) {
         for joint in 1..JOINTS {
             turns[joint] = Turn::by(q[joint]);
         }

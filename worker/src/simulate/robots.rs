@@ -6,8 +6,10 @@ use arrow_array::{ArrayRef, BooleanArray, Float64Array, Int32Array, Int64Array};
 use arrow_array::{RecordBatch, StringArray};
 use arrow_schema::ArrowError;
 use arrow_schema::SchemaRef;
-use dynamics::{Scenario, Torques};
-use spec::{Gravity, STEP_LEVELS, SimulateSpec};
+use dynamics::{Kinematics, Row, Scenario, Torques};
+use spec::{Gravity, RobotDescription, STEP_LEVELS, SimulateSpec};
+
+const AXES: [&str; 3] = ["x", "y", "z"];
 
 /// Arrays of the same length, each with its column's name.
 #[derive(Default)]
@@ -27,7 +29,7 @@ pub(super) fn record_batch(
     arrays.design(spec, scenarios)?;
     let joints = spec.joints();
     arrays.initial_state(joints, scenarios);
-    arrays.kinematics(joints, scenarios);
+    arrays.kinematics(spec.robot.description(), scenarios);
     (0..joints).for_each(|link| arrays.body(link, scenarios));
     arrays.friction(joints, scenarios);
     arrays.payload(scenarios);
@@ -107,16 +109,41 @@ impl Arrays {
         }
     }
 
-    fn kinematics(&mut self, joints: usize, scenarios: &[Scenario]) {
+    fn kinematics(&mut self, robot: &RobotDescription, scenarios: &[Scenario]) {
+        let joints = robot.joints.len();
         for joint in 0..joints {
             let name = format!("a_{}", joint + 1);
-            self.number(name, scenarios, |s| s.robot.kinematics.a_m[joint]);
+            self.number(name, scenarios, |s| s.robot.kinematics.joints[joint].a_m);
         }
         for joint in 0..joints {
             let name = format!("d_{}", joint + 1);
-            self.number(name, scenarios, |s| s.robot.kinematics.d_m[joint]);
+            self.number(name, scenarios, |s| s.robot.kinematics.joints[joint].d_m);
         }
-        self.number("flange", scenarios, |s| s.robot.kinematics.flange_m);
+        self.number("flange", scenarios, |s| s.robot.kinematics.hand.d_m);
+        if robot.hand.a_m != 0.0 {
+            self.number("hand_a", scenarios, |s| s.robot.kinematics.hand.a_m);
+        }
+        for (joint, described) in robot.joints.iter().enumerate() {
+            if described.is_shifted() {
+                let names = AXES.map(|axis| format!("shift_{axis}_{}", joint + 1));
+                self.shift(names, scenarios, |kinematics| kinematics.joints[joint]);
+            }
+        }
+        if robot.hand.is_shifted() {
+            let names = AXES.map(|axis| format!("hand_shift_{axis}"));
+            self.shift(names, scenarios, |kinematics| kinematics.hand);
+        }
+    }
+
+    fn shift(
+        &mut self,
+        names: [String; 3],
+        scenarios: &[Scenario],
+        row: impl Fn(&Kinematics) -> Row,
+    ) {
+        for (axis, name) in names.into_iter().enumerate() {
+            self.number(name, scenarios, |s| row(&s.robot.kinematics).shift_m[axis]);
+        }
     }
 
     fn body(&mut self, link: usize, scenarios: &[Scenario]) {
@@ -130,7 +157,7 @@ impl Arrays {
         ];
         let number = link + 1;
         self.number(format!("mass_{number}"), scenarios, |s| s.robot.links[link].mass);
-        for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
+        for (axis, name) in AXES.into_iter().enumerate() {
             let name = format!("com_{name}_{number}");
             self.number(name, scenarios, |s| s.robot.links[link].com[axis]);
         }
@@ -162,7 +189,7 @@ impl Arrays {
     fn payload(&mut self, scenarios: &[Scenario]) {
         let of = |s: &Scenario| s.robot.payload;
         self.number_or_null("payload_mass", scenarios, |s| of(s).map(|payload| payload.mass_kg));
-        for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
+        for (axis, name) in AXES.into_iter().enumerate() {
             let name = format!("payload_{name}");
             self.number_or_null(name, scenarios, |s| of(s).map(|payload| payload.center_m[axis]));
         }

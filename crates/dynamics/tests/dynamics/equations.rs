@@ -2,11 +2,11 @@
 //! form.
 //!
 //! The kernels work in link frames with spatial inertias, composite bodies and a factorization.
-//! Here every body is described in the base's frame, and every torque is a sum of moments over all
+//! Here every body is described in the world, and every torque is a sum of moments over all
 //! bodies behind the joint.
 
 use dynamics::{
-    Angle, Joints, Kinematics, RigidBody, Robot, bias_forces, forward_dynamics, gravity,
+    Angle, Base, Joints, Kinematics, RigidBody, Robot, Row, bias_forces, forward_dynamics, gravity,
     mass_matrix,
 };
 use nalgebra::{DMatrix, DVector, Matrix3, Rotation3, Vector3};
@@ -18,7 +18,7 @@ use super::{run, spec};
 
 use crate::JOINTS;
 
-/// A link in the base's frame.
+/// A link in the world.
 struct Body {
     /// Axis of the joint that carries the link.
     axis: Vector3<f64>,
@@ -34,8 +34,10 @@ struct Body {
 }
 
 fn bodies(robot: &Robot, q: Joints<f64>, qd: Joints<f64>, qdd: Joints<f64>) -> Vec<Body> {
-    let mut rotation = Rotation3::identity();
-    let mut origin = Vector3::zeros();
+    let Kinematics { base, joints, .. } = robot.kinematics;
+    let base_axes = Matrix3::from_fn(|row, column| base.rotation[row][column]);
+    let mut rotation = Rotation3::from_matrix_unchecked(base_axes);
+    let mut origin = Vector3::from(base.position_m);
     let mut w = Vector3::zeros();
     let mut w_dot = Vector3::zeros();
     let mut velocity = Vector3::zeros();
@@ -43,14 +45,15 @@ fn bodies(robot: &Robot, q: Joints<f64>, qd: Joints<f64>, qdd: Joints<f64>) -> V
     let mut acceleration = Vector3::new(0.0, 0.0, robot.gravity);
     let mut bodies = Vec::new();
     for joint in 0..robot.joints() {
-        let Kinematics { a_m, d_m, twists, .. } = robot.kinematics;
-        let twist = twists[joint].sin.atan2(twists[joint].cos);
-        let twist = Rotation3::from_axis_angle(&Vector3::x_axis(), twist);
-        let arm = rotation * (twist * Vector3::new(a_m[joint], 0.0, d_m[joint]));
+        let Row { a_m, d_m, twist, offset, shift_m } = joints[joint];
+        let twist = Rotation3::from_axis_angle(&Vector3::x_axis(), twist.sin.atan2(twist.cos));
+        let arm = rotation * (Vector3::from(shift_m) + twist * Vector3::new(a_m, 0.0, d_m));
+        let angle = q[joint] + offset.sin.atan2(offset.cos);
+        let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), angle);
         velocity += w.cross(&arm);
         acceleration += w_dot.cross(&arm) + w.cross(&w.cross(&arm));
         origin += arm;
-        rotation = rotation * twist * Rotation3::from_axis_angle(&Vector3::z_axis(), q[joint]);
+        rotation = rotation * twist * turn;
         let axis = rotation * Vector3::z();
         w_dot += axis * qdd[joint] + w.cross(&axis) * qd[joint];
         w += axis * qd[joint];
@@ -125,26 +128,27 @@ prop_compose! {
     }
 }
 
-/// A joint: its row of the table (a, α in degrees, d), link, damping and armature.
-type Row = ((f64, f64, f64), RigidBody, f64, f64);
+/// A joint: its row of the table (a, α in degrees, d, offset in degrees, shift), link, damping and
+/// armature.
+type JointRow = ((f64, f64, f64, f64, [f64; 3]), RigidBody, f64, f64);
 
-fn row(
-    lengths: (f64, f64, f64),
-    alpha_deg: impl Strategy<Value = f64>,
-) -> impl Strategy<Value = Row> {
-    let (a, d, _) = lengths;
-    let place = (-a..=a, alpha_deg, -d..=d);
+fn proper_row(a: f64, alpha_deg: f64, d: f64) -> impl Strategy<Value = JointRow> {
+    let place = (-a..=a, Just(alpha_deg), -d..=d, Just(0.0), Just([0.0; 3]));
+    (place, body(), 0.0..30.0f64, 0.0..0.05f64)
+}
+
+fn any_row() -> impl Strategy<Value = JointRow> {
+    let angle =
+        || prop_oneof![prop::sample::select(vec![-90.0, 0.0, 45.0, 90.0, 180.0]), -180.0..180.0f64];
+    let shift = prop_oneof![Just([0.0; 3]), prop::array::uniform3(-0.5..0.5f64)];
+    let place = (-0.5..=0.5, angle(), -0.5..=0.5, prop_oneof![Just(0.0), angle()], shift);
     (place, body(), 0.0..30.0f64, 0.0..0.05f64)
 }
 
 /// A robot of any structure or of the compiled one, its positions, velocities and two more sets of
 /// values of its joints.
 fn moving_robot() -> impl Strategy<Value = (Robot, [Joints<f64>; 3])> {
-    let any = row(
-        (0.5, 0.5, 0.0),
-        prop_oneof![prop::sample::select(vec![-90.0, 0.0, 45.0, 90.0, 180.0]), -180.0..180.0f64,],
-    );
-    let chains = prop::collection::vec(any, 1..=MAX_JOINTS).boxed();
+    let chains = prop::collection::vec(any_row(), 1..=MAX_JOINTS).boxed();
     let compiled = [
         (0.0, 0.0, 0.5),
         (0.0, -90.0, 0.0),
@@ -154,18 +158,23 @@ fn moving_robot() -> impl Strategy<Value = (Robot, [Joints<f64>; 3])> {
         (0.0, 90.0, 0.0),
         (0.5, 90.0, 0.0),
     ]
-    .map(|(a, alpha, d)| row((a, d, 0.0), Just(alpha)).boxed());
+    .map(|(a, alpha, d)| proper_row(a, alpha, d).boxed());
     let compiled = compiled.to_vec().boxed();
+    let tilted = (prop::array::uniform3(-2.0..2.0f64), prop::array::uniform3(-180.0..180.0f64));
+    let base = prop_oneof![Just(([0.0; 3], [0.0; 3])), tilted];
     let gravity = prop_oneof![Just(0.0), 0.0..20.0f64];
     let states = prop::collection::vec((-6.0..6.0f64, -5.0..5.0f64, -50.0..50.0f64), MAX_JOINTS);
-    (prop_oneof![chains, compiled], gravity, -0.5..0.5f64, states).prop_map(
-        |(rows, gravity, flange_m, states)| {
+    (prop_oneof![chains, compiled], base, gravity, -0.5..0.5f64, states).prop_map(
+        |(rows, base, gravity, flange_m, states)| {
+            let joint = |row: &JointRow| {
+                let (a_m, alpha_deg, d_m, offset_deg, shift_m) = row.0;
+                let [twist, offset] = [alpha_deg, offset_deg].map(Angle::degrees);
+                Row { a_m, d_m, twist, offset, shift_m }
+            };
             let kinematics = Kinematics {
-                a_m: rows.iter().map(|row| row.0.0).collect(),
-                d_m: rows.iter().map(|row| row.0.2).collect(),
-                twists: rows.iter().map(|row| Angle::degrees(row.0.1)).collect(),
-                flange_m,
-                hand_yaw: Angle::default(),
+                base: Base::new(base.0, base.1),
+                joints: rows.iter().map(joint).collect(),
+                hand: Row { d_m: flange_m, ..Row::default() },
             };
             let robot = Robot {
                 links: rows.iter().map(|row| row.1).collect(),

@@ -113,6 +113,13 @@ const fn one() -> f64 {
     1.0
 }
 
+impl JointDescription {
+    /// Whether the joint is off the place that its row of the table gives.
+    pub fn is_shifted(&self) -> bool {
+        !is_no_shift(&self.shift_m)
+    }
+}
+
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
 fn is_zero(value: &f64) -> bool {
     *value == 0.0
@@ -175,6 +182,13 @@ pub struct HandDescription {
     /// Rotation of the hand's frame about its z, degrees. Multiples of 45 are exact.
     pub yaw_deg: f64,
     pub bodies: Vec<AttachedBody>,
+}
+
+impl HandDescription {
+    /// Whether the hand is off the place that its row of the table gives.
+    pub fn is_shifted(&self) -> bool {
+        !is_no_shift(&self.shift_m)
+    }
 }
 
 /// A body that is part of the hand.

@@ -8,7 +8,7 @@ use utoipa::ToSchema;
 
 use super::excitation::{Excitation, STEP_LEVELS};
 use super::spec::SimulateSpec;
-use crate::RobotDescription;
+use crate::{JointDescription, RobotDescription};
 
 /// A column of a table.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -38,7 +38,17 @@ pub enum ColumnType {
     Text,
 }
 
-const BASE: &str = "base: origin at the foot of the arm, z up";
+/// The frame of poses.
+fn world(robot: &RobotDescription) -> &'static str {
+    if robot.base.is_upright() {
+        "base: origin at the foot of the arm, z up"
+    } else {
+        "world: z up; the description says where the arm's base is"
+    }
+}
+
+const AXES: [&str; 3] = ["x", "y", "z"];
+const LINK_BEFORE: &str = "modified DH frame of the link before, or of the base";
 const LINK: &str = "modified DH frame of the link, which moves with it";
 
 impl Column {
@@ -133,7 +143,7 @@ impl SimulateSpec {
             columns.extend(Column::velocities(joints));
         }
         if self.observations.end_effector_pose {
-            columns.extend(end_effector_pose());
+            columns.extend(end_effector_pose(world(self.robot.description())));
         }
         if self.observations.measures_torques() {
             columns.extend(Column::measured_torques(joints));
@@ -149,7 +159,7 @@ impl SimulateSpec {
     pub fn robot_columns(&self) -> Vec<Column> {
         let robot = self.robot.description();
         let joints = robot.joints.len();
-        let mut columns = design(&self.excitation);
+        let mut columns = design(robot, &self.excitation);
         columns.extend(initial_state(joints));
         columns.extend(kinematics(robot));
         (1..=joints).for_each(|link| columns.extend(body(robot, link)));
@@ -165,15 +175,15 @@ impl SimulateSpec {
     }
 }
 
-fn end_effector_pose() -> impl Iterator<Item = Column> {
-    let position = ["x", "y", "z"].map(|axis| {
+fn end_effector_pose(world: &str) -> impl Iterator<Item = Column> {
+    let position = AXES.map(|axis| {
         let about = format!("{axis} of the hand's origin at the positions of this sample");
-        Column::new(format!("ee_{axis}"), ColumnType::Float32, about).unit("m").frame(BASE)
+        Column::new(format!("ee_{axis}"), ColumnType::Float32, about).unit("m").frame(world)
     });
     let rotation = ["qx", "qy", "qz", "qw"].map(|part| {
         let about = "part of the unit quaternion that turns the hand's axes into the base's; its \
                      sign is continuous in time and begins with qw >= 0";
-        Column::new(format!("ee_{part}"), ColumnType::Float32, about).frame(BASE)
+        Column::new(format!("ee_{part}"), ColumnType::Float32, about).frame(world)
     });
     position.into_iter().chain(rotation)
 }
@@ -183,11 +193,16 @@ fn number(name: impl Into<String>, unit: &str, about: impl Into<String>) -> Colu
 }
 
 /// Columns of the design, which many trajectories share.
-fn design(excitation: &Excitation) -> Vec<Column> {
+fn design(robot: &RobotDescription, excitation: &Excitation) -> Vec<Column> {
     // Files contain these words, so the words of the other families stay as they were.
     let family = match excitation.steps {
         None => "of the excitation: chirp or multisine",
         Some(_) => "of the excitation: chirp, multisine or steps",
+    };
+    let down = if robot.base.is_upright() {
+        "acceleration along -z of the base; 0 when off"
+    } else {
+        "acceleration along -z of the world; 0 when off"
     };
     vec![
         Column::trajectory(),
@@ -196,7 +211,7 @@ fn design(excitation: &Excitation) -> Vec<Column> {
         Column::new("family", ColumnType::Text, family),
         number("frequency_hz", "Hz", "master frequency of the excitation"),
         number("rate_hz", "Hz", "rate of the samples; torques are held in between"),
-        number("gravity_m_s2", "m/s²", "acceleration along -z of the base; 0 when off"),
+        number("gravity_m_s2", "m/s²", down),
         Column::new(
             "gravity_compensated",
             ColumnType::Boolean,
@@ -228,19 +243,51 @@ fn angle(degrees: f64) -> String {
 }
 
 fn kinematics(robot: &RobotDescription) -> Vec<Column> {
-    // The twists of the modified DH table are never randomized.
-    let twists: Vec<String> = robot.per_joint(|joint| angle(joint.alpha_deg));
-    let twists = twists.join(", ");
+    // The angles of the modified DH table are never randomized.
+    let angles = |angle_deg: fn(&JointDescription) -> f64| -> String {
+        robot.per_joint(|joint| angle(angle_deg(joint))).join(", ")
+    };
+    let mut constants = format!("α = {}", angles(|joint| joint.alpha_deg));
+    if robot.joints.iter().any(|joint| joint.offset_deg != 0.0) {
+        constants += &format!("; θ at position 0 = {}", angles(|joint| joint.offset_deg));
+    }
     let joints = robot.joints.len();
     let a = (1..=joints).map(|joint| {
-        let about = format!("modified DH: length a before joint {joint}; α = {twists}");
+        let about = format!("modified DH: length a before joint {joint}; {constants}");
         number(format!("a_{joint}"), "m", about)
     });
     let d = (1..=joints).map(|joint| {
         number(format!("d_{joint}"), "m", format!("modified DH: offset d of joint {joint}"))
     });
-    let about = format!("from the origin of link {joints} along its z to the hand's");
-    a.chain(d).chain([number("flange", "m", about)]).collect()
+    let hand = &robot.hand;
+    let mut about = format!("from the origin of link {joints} along its z to the hand's");
+    if hand.alpha_deg != 0.0 {
+        about = format!(
+            "from the origin of link {joints} along the hand's z to the hand's, which is turned by {} about x",
+            angle(hand.alpha_deg)
+        );
+    }
+    let mut columns: Vec<Column> = a.chain(d).chain([number("flange", "m", about)]).collect();
+    // Proper tables have none of these, so the columns of their tables do not change.
+    if hand.a_m != 0.0 {
+        let about = format!("from the origin of link {joints} along its x to the hand's");
+        columns.push(number("hand_a", "m", about));
+    }
+    for (joint, described) in (1..).zip(&robot.joints) {
+        if described.is_shifted() {
+            columns.extend(AXES.map(|axis| {
+                let about = format!("further shift of joint {joint} along {axis}");
+                number(format!("shift_{axis}_{joint}"), "m", about).frame(LINK_BEFORE)
+            }));
+        }
+    }
+    if hand.is_shifted() {
+        columns.extend(AXES.map(|axis| {
+            let about = format!("further shift of the hand along {axis}");
+            number(format!("hand_shift_{axis}"), "m", about).frame(LINK_BEFORE)
+        }));
+    }
+    columns
 }
 
 fn body(robot: &RobotDescription, link: usize) -> Vec<Column> {
@@ -250,7 +297,7 @@ fn body(robot: &RobotDescription, link: usize) -> Vec<Column> {
         contents => format!(", {contents} and payload included"),
     };
     let mut columns = vec![number(format!("mass_{link}"), "kg", format!("of link {link}{welded}"))];
-    for axis in ["x", "y", "z"] {
+    for axis in AXES {
         let about = format!("{axis} of the centre of mass of link {link}{welded}");
         columns.push(number(format!("com_{axis}_{link}"), "m", about).frame(LINK));
     }
@@ -285,7 +332,7 @@ fn payload(robot: &RobotDescription) -> impl Iterator<Item = Column> {
         angle(robot.hand.yaw_deg)
     );
     let mass = number("payload_mass", "kg", "of the solid sphere in the hand; null without one");
-    let center = ["x", "y", "z"].map(|axis| {
+    let center = AXES.map(|axis| {
         let about = format!("{axis} of the sphere's centre; null without one");
         number(format!("payload_{axis}"), "m", about).frame(&hand).nullable()
     });
