@@ -11,8 +11,11 @@ use crate::numbers::{count, degrees, percent, signed_degrees, value as significa
 pub enum Cell {
     /// There is no value.
     Missing,
+    /// Words, or numbers that are already formatted.
     Text(String),
+    /// A whole number of things.
     Count(u64),
+    /// A value in its unit.
     Number(f64, Unit),
     /// A mean with its interval.
     Interval(Interval, Unit),
@@ -24,7 +27,7 @@ pub enum Cell {
 
 impl Cell {
     /// The value of a measure.
-    pub fn measured(value: Measured, unit: Unit) -> Self {
+    pub(crate) fn measured(value: Measured, unit: Unit) -> Self {
         match value {
             Measured::Missing => Self::Missing,
             Measured::Number(value) => Self::Number(value, unit),
@@ -33,7 +36,7 @@ impl Cell {
     }
 
     /// The cell without its interval.
-    pub fn mean(self) -> Self {
+    pub(crate) fn mean(self) -> Self {
         match self {
             Self::Interval(interval, unit) | Self::Best(interval, unit) => {
                 Self::Number(interval.mean, unit)
@@ -42,6 +45,7 @@ impl Cell {
         }
     }
 
+    /// Whether the page highlights the cell.
     pub const fn is_best(&self) -> bool {
         matches!(self, Self::Best(..))
     }

@@ -1,4 +1,11 @@
-//! Reports for people: tables and sentences for the terminal, and the report of the paper's study.
+//! The results of jobs for people to read.
+//!
+//! A result is a [`Table`]: columns, and rows of [`Cell`]s that know their unit. The terminal, the
+//! page, CSV and Markdown each show any table. Sentences say what a table cannot: the setting, the
+//! failures, the warnings, and a verdict on each model. [`study`] writes the folder with the report
+//! of the paper's study.
+
+#![warn(missing_docs)]
 
 mod cell;
 pub mod channels;
@@ -11,10 +18,11 @@ mod table;
 mod verdict;
 
 pub use cell::Cell;
-pub use outcome::ComparisonOutcome;
-pub use table::{Align, Column, Table, TableOf};
+pub use table::{Align, Column, Table};
 
 use numbers::{degrees, signed_degrees};
+use outcome::ComparisonOutcome;
+use table::TableOf;
 use verdict::verdicts;
 use wire::{Headline, MeanError, PredictorInfo, PredictorKind, Report, Warning};
 

@@ -42,7 +42,7 @@ pub fn degrees(x: f64) -> String {
 }
 
 /// A difference of angles in degrees, with its sign.
-pub fn signed_degrees(x: f64) -> String {
+pub(crate) fn signed_degrees(x: f64) -> String {
     format!("{x:+.*}", decimals(x))
 }
 
@@ -57,7 +57,7 @@ fn decimals(x: f64) -> usize {
 }
 
 /// A part of 1 in percent.
-pub fn percent(share: f64) -> String {
+pub(crate) fn percent(share: f64) -> String {
     format!("{:.1} %", 100.0 * share)
 }
 

@@ -4,8 +4,11 @@ use wire::Interval;
 /// does not contain zero.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ComparisonOutcome {
+    /// The whole interval of the difference of errors lies below 0.
     Better,
+    /// The whole interval lies above 0.
     Worse,
+    /// The interval contains 0.
     NotClear,
 }
 

@@ -7,24 +7,31 @@ use crate::Cell;
 /// The edge of its column at which a cell is aligned.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Align {
+    /// For words.
     Left,
-    /// Numbers are aligned at the right edge.
+    /// For numbers.
     Right,
 }
 
 /// A result: columns, and rows of cells.
 #[derive(Debug)]
 pub struct Table {
+    /// A heading for above the table; empty where the surroundings say what it shows.
     pub title: String,
     /// A note on the numbers, for below the table. It may be empty.
     pub note: String,
+    /// The columns, from left to right.
     pub columns: Vec<Column>,
+    /// The rows, from top to bottom, each with a cell for every column.
     pub rows: Vec<Vec<Cell>>,
 }
 
+/// The head of a column.
 #[derive(Clone, Debug)]
 pub struct Column {
+    /// The name of its quantity, followed by the unit if its cells do not say it: `RMSE, °`.
     pub heading: String,
+    /// Where its heading and cells are aligned.
     pub align: Align,
     /// What its cells mean; empty if the heading says it.
     pub about: String,
@@ -38,6 +45,7 @@ pub struct TableOf<R> {
 }
 
 impl<R> TableOf<R> {
+    /// A table without columns.
     pub fn new(rows: impl IntoIterator<Item = R>) -> Self {
         let rows: Vec<R> = rows.into_iter().collect();
         let table = Table {
@@ -107,6 +115,7 @@ impl<R> TableOf<R> {
 }
 
 impl Table {
+    /// A table without title, note and rows.
     pub fn new<S: Into<String>>(columns: impl IntoIterator<Item = (S, Align)>) -> Self {
         let column = |(heading, align): (S, Align)| Column {
             heading: heading.into(),
@@ -119,14 +128,14 @@ impl Table {
 
     /// The table without the intervals of its means.
     #[must_use]
-    pub fn means(self) -> Self {
+    pub(crate) fn means(self) -> Self {
         let mean = |row: Vec<Cell>| row.into_iter().map(Cell::mean).collect();
         Self { rows: self.rows.into_iter().map(mean).collect(), ..self }
     }
 
     /// The table without columns in which no row has a value.
     #[must_use]
-    pub fn without_empty_columns(self) -> Self {
+    pub(crate) fn without_empty_columns(self) -> Self {
         let has_value = |k: &usize| self.rows.iter().any(|row| row[*k] != Cell::Missing);
         let kept: Vec<usize> = (0..self.columns.len()).filter(has_value).collect();
         let columns = kept.iter().map(|&k| self.columns[k].clone()).collect();
@@ -136,7 +145,7 @@ impl Table {
 
     /// Gives it a title and a note.
     #[must_use]
-    pub fn titled(self, title: impl Into<String>, note: impl Into<String>) -> Self {
+    pub(crate) fn titled(self, title: impl Into<String>, note: impl Into<String>) -> Self {
         Self { title: title.into(), note: note.into(), ..self }
     }
 
@@ -149,7 +158,7 @@ impl Table {
     ///
     /// # Errors
     /// When a row has more or fewer cells than there are columns.
-    pub fn to_csv(&self) -> Result<String, csv::Error> {
+    pub(crate) fn to_csv(&self) -> Result<String, csv::Error> {
         let mut writer = csv::Writer::from_writer(Vec::new());
         writer.write_record(self.columns.iter().map(|column| &column.heading))?;
         for row in &self.rows {
@@ -160,7 +169,7 @@ impl Table {
     }
 
     /// The table in Markdown.
-    pub fn to_markdown(&self) -> String {
+    pub(crate) fn to_markdown(&self) -> String {
         let headings = self.columns.iter().map(|column| column.heading.clone());
         let line = |cells: Vec<String>| format!("| {} |\n", cells.join(" | "));
         let rows = self.rows.iter().map(|row| line(row.iter().map(Cell::to_string).collect()));
@@ -194,7 +203,7 @@ impl Table {
     }
 
     /// The table in plain text, below its title and its note. Empty without rows.
-    pub fn with_title(&self) -> String {
+    pub(crate) fn with_title(&self) -> String {
         let Self { title, note, .. } = self;
         match (self.rows.is_empty(), note.is_empty()) {
             (true, _) => String::new(),

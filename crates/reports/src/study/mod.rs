@@ -1,4 +1,4 @@
-//! The paper's study: one pipeline, and a folder with the report.
+//! The paper's study: its pipeline, the results of its jobs, and the folder with its report.
 
 mod machine;
 mod plan;

@@ -4,15 +4,22 @@ use anyhow::{Context, bail};
 use serde_json::json;
 use spec::{JobSpec, PipelineSpec, StudyPlan, StudyScale};
 
+/// A study that can be submitted: its pipeline, and what each job of it is for.
 #[derive(Debug)]
 pub struct Plan {
+    /// How large its models, data and seeds are.
     pub scale: StudyScale,
-    /// The purpose of each job.
+    /// Its trainings and evaluations, by the names of their jobs.
     pub parts: StudyPlan,
+    /// The parsed pipeline, with presets and defaults filled in.
     pub pipeline: PipelineSpec,
 }
 
 impl Plan {
+    /// The study at a scale.
+    ///
+    /// # Errors
+    /// When the preset of that scale is no valid pipeline.
     pub fn of(scale: StudyScale) -> anyhow::Result<Self> {
         let job = spec::parse(&Self::request(scale)).context("the preset of the study")?;
         let JobSpec::Pipeline(pipeline) = job else { bail!("the preset is no pipeline") };

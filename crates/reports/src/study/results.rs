@@ -9,12 +9,15 @@ use wire::{PredictorInfo, Report, Shift, ShiftScores, ShiftSummary};
 /// The results of a study.
 #[derive(Debug)]
 pub struct Study {
+    /// The scale at which it ran.
     pub scale: StudyScale,
     /// Every job, with all defaults filled in.
     pub spec: PipelineSpec,
     /// The pipeline's job.
     pub pipeline: JobRecord,
+    /// Its trainings, in the order of its plan.
     pub trainings: Vec<Training>,
+    /// Its evaluations, in the order of its plan.
     pub evaluations: Vec<Evaluation>,
 }
 
@@ -23,6 +26,7 @@ pub struct Study {
 pub struct JobRecord {
     /// The job's name in the pipeline.
     pub name: String,
+    /// The job's id on the server that computed it.
     pub job: i64,
     /// The digest of its spec, which covers everything that it was made from.
     pub digest: Digest,
@@ -32,45 +36,60 @@ pub struct JobRecord {
     pub reused: bool,
 }
 
+/// A finished training of the study.
 #[derive(Debug)]
 pub struct Training {
+    /// Its model, set and seed.
     pub plan: StudyTraining,
+    /// Its job.
     pub record: JobRecord,
+    /// The id of its last checkpoint, which the evaluations use.
     pub checkpoint: i64,
+    /// SHA-256 of that checkpoint's weights, in hexadecimal.
     pub sha256: String,
+    /// Optimizer steps of that checkpoint.
     pub steps: u64,
+    /// RMSE on the validation robots at that checkpoint, in degrees. `None` without a validation.
     pub validation_rmse_deg: Option<f64>,
 }
 
+/// A finished evaluation of the study.
 #[derive(Debug)]
 pub struct Evaluation {
+    /// Its question and set.
     pub plan: StudyEvaluation,
+    /// Its job.
     pub record: JobRecord,
+    /// The numbers.
     pub report: Report,
+    /// Its report as JSON; all files that it left if its question is drawn.
     pub files: Vec<File>,
 }
 
 /// A file that an evaluation left.
 #[derive(Debug)]
 pub struct File {
+    /// Its name in the list of the evaluation's files, such as `report.json`.
     pub name: String,
+    /// Its content.
     pub bytes: Vec<u8>,
 }
 
 impl Study {
     /// The number of training sets, beginning with D1.
-    pub fn sets(&self) -> usize {
+    pub(crate) fn sets(&self) -> usize {
         self.evaluations.iter().map(|evaluation| evaluation.plan.set).max().unwrap_or(0)
     }
 
-    pub fn evaluation(&self, set: usize, question: StudyQuestion) -> Option<&Evaluation> {
+    /// The evaluation of a question on a training set, counted from 1.
+    pub(crate) fn evaluation(&self, set: usize, question: StudyQuestion) -> Option<&Evaluation> {
         self.evaluations
             .iter()
             .find(|evaluation| evaluation.plan.set == set && evaluation.plan.question == question)
     }
 
     /// The name of a predictor in the study: a model, or a baseline.
-    pub fn name_of<'a>(&'a self, predictor: &'a PredictorInfo) -> &'a str {
+    pub(crate) fn name_of<'a>(&'a self, predictor: &'a PredictorInfo) -> &'a str {
         let training = predictor.digest.and_then(|digest| {
             self.trainings.iter().find(|training| training.record.digest == digest)
         });
@@ -78,13 +97,13 @@ impl Study {
     }
 
     /// The name of a predictor that the report of `evaluation` mentions.
-    pub fn called<'a>(&'a self, evaluation: &'a Evaluation, predictor: &'a str) -> &'a str {
+    pub(crate) fn called<'a>(&'a self, evaluation: &'a Evaluation, predictor: &'a str) -> &'a str {
         let info = evaluation.report.predictors.iter().find(|info| info.name == predictor);
         info.map_or(predictor, |info| self.name_of(info))
     }
 
     /// The models and baselines of an evaluation, in the order of every table, each once.
-    pub fn names<'a>(&'a self, evaluation: &'a Evaluation) -> Vec<&'a str> {
+    pub(crate) fn names<'a>(&'a self, evaluation: &'a Evaluation) -> Vec<&'a str> {
         let mut names = Vec::new();
         for info in &evaluation.report.predictors {
             let name = self.name_of(info);
@@ -96,7 +115,7 @@ impl Study {
     }
 
     /// The scores of a model or a baseline over one of an evaluation's shifts.
-    pub fn scores<'a>(
+    pub(crate) fn scores<'a>(
         &self,
         evaluation: &'a Evaluation,
         shift: &'a ShiftSummary,
@@ -109,7 +128,8 @@ impl Study {
 }
 
 impl Evaluation {
-    pub fn shift(&self, shift: Shift, family: Option<Family>) -> Option<&ShiftSummary> {
+    /// The errors under a shift: of one family, or of all families together if it is `None`.
+    pub(crate) fn shift(&self, shift: Shift, family: Option<Family>) -> Option<&ShiftSummary> {
         let mut shifts = self.report.shifts.iter();
         shifts.find(|summary| summary.shift == shift && summary.family == family)
     }
