@@ -4,6 +4,7 @@ use thiserror::Error;
 
 /// Why an evaluation has no result.
 #[derive(Debug, Error)]
+#[expect(missing_docs, reason = "messages say what variants and their fields mean")]
 pub enum EvaluationError {
     #[error("predictor {predictor} gave {got} values, expected {expected}")]
     WrongLength { predictor: String, got: usize, expected: usize },

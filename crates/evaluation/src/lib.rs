@@ -1,8 +1,10 @@
-//! Evaluation of predictors: baselines, metrics, intervals, reports.
+//! Evaluation of predictors: baselines, metrics, intervals, closed loops, reports.
 //!
 //! All predictors are compared on the same scenarios. A predictor gets [`series::Observed`], which
 //! has the torques of all samples, but only the positions of the context. So it cannot see the
 //! positions that it predicts.
+
+#![warn(missing_docs)]
 
 mod baselines;
 mod bootstrap;
@@ -23,7 +25,6 @@ pub use baselines::{
     Arx, DampedIntegrator, FittedDamping, HoldLast, Identification, LeastSquares, NominalArm,
     baseline,
 };
-pub use bootstrap::stratified_mean;
 pub use cell::{
     CellResult, Failure, PredictorErrors, Rollouts, Scoring, evaluate_cell, measured_jitter_deg,
     measured_left_limits, within_torque_limits,
@@ -38,8 +39,6 @@ pub use given::Given;
 pub use learned::{FirstPrediction, LeakyLearned, Learned, OracleStarted, Start};
 pub use metrics::rmse_deg;
 pub use predictor::{Answer, Predictor, Samples};
-pub use report::{Setting, paired_difference, summarize, trained_on};
+pub use report::{Setting, summarize, trained_on};
 pub use rows::Row;
-pub use scores::{
-    CALIBRATION, CentralInterval, INTERVALS, Measure, PerJoint, ScenarioErrors, ScoredAs,
-};
+pub use scores::{Measure, ScenarioErrors};

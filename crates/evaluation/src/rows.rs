@@ -10,6 +10,7 @@ pub struct Row<'a> {
     pub trajectory: u64,
     /// Number of the joint, from 1.
     pub joint: usize,
+    /// The predictor's name.
     pub predictor: &'a str,
     values: [Option<f32>; Measure::ALL.len()],
 }
@@ -20,12 +21,13 @@ impl<'a> Row<'a> {
         Self { predictor, joint, ..Self::default() }
     }
 
-    /// `None` where there is no answer, for values that were not measured, and for those that need
-    /// more samples.
+    /// The value of a measure, as the score of the row's scenario and joint. `None` where there is
+    /// no answer, for values that were not measured, and for those that need more samples.
     pub const fn get(&self, measure: Measure) -> Option<f32> {
         self.values[measure as usize]
     }
 
+    /// Replaces the value of a measure.
     pub const fn set(&mut self, measure: Measure, value: Option<f32>) {
         self.values[measure as usize] = value;
     }

@@ -91,7 +91,7 @@ measures! {
 
 /// A central interval whose coverage and width are stored for each joint.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct CentralInterval {
+pub(crate) struct CentralInterval {
     /// The probability.
     pub nominal: f64,
     /// Share of the horizon inside the interval.
@@ -101,16 +101,16 @@ pub struct CentralInterval {
 }
 
 /// The central intervals that are measured.
-pub const INTERVALS: [CentralInterval; 2] = [
+pub(crate) const INTERVALS: [CentralInterval; 2] = [
     CentralInterval { nominal: 0.5, coverage: Measure::Coverage50, width_deg: Measure::Width50Deg },
     CentralInterval { nominal: 0.9, coverage: Measure::Coverage90, width_deg: Measure::Width90Deg },
 ];
 
 /// A number per joint, in f32 as in the stored table.
-pub type PerJoint = Vec<f32>;
+pub(crate) type PerJoint = Vec<f32>;
 
 /// Probabilities at which coverage is stored for all joints together.
-pub const CALIBRATION: [f64; 9] = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9];
+pub(crate) const CALIBRATION: [f64; 9] = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9];
 
 /// One predictor's errors on one scenario.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -124,18 +124,20 @@ pub struct ScenarioErrors {
 
 /// The robot and the settings of the scores.
 #[derive(Clone, Copy)]
-pub struct ScoredAs<'a> {
+pub(crate) struct ScoredAs<'a> {
+    /// Number of the robot's joints.
     pub joints: usize,
     /// Number of samples that the predictor computes at a time, if its answers have seams.
     pub patch: Option<usize>,
     /// Position limits of each joint; empty where they are not known.
     pub limits_rad: &'a [Range],
+    /// Measures jitter; `None` where no frequency lies above the band of the excitation.
     pub meter: Option<&'a JitterMeter>,
 }
 
 impl ScenarioErrors {
-    /// `truth`, `predicted` and each of `samples` are `[horizon, joint]` in rad.
-    pub fn new(
+    /// Scores an answer. `truth`, `predicted` and each of `samples` are `[horizon, joint]` in rad.
+    pub(crate) fn new(
         truth: &[f32],
         predicted: &[f32],
         samples: &[&[f32]],
@@ -164,7 +166,7 @@ impl ScenarioErrors {
 
     /// A number per joint. `None` if it was not measured, as in tables from before the measure
     /// existed.
-    pub fn get(&self, measure: Measure) -> Option<&PerJoint> {
+    pub(crate) fn get(&self, measure: Measure) -> Option<&PerJoint> {
         self.values[measure as usize].as_ref()
     }
 

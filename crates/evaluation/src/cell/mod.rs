@@ -1,3 +1,5 @@
+//! One cell of an evaluation: every predictor is asked the same question about the same scenarios.
+
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use series::{Observed, SeriesView};
@@ -12,10 +14,12 @@ use crate::{EvaluationError, Predictor};
 /// The errors of every predictor on the same scenarios of one cell.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CellResult {
+    /// Index of the cell in the evaluation, from 0.
     pub cell: usize,
-    /// The excitation family. It is `None`, like the frequency, for data without a frequency grid.
+    /// The excitation family; `None` for data without a frequency grid.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub family: Option<Family>,
+    /// The excitation's frequency; `None` for data without a frequency grid.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frequency_hz: Option<f64>,
     /// Standard deviation of the noise that was added to the positions of contexts, rad.
@@ -25,6 +29,7 @@ pub struct CellResult {
     pub first: u64,
     /// Joints of every robot.
     pub joints: usize,
+    /// The errors, in the order of the asked predictors.
     pub predictors: Vec<PredictorErrors>,
     /// The jitter of the measured motions, see [`measured_jitter_deg`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -45,11 +50,12 @@ pub struct CellResult {
 /// One predictor's errors on the scenarios of a cell, in order.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct PredictorErrors {
+    /// Its name, which the report's tables show.
     pub predictor: String,
-    /// Mean over joints. `None` without an answer.
+    /// RMSE of each scenario over horizon and joints; `None` without an answer.
     pub rmse_deg: Vec<Option<f64>>,
-    /// `None` without an answer. The table of [`Row`]s stores these errors, the JSON of a result
-    /// does not.
+    /// All measures of each scenario; `None` without an answer. The table of [`Row`]s stores them,
+    /// the JSON of a result does not.
     #[serde(skip)]
     pub scenarios: Vec<Option<ScenarioErrors>>,
     /// Squared error of each step of the horizon and each joint, summed over the scenarios with an
@@ -59,6 +65,7 @@ pub struct PredictorErrors {
     /// Mean of [`ScenarioErrors::calibration`] over the scenarios with an answer.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub calibration: Vec<f64>,
+    /// The scenarios without an answer; `None` if it answered all.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub failure: Option<Failure>,
     /// `None` where the predictor failed on the cell as a whole.
@@ -81,7 +88,7 @@ impl CellResult {
     }
 
     /// The share of scenarios within the torque limits. `None` where the limits are not known.
-    pub fn share_within_torque_limits(&self) -> Option<f64> {
+    pub(crate) fn share_within_torque_limits(&self) -> Option<f64> {
         let within = self.within_torque_limits.iter().filter(|within| **within).count();
         let all = self.within_torque_limits.len();
         (all > 0).then(|| within as f64 / all as f64)
@@ -105,6 +112,7 @@ pub struct Failure {
     pub scenarios: usize,
     /// The first of them, counted from 0 in the cell.
     pub first: usize,
+    /// Why the first of them has no answer.
     pub reason: String,
 }
 
@@ -114,6 +122,7 @@ pub struct Scoring {
     /// Samples of the recording before the window. Only predictors that continue their own earlier
     /// predictions use them.
     pub pre_roll: usize,
+    /// Number of samples with positions that a predictor observes.
     pub context: usize,
     /// Samples that are drawn from every generative predictor. Below 2 none are drawn.
     pub samples: usize,

@@ -7,7 +7,7 @@ use wire::{
 };
 
 use super::trial::{RobotTrials, Tracking, Trial};
-use crate::stratified_mean;
+use crate::bootstrap::stratified_mean;
 
 /// Summarizes the robots of a job. `controllers` has the order of the tables, and every robot has
 /// their trials.

@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use crate::metrics::LowPass;
+use super::low_pass::LowPass;
 
 /// The frequency above which the power of a prediction is jitter, Hz. It is 1.5 times the signal's
 /// highest component, and at least that component plus the width by which a series as short as the
@@ -20,7 +20,7 @@ pub fn band_edge_hz(highest_component_hz: f64, horizon: usize, rate_hz: f64) -> 
 }
 
 /// Measures the power of series above a frequency, before and after a low-pass at this frequency.
-pub struct JitterMeter {
+pub(crate) struct JitterMeter {
     spectrum: Spectrum,
     low_pass: LowPass,
 }

@@ -15,11 +15,13 @@ pub(crate) mod normal;
 mod rmse;
 
 pub use band::{highest_component_hz, occupied_band_hz};
-pub use continuity::{Continuity, continuity};
-pub use crps::crps;
-pub use energy_score::energy_score;
-pub use interval::{central_interval, least_samples};
-pub use jitter::{JitterMeter, band_edge_hz};
-pub use limits::{DIVERGED_DEG, beyond_limits_deg, has_diverged};
-pub use low_pass::LowPass;
-pub use rmse::{joint_rmse_deg, rmse_deg, squares_deg2};
+pub use jitter::band_edge_hz;
+pub use rmse::rmse_deg;
+
+pub(crate) use continuity::continuity;
+pub(crate) use crps::crps;
+pub(crate) use energy_score::energy_score;
+pub(crate) use interval::{central_interval, least_samples};
+pub(crate) use jitter::JitterMeter;
+pub(crate) use limits::{beyond_limits_deg, has_diverged};
+pub(crate) use rmse::{joint_rmse_deg, squares_deg2};

@@ -3,7 +3,8 @@
 use spec::{Bootstrap, Start};
 use wire::{Interval, PredictorInfo};
 
-use crate::{CellResult, stratified_mean};
+use crate::CellResult;
+use crate::bootstrap::stratified_mean;
 
 /// Whether a report has the difference between two predictors. `theirs` comes before `ours` in every
 /// table.

@@ -7,7 +7,6 @@ mod scores;
 mod shift;
 mod summary;
 
-pub use comparisons::paired_difference;
 pub use shift::trained_on;
 pub use summary::{Setting, summarize};
 
@@ -20,6 +19,7 @@ pub(crate) mod tests {
         TrainedOn, Warning, WorstCase,
     };
 
+    use super::comparisons::paired_difference;
     use super::*;
     use crate::{
         CellResult, EvaluationError, Failure, HoldLast, Predictor, Scoring, evaluate_cell,

@@ -4,10 +4,12 @@ use rayon::prelude::*;
 use spec::Bootstrap;
 use wire::{Calibration, Interval, IntervalSummary, PredictorInfo, PredictorScores};
 
+use crate::bootstrap::stratified_mean;
 use crate::scores::{
-    Aggregate, CentralInterval, INTERVALS, Measure, PerJoint, SUMMARIZED, ScenarioErrors,
+    Aggregate, CALIBRATION, CentralInterval, INTERVALS, Measure, PerJoint, SUMMARIZED,
+    ScenarioErrors,
 };
-use crate::{CALIBRATION, CellResult, PredictorErrors, stratified_mean};
+use crate::{CellResult, PredictorErrors};
 
 /// The scores of the predictors that answered everything, for each measure that exists.
 pub(super) fn scores(

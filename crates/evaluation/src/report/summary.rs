@@ -11,7 +11,8 @@ use super::by_shift::by_shift;
 use super::comparisons::{is_compared, paired_difference, rmse_deg};
 use super::scores::scores;
 use super::shift::{common, shift};
-use crate::{CellResult, EvaluationError, PredictorErrors, Rollouts, stratified_mean};
+use crate::bootstrap::stratified_mean;
+use crate::{CellResult, EvaluationError, PredictorErrors, Rollouts};
 
 /// Number of worst scenarios that are listed for each predictor.
 const WORST: usize = 10;
@@ -19,8 +20,11 @@ const WORST: usize = 10;
 /// The question of an evaluation.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Setting {
+    /// Number of observed samples.
     pub context: u32,
+    /// Number of predicted samples.
     pub horizon: u32,
+    /// Samples per second.
     pub rate_hz: f64,
     /// Number of samples that are drawn from each generative predictor.
     pub samples: u32,
@@ -28,6 +32,7 @@ pub struct Setting {
     pub data_noise: Option<DataNoise>,
     /// Seed of the dataset's simulation; `None` for recordings.
     pub seed: Option<u64>,
+    /// How intervals are resampled.
     pub bootstrap: Bootstrap,
     /// The data's excitation, where it is simulated.
     pub excitation: Option<Excitation>,
