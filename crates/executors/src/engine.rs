@@ -6,7 +6,9 @@ use crate::{Ask, End, EngineError, Kubernetes, PlacedWorker, Slurm};
 #[derive(Debug)]
 #[expect(clippy::large_enum_variant, reason = "a server has one")]
 pub enum Engine {
+    /// The commands of Slurm, on the machine of the server.
     Slurm(Slurm),
+    /// The API of the cluster that the server runs in or its kubeconfig names.
     Kubernetes(Box<Kubernetes>),
 }
 
@@ -23,7 +25,7 @@ impl Engine {
     ///
     /// # Errors
     /// When the engine does not answer, refuses or cannot be understood.
-    pub async fn workers(&self) -> Result<Vec<PlacedWorker>, EngineError> {
+    pub(crate) async fn workers(&self) -> Result<Vec<PlacedWorker>, EngineError> {
         match self {
             Self::Slurm(slurm) => slurm.workers().await,
             Self::Kubernetes(kubernetes) => kubernetes.workers().await,
@@ -34,7 +36,7 @@ impl Engine {
     ///
     /// # Errors
     /// Like [`Engine::workers`].
-    pub async fn ask(&self, ask: &Ask) -> Result<String, EngineError> {
+    pub(crate) async fn ask(&self, ask: &Ask) -> Result<String, EngineError> {
         match self {
             Self::Slurm(slurm) => slurm.ask(ask).await,
             Self::Kubernetes(kubernetes) => kubernetes.ask(ask).await,
@@ -45,7 +47,7 @@ impl Engine {
     ///
     /// # Errors
     /// Like [`Engine::workers`]. A worker that is already gone is no error.
-    pub async fn let_go(&self, name: &str, identifier: &str) -> Result<(), EngineError> {
+    pub(crate) async fn let_go(&self, name: &str, identifier: &str) -> Result<(), EngineError> {
         match self {
             Self::Slurm(slurm) => slurm.let_go(identifier).await,
             Self::Kubernetes(kubernetes) => kubernetes.let_go(name).await,
@@ -53,7 +55,7 @@ impl Engine {
     }
 
     /// How a worker ended that the engine no longer shows; `None` if the engine does not remember.
-    pub async fn remembers(&self, name: &str) -> Option<End> {
+    pub(crate) async fn remembers(&self, name: &str) -> Option<End> {
         match self {
             Self::Slurm(slurm) => slurm.remembers(name).await,
             // A Job that was deleted is forgotten.

@@ -1,3 +1,5 @@
+//! Failed requests to an engine, and what they say about it.
+
 use std::io;
 use std::time::Duration;
 

@@ -15,6 +15,8 @@
 //! Local workers are child processes whose standard input the server holds. When the server dies,
 //! however it dies, they read the end of it and stop.
 
+#![warn(missing_docs)]
+
 mod autoscaler;
 mod backoff;
 mod engine;
@@ -29,12 +31,13 @@ mod resources;
 mod slurm;
 mod worker_command;
 
+pub(crate) use error::EngineError;
+pub(crate) use request::{Ask, Cause, End, Phase, PlacedWorker};
+
 pub use autoscaler::{Autoscaler, Settings};
 pub use engine::Engine;
-pub use error::EngineError;
 pub use kubernetes::{Kubernetes, TemplateError};
 pub use local::{GAVE_UP, WorkerProcesses};
 pub use plan::{Action, Bounds, KnownWorker, SETTLED_AFTER, WorkerState, plan};
-pub use request::{Ask, Cause, End, Phase, PlacedWorker};
 pub use slurm::Slurm;
 pub use worker_command::{SERVERS_TOKEN, WorkerCommand, new_name, prefix};

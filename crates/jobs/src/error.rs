@@ -13,7 +13,12 @@ pub enum SubmissionError {
     Spec(SpecError),
     /// A job that cannot be tried again.
     #[error("job {id} is {state}; only failed and cancelled jobs can be retried")]
-    NotFailed { id: JobId, state: JobState },
+    NotFailed {
+        /// The job.
+        id: JobId,
+        /// Its state.
+        state: JobState,
+    },
     /// The store could not be read or written.
     #[error(transparent)]
     Store(#[from] StoreError),

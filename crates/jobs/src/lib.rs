@@ -28,6 +28,8 @@
 //! (`reindex`). Each job is submitted under its old id, and its tasks are completed with these
 //! files, through the operations that workers use. No row is made in another way.
 
+#![warn(missing_docs)]
+
 mod checkpoints;
 mod control;
 mod data;

@@ -30,6 +30,7 @@ pub fn idempotency(text: &[u8], reuse: Reuse, key: String) -> Idempotency {
 /// A job that can be tried again: its spec as it is stored, and its labels.
 pub struct Retried {
     spec: Value,
+    /// The labels that its next attempt gets as well.
     pub labels: Labels,
 }
 

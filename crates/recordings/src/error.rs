@@ -1,3 +1,5 @@
+//! The errors of an import.
+
 use std::fmt;
 use std::io;
 use std::process::ExitStatus;
@@ -14,6 +16,7 @@ pub enum ImportError {
     #[error("the file cannot be imported: {0}")]
     File(String),
 
+    /// A fault of one row.
     #[error(transparent)]
     Row(#[from] RowError),
 
@@ -21,25 +24,43 @@ pub enum ImportError {
     #[error("{0}")]
     Undecodable(String),
 
+    /// The decoder reached [`MEMORY_BYTES`].
     #[error(
         "{file:?} cannot be imported: reading it took more than {} MiB of memory; write it with \
          smaller row groups and pages",
         MEMORY_BYTES >> 20
     )]
-    Memory { file: String },
+    Memory {
+        /// The file's name.
+        file: String,
+    },
 
+    /// The decoder worked on one batch of rows for longer than [`BATCH_SECONDS`].
     #[error(
         "{file:?} cannot be imported: reading the next rows took more than {BATCH_SECONDS} s of \
          processor time; write the file again"
     )]
-    Time { file: String },
+    Time {
+        /// The file's name.
+        file: String,
+    },
 
+    /// The decoder ended in another way, for example because of a fault of its own.
     #[error("{file:?} cannot be imported: the process that read it ended by {status} ({said})")]
-    Died { file: String, status: ExitStatus, said: String },
+    Died {
+        /// The file's name.
+        file: String,
+        /// Its exit code or signal.
+        status: ExitStatus,
+        /// Its messages on standard error, on one line.
+        said: String,
+    },
 
+    /// The system could not start the decoder.
     #[error("the file cannot be imported: no process could be started to read it")]
     Start(#[source] io::Error),
 
+    /// The decoder's rows could not be read.
     #[error("the file cannot be imported: the process that read it sent invalid data")]
     Pipe(#[from] io::Error),
 }
@@ -120,7 +141,7 @@ mod tests {
 
     /// A job shows an error with its causes.
     #[test]
-    fn what_is_wrong_in_a_row_is_told_once() {
+    fn the_fault_of_a_row_is_shown_once() {
         let (found, allowed) = ("nothing".to_owned(), "a value in every row".to_owned());
         let row = RowError {
             recording: None,

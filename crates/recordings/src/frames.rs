@@ -84,6 +84,7 @@ pub struct Frames<R> {
 }
 
 impl<R: Read> Frames<R> {
+    /// Reads the rows of a file that was sent for `spec`.
     pub fn new(frames: R, spec: &ImportSpec) -> Self {
         Self {
             frames,

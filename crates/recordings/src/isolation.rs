@@ -12,6 +12,7 @@ use std::fmt;
 pub enum Mechanism {
     /// A filter of system calls.
     Seccomp,
+    /// Rules for the file system, sockets and signals.
     Landlock,
 }
 

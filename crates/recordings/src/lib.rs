@@ -6,6 +6,8 @@
 //! which has no secrets, can open no other file and no connection, and returns rows over a pipe.
 //! [`Conversion`] turns them into trajectories.
 
+#![warn(missing_docs)]
+
 mod confinement;
 mod conversion;
 mod decoder;

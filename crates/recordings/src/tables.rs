@@ -23,7 +23,9 @@ pub struct ImportedTrajectories {
 /// The schemas of both tables.
 #[derive(Clone, Debug)]
 pub struct TableSchemas {
+    /// The schema of [`ImportedTrajectories::samples`].
     pub samples: SchemaRef,
+    /// The schema of [`ImportedTrajectories::table`].
     pub table: SchemaRef,
 }
 

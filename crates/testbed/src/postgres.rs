@@ -22,7 +22,9 @@ const LINGER_SECONDS: u32 = 10;
 /// get.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Durability {
+    /// It survives, as for a user: the server syncs every commit to disk.
     Full,
+    /// It does not: nothing is synced.
     None,
 }
 

@@ -5,6 +5,7 @@ use k8s_openapi::api::core::v1::{Container, PodSpec};
 
 /// Why a template cannot be used.
 #[derive(Debug, thiserror::Error)]
+#[expect(missing_docs, reason = "messages say what the variants mean")]
 pub enum TemplateError {
     #[error("it is not a Job of batch/v1")]
     Unreadable(#[source] serde_saphyr::Error),
@@ -26,6 +27,8 @@ pub enum TemplateError {
 /// The name of the worker's container if there are several containers.
 const WORKER: &str = "worker";
 
+/// The Job of a template, in YAML.
+///
 /// # Errors
 /// When the text is not one Job with a container for the worker.
 pub fn read(yaml: &str) -> Result<Job, TemplateError> {

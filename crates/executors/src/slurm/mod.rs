@@ -18,6 +18,7 @@ use program::Program;
 pub struct Slurm {
     /// The store's identity.
     pub store: String,
+    /// The command that a node runs, and its environment.
     pub command: WorkerCommand,
     /// Options that the operator adds to `sbatch`, such as `--partition=lab`.
     pub options: Vec<String>,

@@ -81,6 +81,7 @@ pub struct Rebuilt {
 
 /// Why no database was rebuilt.
 #[derive(Debug, Error)]
+#[expect(missing_docs, reason = "messages say what variants and their fields mean")]
 pub enum ReindexError {
     #[error(
         "the database has job {0}; only a database without jobs can be rebuilt: choose a data \
