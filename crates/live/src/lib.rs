@@ -5,6 +5,8 @@
 //! Questions and streams each have a queue and a pool of threads, with one prediction at a time. A
 //! panic fails that prediction alone, and a dropped request interrupts it.
 
+#![warn(missing_docs)]
+
 mod cache;
 mod loaded;
 mod queues;
@@ -24,7 +26,7 @@ use loaded::Loaded;
 use queues::LiveQueues;
 
 /// Number of models that are kept loaded.
-pub const LOADED_MODELS: usize = 8;
+const LOADED_MODELS: usize = 8;
 
 /// Default limit of the weights that are kept loaded, in bytes.
 pub const LOADED_BYTES: u64 = 2 << 30;
