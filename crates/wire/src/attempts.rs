@@ -8,12 +8,15 @@ use crate::{AttemptOutcome, ListCell, ListColumn, Tabled};
 /// One attempt of a worker at a task.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Attempt {
+    /// Grows from attempt to attempt.
     pub id: i64,
+    /// The id of the task.
     pub task: i64,
     /// The task's label, e.g. `shard 00003`.
     pub label: String,
     /// The fencing number of its lease.
     pub epoch: i64,
+    /// The name of the worker.
     pub worker: String,
     /// Missing while the attempt is running.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -21,7 +24,9 @@ pub struct Attempt {
     /// Why it failed, or why the worker had to give the task back.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
+    /// When the worker claimed the task.
     pub started_at: String,
+    /// When it ended. Missing while it is running.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ended_at: Option<String>,
     /// Path of its log. Missing while nothing was logged, and for old attempts, whose logs are
@@ -51,6 +56,7 @@ impl Tabled for Attempt {
 /// A page of attempts, newest first.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Attempts {
+    /// The attempts of the page.
     pub attempts: Vec<Attempt>,
     /// The `before` of the following page.
     pub next: Option<i64>,

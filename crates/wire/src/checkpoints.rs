@@ -12,9 +12,11 @@ use crate::{Checkpoints, List, ListCell, ListColumn, Listed, Sort, Tabled};
 /// The weights of a model after some steps of training, with everything that is needed to resume.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Checkpoint {
+    /// The id that specs, paths and commands refer to it by.
     pub id: i64,
-    /// The training.
+    /// The training that wrote it.
     pub job: i64,
+    /// The run of that training.
     pub run: i64,
     /// The name that users gave it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -44,9 +46,12 @@ pub struct Checkpoint {
     pub metrics: BTreeMap<String, f64>,
     /// The digest of the training's spec.
     pub digest: Digest,
+    /// The kind of the model in the training's spec.
     #[schema(example = "robomorph")]
     pub architecture: String,
+    /// Its weights, its configuration and, to resume the training, the state of the optimizer.
     pub files: Vec<StoredFile>,
+    /// When it was written.
     pub created_at: String,
 }
 
@@ -107,9 +112,11 @@ impl Listed for Checkpoint {
 /// A file that can be downloaded.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct StoredFile {
+    /// The name of the file.
     pub name: String,
     /// Size in bytes.
     pub size: u64,
+    /// SHA-256 of its bytes.
     pub sha256: Digest,
     /// Path of the download.
     pub url: String,

@@ -12,15 +12,21 @@ use crate::{Interval, PredictorKind, Warning};
 /// The result of a control job.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ControlReport {
+    /// Number of robots, the same for every controller.
     pub robots: u64,
     /// Number of control samples per robot.
     pub steps: u32,
+    /// Control samples per second.
     pub rate_hz: f64,
     /// Samples of excitation before control begins.
     pub context: u32,
+    /// The path that the robots should follow.
     pub path: ControlPath,
+    /// How the controllers plan their torques.
     pub planner: Planner,
+    /// How the intervals are resampled.
     pub bootstrap: Bootstrap,
+    /// The controllers, in the order of every table.
     pub controllers: Vec<ControllerSummary>,
     /// Differences between controllers. Each checkpoint is compared with every controller before
     /// it, and each other controller with the one before it.
@@ -35,7 +41,9 @@ pub struct ControlReport {
 /// The name of a controller, its kind and its training.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ControllerInfo {
+    /// The name in tables.
     pub name: String,
+    /// Whether it plans with a baseline or with a checkpoint.
     pub kind: PredictorKind,
     /// The digest of the spec that trained a checkpoint.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -46,6 +54,7 @@ measures! {
     /// Means over robots. They are missing for a controller that failed on any robot.
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
     pub struct ControllerSummary {
+        /// The controller.
         #[serde(flatten)]
         pub info: ControllerInfo,
         /// RMS tracking error, mean over joints, in degrees.
@@ -80,7 +89,9 @@ measures! {
 /// Computing times of plans, measured while the machine also did other work.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct PlanTime {
+    /// Median of the times, ms.
     pub median_ms: f64,
+    /// 99th percentile of the times, ms.
     pub p99_ms: f64,
     /// Number of threads that computed.
     pub threads: u64,
@@ -89,7 +100,9 @@ pub struct PlanTime {
 /// The difference between two controllers on the same robots.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ControlDifference {
+    /// The name of one controller.
     pub controller: String,
+    /// The name of the other.
     pub against: String,
     /// RMS tracking error of `controller` minus that of `against`. Negative is better.
     pub difference_deg: Interval,

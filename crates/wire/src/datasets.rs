@@ -13,6 +13,7 @@ use crate::{
 /// Trajectories of robots, simulated or recorded, as Parquet files.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Dataset {
+    /// The id that specs, paths and commands refer to it by.
     pub id: i64,
     /// The simulation or import that fills it.
     pub job: i64,
@@ -29,7 +30,9 @@ pub struct Dataset {
     pub job_tags: Vec<String>,
     /// The digest of the job's spec.
     pub digest: Digest,
+    /// Whether all of its shards exist.
     pub state: DatasetState,
+    /// The spec of its job.
     #[schema(value_type = JobSpec)]
     pub spec: Value,
     /// Number of trajectories of the complete dataset; 0 for an import that has not ended.
@@ -44,14 +47,18 @@ pub struct Dataset {
     pub files: Vec<DatasetFile>,
     /// The newest verification. Left out in a list of datasets.
     pub verification: Option<Verification>,
+    /// When its job was submitted.
     pub created_at: String,
+    /// When its last shard was written. `null` before.
     pub completed_at: Option<String>,
 }
 
 /// A file of a dataset.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct DatasetFile {
+    /// The name of the file.
     pub name: String,
+    /// What the file is.
     pub content: FileKind,
     /// The shard of the file. Missing for `dataset.json`, which describes all shards.
     pub shard: Option<u32>,
@@ -59,6 +66,7 @@ pub struct DatasetFile {
     pub rows: Option<u64>,
     /// Size in bytes.
     pub size: u64,
+    /// SHA-256 of its bytes.
     pub sha256: Digest,
     /// Path of the download.
     pub url: String,

@@ -8,18 +8,21 @@ use crate::PredictorKind;
 /// The figures of single predictions that an evaluation has.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DrawnPredictions {
-    /// The predictor with the smallest mean RMSE, a checkpoint if there is one. The scenarios are its worst, its median and
-    /// its best one.
+    /// The predictor with the smallest mean RMSE, a checkpoint if there is one. The scenarios are
+    /// its worst, its median and its best one.
     pub model: String,
     /// The predictors in the figures: the model, other checkpoints, baselines.
     pub predictors: Vec<DrawnPredictor>,
+    /// The scenarios, the worst one first.
     pub scenarios: Vec<DrawnScenario>,
 }
 
 /// A predictor whose predictions are drawn.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DrawnPredictor {
+    /// The name in tables and figures.
     pub name: String,
+    /// What answers.
     pub kind: PredictorKind,
     /// The digest of the spec that a checkpoint was trained by.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -32,11 +35,14 @@ pub struct DrawnPredictor {
 /// A scenario that is drawn.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DrawnScenario {
+    /// Its place among all scenarios.
     pub rank: ScenarioRank,
     /// The artifact with its figure; `.csv` in place of `.svg` has the numbers.
     pub figure: String,
+    /// The excitation family of its cell. Missing for data without a frequency grid.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub family: Option<Family>,
+    /// The frequency of its cell, Hz. Missing for data without a frequency grid.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frequency_hz: Option<f64>,
     /// Standard deviation of the noise that was added to the positions of the context, rad.
@@ -54,12 +60,16 @@ pub struct DrawnScenario {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ScenarioRank {
+    /// The largest RMSE.
     Worst,
+    /// The RMSE in the middle.
     Median,
+    /// The smallest RMSE.
     Best,
 }
 
 impl ScenarioRank {
+    /// The word in JSON.
     pub const fn as_str(self) -> &'static str {
         match self {
             Self::Worst => "worst",

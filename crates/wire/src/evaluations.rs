@@ -13,7 +13,9 @@ use crate::{
 /// A comparison of predictors. It has the id of its job.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Evaluation {
+    /// The id of its job.
     pub id: i64,
+    /// The run that has its files.
     pub run: i64,
     /// The name of its job. Note and tags are also those of the job.
     pub name: String,
@@ -23,20 +25,26 @@ pub struct Evaluation {
     /// Its tags, sorted.
     #[serde(default)]
     pub tags: Vec<String>,
+    /// The digest of its spec.
     pub digest: Digest,
+    /// The state of its job.
     pub state: JobState,
+    /// Why the job failed or was cancelled.
     pub error: Option<String>,
     /// The mean errors of the best predictors, when all cells are evaluated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub headline: Option<Headline>,
+    /// The spec of its job.
     #[schema(value_type = JobSpec)]
     pub spec: Value,
     /// The report, when all cells are evaluated. Left out in a list of evaluations.
     pub report: Option<Report>,
+    /// The cells, in the order of the evaluation.
     pub cells: Vec<CellTask>,
     /// The files of the evaluation: the table of each cell, the report, the table of all scenarios,
     /// and figures with their tables.
     pub artifacts: Vec<Artifact>,
+    /// When it was submitted.
     pub created_at: String,
 }
 
@@ -44,9 +52,12 @@ pub struct Evaluation {
 /// frequency grid.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct CellTask {
+    /// The id of the task.
     pub task: i64,
+    /// The excitation and its frequency.
     #[schema(example = "multisine 0.15 Hz")]
     pub label: String,
+    /// The state of the task.
     pub state: TaskState,
     /// Why the task or its last attempt failed.
     pub error: Option<String>,

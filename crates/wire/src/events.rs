@@ -11,6 +11,7 @@ use crate::{DeletionChange, ItemKind, JobState, Member, Progress, TaskState};
 /// they do not know.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(tag = "event", rename_all = "lowercase")]
+#[expect(missing_docs, reason = "the type of each variant says what happened")]
 pub enum Event {
     Job(JobEvent),
     Task(TaskEvent),
@@ -27,26 +28,40 @@ pub enum Event {
 pub struct JobEvent {
     /// Ids grow in the order of events.
     pub id: i64,
+    /// When it happened.
     pub at: String,
+    /// The id of the job.
     pub job: i64,
+    /// The kind of the job.
     pub kind: JobKind,
+    /// The name of the job.
     pub name: String,
+    /// The job's new state.
     pub state: JobState,
     /// Why the job failed or was cancelled.
     pub error: Option<String>,
+    /// Whether somebody asked for its cancellation.
     pub cancel_requested: bool,
 }
 
 /// A worker began a task, or the task ended. The state is `queued` again when the task is retried.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct TaskEvent {
+    /// Ids grow in the order of events.
     pub id: i64,
+    /// When it happened.
     pub at: String,
+    /// The id of the job.
     pub job: i64,
+    /// The id of the task.
     pub task: i64,
+    /// The task's label, e.g. `shard 00003`.
     pub label: String,
+    /// The task's new state.
     pub state: TaskState,
+    /// Number of claims since the task last made progress.
     pub attempt: u32,
+    /// The worker that has the task, or had it last.
     pub worker: Option<String>,
     /// The error of the last attempt that failed.
     pub error: Option<String>,
@@ -55,9 +70,13 @@ pub struct TaskEvent {
 /// A run recorded metrics. There is one event for all metrics that a worker wrote at once.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct MetricsEvent {
+    /// Ids grow in the order of events.
     pub id: i64,
+    /// When it happened.
     pub at: String,
+    /// The job of the run.
     pub job: i64,
+    /// The id of the run.
     pub run: i64,
     /// The largest step among them.
     pub step: u64,
@@ -66,13 +85,21 @@ pub struct MetricsEvent {
 /// A training wrote a checkpoint.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct CheckpointEvent {
+    /// Ids grow in the order of events.
     pub id: i64,
+    /// When it happened.
     pub at: String,
+    /// The training.
     pub job: i64,
+    /// The run of the training.
     pub run: i64,
+    /// The id of the checkpoint.
     pub checkpoint: i64,
+    /// Optimizer steps taken.
     pub step: u64,
+    /// Whether the training ended with it.
     pub is_final: bool,
+    /// Whether it has the best validation so far.
     pub is_best: bool,
 }
 
@@ -80,13 +107,17 @@ pub struct CheckpointEvent {
 /// with it has its own event.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct DeletionEvent {
+    /// Ids grow in the order of events.
     pub id: i64,
+    /// When it happened.
     pub at: String,
     /// The item itself if it is a job, and otherwise the job that made it.
     pub job: i64,
     /// The kind of the item.
     pub item: ItemKind,
+    /// The id of the item among those of its kind.
     pub item_id: i64,
+    /// What happened to the item.
     pub change: DeletionChange,
 }
 
@@ -94,10 +125,15 @@ pub struct DeletionEvent {
 /// a second. It is not kept and has no id.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct JobProgress {
+    /// The id of the job.
     pub job: i64,
+    /// The state of the job.
     pub state: JobState,
+    /// Why the job failed or was cancelled.
     pub error: Option<String>,
+    /// Whether somebody asked for its cancellation.
     pub cancel_requested: bool,
+    /// The work done so far.
     pub progress: Progress,
     /// Why its queued tasks wait, besides waiting for their turn.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -119,8 +155,11 @@ pub struct EventGap {
 /// The job has its final state, and its stream ends. Do not connect again.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct EventEnd {
+    /// The id of the job.
     pub job: i64,
+    /// `succeeded`, `failed` or `cancelled`.
     pub state: JobState,
+    /// Why the job failed or was cancelled.
     pub error: Option<String>,
 }
 

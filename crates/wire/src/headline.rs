@@ -1,3 +1,5 @@
+//! The key result of an evaluation.
+
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -12,23 +14,29 @@ use crate::{PredictorInfo, PredictorKind, PredictorSummary, Report};
 pub struct Headline {
     /// The group of cells that the errors are means over. Empty for an evaluation without cells.
     pub group: String,
+    /// The best predictor of each kind: checkpoint, file of predictions, baseline. A kind without
+    /// predictors is left out.
     pub best: Vec<MeanError>,
 }
 
 /// The RMSE of a predictor, a mean over scenarios.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct MeanError {
+    /// The name of the predictor.
     pub predictor: String,
+    /// Its RMSE over the horizon, degrees.
     pub rmse_deg: f64,
 }
 
 /// The result of an evaluation's last task.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct EvaluationResult {
+    /// The best predictors.
     pub headline: Headline,
 }
 
 impl Headline {
+    /// The headline of a report: its first group, which is the one in distribution if there is one.
     pub fn of(report: &Report) -> Self {
         let Some(group) = report.groups.first() else { return Self::default() };
         let best = |kind: PredictorKind| {

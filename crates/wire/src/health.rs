@@ -25,6 +25,7 @@ pub struct Health {
 /// The answer of a server that is ready for requests.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Readiness {
+    /// Always `ready`.
     #[schema(example = "ready")]
     pub status: String,
 }

@@ -7,10 +7,13 @@ use utoipa::ToSchema;
 /// Counts in the result of an import's task, under `import`.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct ImportCounts {
+    /// Rows of the file.
     pub rows: u64,
+    /// Recordings in the file.
     pub recordings: u64,
     /// Recordings that were too short for a trajectory.
     pub dropped_recordings: u64,
+    /// Trajectories of the dataset.
     pub trajectories: u64,
     /// Samples at the dataset's rate that are not part of any trajectory.
     pub dropped_samples: u64,

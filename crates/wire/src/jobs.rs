@@ -10,7 +10,9 @@ use crate::{JobState, Jobs, List, ListCell, ListColumn, Listed, Sort, Tabled};
 /// A job, with its progress and its results.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Job {
+    /// The id that paths and commands refer to it by.
     pub id: i64,
+    /// The kind of work.
     pub kind: JobKind,
     /// The name that users gave it, or the name in its spec.
     pub name: String,
@@ -20,15 +22,19 @@ pub struct Job {
     /// Its tags, sorted.
     #[serde(default)]
     pub tags: Vec<String>,
+    /// Whether it waits, runs or has ended.
     pub state: JobState,
     /// Why it failed or was cancelled.
     pub error: Option<String>,
+    /// The digest of its spec, without `execution`. Jobs with the same digest have the same
+    /// results.
     pub digest: Digest,
     /// The spec with every default filled in and every reference resolved to a digest.
     #[schema(value_type = JobSpec)]
     pub spec: Value,
     /// Warnings about values of the spec that are allowed but doubtful: field, value and reason.
     pub warnings: Vec<String>,
+    /// The work done so far.
     pub progress: Progress,
     /// Jobs that must succeed first.
     pub needs: Vec<i64>,
@@ -42,6 +48,7 @@ pub struct Job {
     pub run: Option<i64>,
     /// The checkpoints that a training has made so far, oldest first.
     pub checkpoints: Vec<i64>,
+    /// Tasks of jobs with a higher priority come first.
     pub priority: i32,
     /// Number of times that a task may be claimed before it fails.
     pub max_attempts: u32,
@@ -61,9 +68,11 @@ pub struct Job {
     pub waits_for: Option<String>,
     /// Whether the job ends as soon as its workers notice.
     pub cancel_requested: bool,
-    /// RFC 3339 in UTC, like all times.
+    /// When it was submitted: RFC 3339 in UTC, like all times.
     pub created_at: String,
+    /// When its first task began. `null` before.
     pub started_at: Option<String>,
+    /// When it ended. `null` before.
     pub finished_at: Option<String>,
     /// Seconds from the start to the end.
     pub duration_seconds: Option<f64>,
@@ -72,12 +81,15 @@ pub struct Job {
 /// Work done and total work. For a pipeline: jobs that succeeded and all its jobs.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Progress {
+    /// The work done, in `unit`.
     pub done: u64,
-    /// 0 while it is not known.
+    /// All of the work, in `unit`. It is 0 while it is not known.
     pub total: u64,
     /// The unit of the counts, e.g. `trajectories`.
     pub unit: String,
+    /// Work per second of the running tasks, in `unit`. `null` while nothing is measured.
     pub rate_per_second: Option<f64>,
+    /// A message of a running task.
     pub message: Option<String>,
 }
 
@@ -93,11 +105,17 @@ impl Progress {
 /// A job of a pipeline.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Member {
+    /// The name in the pipeline, by which other members refer to it.
     pub name: String,
+    /// The id of the job.
     pub job: i64,
+    /// The kind of work.
     pub kind: JobKind,
+    /// Whether it waits, runs or has ended.
     pub state: JobState,
+    /// Why it failed or was cancelled.
     pub error: Option<String>,
+    /// The work done so far.
     pub progress: Progress,
     /// Why its queued tasks wait, besides waiting for their turn.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -40,10 +40,12 @@ pub enum TextChange {
     Nothing,
     /// The field is `null`, so the text is removed.
     Remove,
+    /// The text replaces the present one.
     Set(String),
 }
 
 impl TextChange {
+    /// Whether the text stays as it is.
     pub const fn is_nothing(&self) -> bool {
         matches!(self, Self::Nothing)
     }

@@ -10,6 +10,8 @@
 //! which they run, it is the following page's `after`. In logs it is also `after`, and every page
 //! has it. Readers ignore fields that they do not know.
 
+#![warn(missing_docs)]
+
 mod access;
 mod attempts;
 mod checkpoints;

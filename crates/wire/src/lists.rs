@@ -16,11 +16,13 @@ pub trait Tabled: Sized + 'static {
 
 /// A resource with a list. Its [`Tabled::COLUMNS`] come between the name and the tags.
 pub trait Listed: Tabled {
+    /// The list's name, filters and orders.
     const LIST: List;
 
     /// The answer of the API to a request for a page.
     type Page: ListPage<Item = Self>;
 
+    /// The id, which is the first column.
     fn id(&self) -> i64;
 
     /// The name; empty if it has none.
@@ -32,8 +34,10 @@ pub trait Listed: Tabled {
 
 /// A page of a list.
 pub trait ListPage: DeserializeOwned {
+    /// The resource.
     type Item;
 
+    /// A page of `items`. `next` is the `cursor` of the following page; `None` on the last one.
     fn new(items: Vec<Self::Item>, next: Option<String>) -> Self;
 
     /// The items, and the `cursor` of the following page.
@@ -62,23 +66,32 @@ pub struct List {
 /// A column of a table.
 #[derive(Debug)]
 pub struct ListColumn<T> {
+    /// Its name on the page and in the terminal.
     pub heading: &'static str,
     /// Whether its cells are numbers, which are aligned at the right edge.
     pub is_number: bool,
+    /// Its content for an item.
     pub cell: fn(&T) -> ListCell,
 }
 
 /// The content of a cell. The page and the command line choose its form.
 #[derive(Clone, Debug, PartialEq)]
 pub enum ListCell {
+    /// There is no value.
     Missing,
+    /// Words.
     Text(String),
     /// The word of a state, with the state of a job by which it is coloured.
     State(JobState, &'static str),
+    /// A whole number of things.
     Count(u64),
+    /// A size.
     Bytes(u64),
+    /// An angle in degrees.
     Degrees(f64),
+    /// The best predictors of an evaluation.
     Headline(Headline),
+    /// A part of 100.
     Percent(f64),
     /// The done part of a whole number.
     Part(u64, u64),
@@ -97,24 +110,29 @@ impl List {
 }
 
 impl<T> ListColumn<T> {
+    /// A column aligned at the left edge.
     pub const fn words(heading: &'static str, cell: fn(&T) -> ListCell) -> Self {
         Self { heading, is_number: false, cell }
     }
 
+    /// A column aligned at the right edge.
     pub const fn number(heading: &'static str, cell: fn(&T) -> ListCell) -> Self {
         Self { heading, is_number: true, cell }
     }
 }
 
 impl ListCell {
+    /// Words from anything that displays itself.
     pub fn text(text: impl Display) -> Self {
         Self::Text(text.to_string())
     }
 
+    /// The word and the colour of a job's state.
     pub fn state(state: JobState) -> Self {
         Self::State(state, state.as_str())
     }
 
+    /// A time in RFC 3339.
     pub fn moment(time: &str) -> Self {
         Self::Moment(time.to_owned())
     }
@@ -147,6 +165,7 @@ macro_rules! list_pages {
         $(#[$about])*
         #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize, utoipa::ToSchema)]
         pub struct $Page {
+            /// The items of the page.
             pub $items: Vec<crate::$Item>,
             /// The `cursor` of the following page; `null` on the last one.
             pub next: Option<String>,

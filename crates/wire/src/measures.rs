@@ -8,12 +8,15 @@ use crate::Interval;
 pub struct Measure<T> {
     /// The name of the field, which is also its name in JSON.
     pub name: &'static str,
+    /// The table that shows it.
     pub topic: Topic,
     /// The heading of its column.
     pub title: &'static str,
+    /// The unit of its values.
     pub unit: Unit,
     /// The documentation of the field.
     pub about: &'static str,
+    /// Its value in a `T`.
     pub get: fn(&T) -> Measured,
 }
 
@@ -35,9 +38,13 @@ pub enum Topic {
 /// The unit of a measure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Unit {
+    /// An angle in degrees.
     Degrees,
+    /// An angle in radians.
     Radians,
+    /// A torque.
     NewtonMetres,
+    /// A time.
     Milliseconds,
     /// A part of 1, shown in percent.
     Share,
@@ -65,7 +72,9 @@ impl Unit {
 pub enum Measured {
     /// It was not measured.
     Missing,
+    /// A single value.
     Number(f64),
+    /// A mean over scenarios or robots, with its interval.
     Mean(Interval),
 }
 

@@ -15,6 +15,7 @@ pub struct PredictionRequest {
     /// At least one scenario. The answers have the same order. A scenario with `futures` has one
     /// answer for each of them.
     pub scenarios: Vec<ObservedScenario>,
+    /// Whether to answer with one prediction or with samples.
     #[serde(default)]
     pub sampling: PredictionSampling,
     /// Standard deviation of the noise of `y`, rad, 0 to 0.1. Models that fit motions use it to
@@ -68,11 +69,13 @@ pub struct PredictionSampling {
 /// The prediction of a checkpoint.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Prediction {
+    /// The model and its device.
     #[serde(flatten)]
     pub model: PredictingModel,
     /// One prediction for each scenario of the request, or for each of its futures, in the same
     /// order.
     pub scenarios: Vec<PredictedScenario>,
+    /// How long the parts of the answer took.
     pub latency_ms: PredictionLatency,
     /// Data outside the checkpoint's training data, contexts without information, and predictions
     /// beyond the joints' limits.
@@ -83,11 +86,13 @@ pub struct Prediction {
 /// The model that predicts, and the device that computes it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct PredictingModel {
+    /// The id of the checkpoint.
     pub checkpoint: i64,
     /// The digest of the training's spec.
     pub digest: Digest,
     /// The digest of the weights file.
     pub weights: Option<Digest>,
+    /// Samples per second of the context and of the prediction.
     pub rate_hz: f64,
     /// The name of the device, as `serve --device` takes it.
     #[schema(example = "cpu")]
@@ -101,6 +106,7 @@ pub struct PredictingModel {
 pub struct PredictedScenario {
     /// Joint positions of the horizon `[horizon][joint]`, rad. With several samples, their mean.
     pub y: Vec<Vec<f32>>,
+    /// The quantiles that the request asks for, in its order.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub quantiles: Vec<PredictedQuantile>,
     /// `[samples][horizon][joint]`, rad, if the request asks for them.
@@ -111,6 +117,7 @@ pub struct PredictedScenario {
 /// A quantile of each position by itself, with linear interpolation between samples.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct PredictedQuantile {
+    /// The probability, between 0 and 1.
     pub quantile: f64,
     /// Joint positions `[horizon][joint]`, rad.
     pub y: Vec<Vec<f32>>,
@@ -123,5 +130,6 @@ pub struct PredictionLatency {
     pub load: f64,
     /// Waiting in the queue for the computation.
     pub queue: f64,
+    /// The computation itself.
     pub compute: f64,
 }

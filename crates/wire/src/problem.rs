@@ -14,6 +14,7 @@ pub struct Problem {
     pub kind: String,
     /// The type in words.
     pub title: String,
+    /// The HTTP status of the answer.
     pub status: u16,
     /// Says what was wrong with this request, and what is allowed.
     pub detail: String,

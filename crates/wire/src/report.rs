@@ -17,7 +17,9 @@ pub struct Report {
     pub context: u32,
     /// Number of samples that it had to predict.
     pub horizon: u32,
+    /// Samples per second.
     pub rate_hz: f64,
+    /// How the intervals are resampled.
     pub bootstrap: Bootstrap,
     /// Number of samples drawn from each predictor that can give several.
     pub samples: u32,
@@ -28,8 +30,11 @@ pub struct Report {
     pub predictors: Vec<PredictorInfo>,
     /// The frequencies on which all checkpoints were trained. Cells with these are in distribution.
     pub in_distribution: Vec<TrainedOn>,
+    /// The cells, in the order of the evaluation.
     pub cells: Vec<CellSummary>,
+    /// Means over cells: in distribution, out of distribution, and those without a frequency.
     pub groups: Vec<GroupSummary>,
+    /// Differences of predictors on the same scenarios, for each group.
     pub paired: Vec<PairedDifference>,
     /// Predictors without an answer to some scenarios of a cell. They have no mean over that cell
     /// or over a group with it.
@@ -61,7 +66,9 @@ impl Report {
 /// The name of a predictor, its kind and its training.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct PredictorInfo {
+    /// The name in tables and figures.
     pub name: String,
+    /// What answers.
     pub kind: PredictorKind,
     /// Its knowledge about the arms before it sees a context.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -77,11 +84,13 @@ pub struct PredictorInfo {
     /// are not final.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub replicates: Option<Digest>,
+    /// The normalization of a checkpoint's training.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub normalization: Option<Normalization>,
     /// The sampling of a denoiser.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sampling: Option<SamplingInfo>,
+    /// The latency of its predictions. Missing if it was not measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub latency: Option<Latency>,
 }
@@ -94,13 +103,16 @@ impl PredictorInfo {
     }
 }
 
+/// Where the answers of a predictor come from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum PredictorKind {
+    /// It learns nothing from other robots.
     Baseline,
+    /// A model that torqued trained.
     Checkpoint,
-    /// A model that torqued does not know, by a file of its predictions. Nobody can tell whether it saw the
-    /// positions that it predicts.
+    /// A model that torqued does not know, by a file of its predictions. Nobody can tell whether it
+    /// saw the positions that it predicts.
     Predictions,
 }
 
@@ -110,6 +122,7 @@ pub struct SamplingInfo {
     /// The name of the curve in figures over steps. Predictors that differ only in `steps` share
     /// it.
     pub curve: String,
+    /// How noise is removed.
     pub kind: SamplerKind,
     /// Number of passes through the network.
     pub steps: u32,
@@ -123,12 +136,15 @@ measures! {
     /// rest of a report, they differ when the evaluation is repeated.
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
     pub struct Latency {
+        /// Median of the timed predictions, ms.
         pub median_ms: f64 = Latency "median" Milliseconds,
+        /// 99th percentile of the timed predictions, ms.
         pub p99_ms: f64 = Latency "99th percentile" Milliseconds,
         /// Number of timed predictions.
         pub repeats: u64,
         /// Number of threads that computed.
         pub threads: u64,
+        /// The device that computed.
         pub device: String,
         /// The machine's mean number of running threads in the minute before.
         #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -139,7 +155,9 @@ measures! {
 /// The master frequencies of one family that trainings drew from.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct TrainedOn {
+    /// The excitation family.
     pub family: Family,
+    /// The drawn frequencies, Hz.
     pub frequency_hz: Range,
     /// The range of amplitudes, N·m; for multisines N·m per Hz. Missing in older reports.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -163,6 +181,7 @@ pub enum Shift {
 }
 
 impl Shift {
+    /// All shifts, in the order of tables.
     pub const ALL: [Self; 5] =
         [Self::Within, Self::Below, Self::Above, Self::Amplitude, Self::Family];
 }
@@ -182,6 +201,7 @@ impl std::fmt::Display for Shift {
 /// All cells with one shift, or only those of one family.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ShiftSummary {
+    /// How the torques of its cells differ from the trainings' torques.
     pub shift: Shift,
     /// Missing for all families together.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -189,6 +209,7 @@ pub struct ShiftSummary {
     /// Standard deviation of the noise added to the positions of contexts, rad.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub position_noise_rad: f64,
+    /// Number of scenarios.
     pub scenarios: u64,
     /// Number of scored scenarios: those whose torques stay within every joint's rated torque.
     pub scored: u64,
@@ -205,6 +226,7 @@ pub struct ShiftSummary {
 /// robots by the bootstrap, and of seeds by Student's t. With a single seed they cover only robots.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ShiftScores {
+    /// The names of the predictors that the entry combines.
     pub predictors: Vec<String>,
     /// Missing if some scenario has no answer.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -231,7 +253,9 @@ pub struct ShiftScores {
 /// The difference between two entries on the same scenarios.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ShiftDifference {
+    /// The name of one predictor.
     pub predictor: String,
+    /// The name of the other.
     pub against: String,
     /// RMSE of `predictor` minus that of `against`. Negative is better.
     pub difference_deg: Interval,
@@ -243,22 +267,28 @@ pub struct CellSummary {
     /// Like the frequency, it is missing for data without a frequency grid.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub family: Option<Family>,
+    /// The frequency of the excitation, Hz.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frequency_hz: Option<f64>,
     /// Standard deviation of the noise added to the positions of contexts, rad.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub position_noise_rad: f64,
+    /// Whether all checkpoints were trained on its family, frequency and amplitudes.
     pub in_distribution: bool,
     /// Missing without checkpoints, and for data without a frequency grid.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shift: Option<Shift>,
+    /// Number of scenarios.
     pub scenarios: u64,
     /// Share of scenarios whose torques stay within every joint's rated torque.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub within_torque_limits: Option<f64>,
+    /// The RMSE of each predictor that answered all scenarios, degrees.
     pub rmse_deg: Vec<PredictorSummary>,
+    /// Further scores of each of these predictors.
     #[serde(default)]
     pub scores: Vec<PredictorScores>,
+    /// How far the predictions of each predictor went.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub rollouts: Vec<RolloutSummary>,
     /// Root mean square of the measured motions above the frequency where jitter begins.
@@ -272,14 +302,20 @@ pub struct CellSummary {
 /// All cells in distribution, all cells out of distribution, or all cells without a frequency.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct GroupSummary {
+    /// `in distribution`, `out of distribution` or `all scenarios`, with the level of noise if
+    /// there is one.
     pub name: String,
+    /// Number of scenarios.
     pub scenarios: u64,
     /// Standard deviation of the noise added to the positions of contexts, rad.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub position_noise_rad: f64,
+    /// The RMSE of each predictor that answered all scenarios, degrees.
     pub rmse_deg: Vec<PredictorSummary>,
+    /// Further scores of each of these predictors.
     #[serde(default)]
     pub scores: Vec<PredictorScores>,
+    /// How far the predictions of each predictor went.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub rollouts: Vec<RolloutSummary>,
 }
@@ -289,6 +325,7 @@ measures! {
     /// numbers.
     #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
     pub struct RolloutSummary {
+        /// The name of the predictor.
         pub predictor: String,
         /// Share of scenarios in which the prediction exceeds a joint limit. Missing if the limits are
         /// not known.
@@ -303,7 +340,9 @@ measures! {
 /// Mean RMSE over scenarios with its interval, in degrees.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct PredictorSummary {
+    /// The name of the predictor.
     pub predictor: String,
+    /// The mean and its interval, degrees.
     #[serde(flatten)]
     pub interval: Interval,
 }
@@ -313,6 +352,7 @@ measures! {
     /// are missing.
     #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
     pub struct PredictorScores {
+        /// The name of the predictor.
         pub predictor: String,
         /// Mean over scenarios, a value per joint.
         pub joint_rmse_deg: Vec<f64>,
@@ -350,8 +390,10 @@ measures! {
         /// Energy score: a fair estimate from the samples.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         pub energy_score_deg: Option<Interval> = Samples "energy score" Degrees,
+        /// Central intervals of the samples at 50 % and 90 %.
         #[serde(default, skip_serializing_if = "Vec::is_empty")]
         pub intervals: Vec<IntervalSummary>,
+        /// Coverage of central intervals from 10 % to 90 %.
         #[serde(default, skip_serializing_if = "Vec::is_empty")]
         pub calibration: Vec<Calibration>,
     }
@@ -360,27 +402,34 @@ measures! {
 /// Central intervals of one probability.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct IntervalSummary {
+    /// The probability of the intervals.
     pub nominal: f64,
     /// Share of measured positions inside the intervals.
     pub coverage: Interval,
+    /// Their mean width, degrees.
     pub width_deg: Interval,
 }
 
 /// The share of measured positions inside central intervals of one probability.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Calibration {
+    /// The probability of the intervals.
     pub nominal: f64,
+    /// The share of measured positions inside them.
     pub coverage: f64,
 }
 
 /// The difference between two predictors on the same scenarios.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct PairedDifference {
+    /// The name of the group.
     pub group: String,
+    /// The name of one predictor.
     pub predictor: String,
     /// Standard deviation of the noise added to the positions of contexts, rad.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub position_noise_rad: f64,
+    /// The name of the other.
     pub against: String,
     /// RMSE of `predictor` minus that of `against`. Negative is better.
     pub difference_deg: Interval,
@@ -389,9 +438,12 @@ pub struct PairedDifference {
 /// A predictor without an answer to some scenarios of a cell.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct FailureSummary {
+    /// The name of the predictor.
     pub predictor: String,
+    /// The family of the cell. Missing for data without a frequency grid.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub family: Option<Family>,
+    /// The frequency of the cell, Hz. Missing for data without a frequency grid.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frequency_hz: Option<f64>,
     /// Standard deviation of the noise added to the positions of contexts, rad.
@@ -401,15 +453,19 @@ pub struct FailureSummary {
     pub scenarios: u64,
     /// Index of the first of them in the dataset.
     pub first: u64,
+    /// Why the first of them has no answer.
     pub reason: String,
 }
 
 /// A scenario with a large error. With the spec of its dataset and its index it can be made again.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct WorstCase {
+    /// The name of the predictor.
     pub predictor: String,
+    /// The family of the cell. Missing for data without a frequency grid.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub family: Option<Family>,
+    /// The frequency of the cell, Hz. Missing for data without a frequency grid.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub frequency_hz: Option<f64>,
     /// Standard deviation of the noise added to the positions of contexts, rad.
@@ -420,21 +476,27 @@ pub struct WorstCase {
     /// The seed of the dataset's simulation. Recordings have none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seed: Option<u64>,
+    /// The RMSE over horizon and joints, degrees.
     pub rmse_deg: f64,
 }
 
 /// A mean with its 95 % confidence interval.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Interval {
+    /// The mean.
     pub mean: f64,
+    /// The lower end of the interval.
     pub low: f64,
+    /// The upper end of the interval.
     pub high: f64,
 }
 
 /// Standard deviations of the errors of measured values, without the noise that an evaluation adds.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct DataNoise {
+    /// The standard deviation of measured positions, rad.
     pub position_rad: f64,
+    /// The standard deviation of measured torques, N·m.
     pub torque_nm: f64,
 }
 

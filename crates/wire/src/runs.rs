@@ -13,8 +13,11 @@ use crate::{JobState, List, ListCell, ListColumn, Listed, Runs, Sort, Tabled};
 /// The record of a training, an evaluation or a control job.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Run {
+    /// The id that paths and commands refer to it by.
     pub id: i64,
+    /// The id of its job.
     pub job: i64,
+    /// The kind of its job: `train`, `evaluate` or `control`.
     pub kind: JobKind,
     /// The name that users gave it, or the name of its job.
     pub name: String,
@@ -27,20 +30,27 @@ pub struct Run {
     /// Tags of its job, sorted. Lists also find it by these.
     #[serde(default)]
     pub job_tags: Vec<String>,
+    /// The digest of its job's spec.
     pub digest: Digest,
+    /// The state of its job.
     pub state: JobState,
+    /// Why the job failed or was cancelled.
     pub error: Option<String>,
+    /// The spec of its job.
     #[schema(value_type = JobSpec)]
     pub spec: Value,
     /// The latest value of each metric, by key.
     pub metrics: BTreeMap<String, LatestMetric>,
+    /// Its files, besides those of checkpoints.
     pub artifacts: Vec<Artifact>,
+    /// When it was created.
     pub created_at: String,
 }
 
 /// The last recorded value of a metric.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct LatestMetric {
+    /// The step at which it was recorded.
     pub step: u64,
     /// `null` if the value was not finite.
     #[schema(required)]
@@ -50,10 +60,13 @@ pub struct LatestMetric {
 /// A file that a run left.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Artifact {
+    /// The name of the file.
     pub name: String,
+    /// Its type, as in `Content-Type`.
     pub media_type: String,
     /// Size in bytes.
     pub size: u64,
+    /// SHA-256 of its bytes.
     pub sha256: Digest,
     /// Path of the download.
     pub url: String,
@@ -104,6 +117,7 @@ impl Listed for Run {
 /// A metric over steps, downsampled to the requested number of points.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Metric {
+    /// The metric's name, e.g. `train/loss`.
     pub key: String,
     /// The points, sorted by step.
     pub points: Vec<MetricPoint>,
@@ -114,7 +128,9 @@ pub struct Metric {
 /// A value of a metric.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct MetricPoint {
+    /// The step at which it was recorded.
     pub step: u64,
+    /// When it was recorded.
     pub time: String,
     /// `null` if the value was not finite.
     #[schema(required)]

@@ -18,11 +18,13 @@ macro_rules! states {
         }
 
         impl $name {
+            /// All of them, in the order of their declaration.
             pub const ALL: [Self; [$($word),+].len()] = [$(Self::$state,)+];
 
             /// Their words, in the same order.
             pub const WORDS: [&'static str; Self::ALL.len()] = [$($word),+];
 
+            /// The word in JSON and in the database.
             pub const fn as_str(self) -> &'static str {
                 match self {
                     $(Self::$state => $word,)+
@@ -64,10 +66,15 @@ states! {
     JobState {
         /// It waits for other jobs that it needs.
         Waiting = "waiting",
+        /// Its tasks wait for workers.
         Queued = "queued",
+        /// A worker has begun one of its tasks.
         Running = "running",
+        /// All its tasks have succeeded; for a pipeline, all its jobs.
         Succeeded = "succeeded",
+        /// One of its tasks has failed; for a pipeline, one of its jobs.
         Failed = "failed",
+        /// Somebody cancelled it, or a job that it needs has failed or was cancelled.
         Cancelled = "cancelled",
     }
 }
@@ -77,10 +84,15 @@ states! {
     TaskState {
         /// It waits for tasks of earlier stages, or for jobs that its job needs.
         Waiting = "waiting",
+        /// It waits for a worker.
         Queued = "queued",
+        /// A worker has it.
         Running = "running",
+        /// It is done.
         Succeeded = "succeeded",
+        /// It was claimed as often as allowed, or its error cannot pass.
         Failed = "failed",
+        /// Its job ended before it did.
         Cancelled = "cancelled",
     }
 }
@@ -88,10 +100,15 @@ states! {
 states! {
     /// The kinds of stored events.
     EventKind {
+        /// A job's state changed.
         Job = "job",
+        /// A task's state changed.
         Task = "task",
+        /// A run recorded metrics.
         Metrics = "metrics",
+        /// A training wrote a checkpoint.
         Checkpoint = "checkpoint",
+        /// An item was deleted or restored.
         Deletion = "deletion",
     }
 }
@@ -111,10 +128,13 @@ states! {
 states! {
     /// How an attempt at a task ended.
     AttemptOutcome {
+        /// The task is done.
         Succeeded = "succeeded",
+        /// The task had an error, or the worker died.
         Failed = "failed",
         /// The worker was told to stop and gave the task back.
         Released = "released",
+        /// The job was cancelled.
         Cancelled = "cancelled",
     }
 }
@@ -124,6 +144,7 @@ states! {
     DatasetState {
         /// Some shards are missing.
         Building = "building",
+        /// All shards exist.
         Complete = "complete",
         /// Some shards are missing, and the job that would make them failed or was cancelled.
         Abandoned = "abandoned",
@@ -133,8 +154,11 @@ states! {
 states! {
     /// The state of a worker that was requested from a cluster's engine.
     PlacementState {
+        /// It waits for its place.
         Pending = "pending",
+        /// It runs.
         Running = "running",
+        /// It is gone.
         Ended = "ended",
     }
 }
@@ -142,9 +166,13 @@ states! {
 states! {
     /// A kind of thing that can be deleted.
     ItemKind {
+        /// A job.
         Job = "job",
+        /// The record of a training, an evaluation or a control job.
         Run = "run",
+        /// A dataset with its files.
         Dataset = "dataset",
+        /// A checkpoint with its files.
         Checkpoint = "checkpoint",
     }
 }
@@ -172,8 +200,11 @@ states! {
         Finished = "finished",
         /// The name, compared by bytes.
         Name = "name",
+        /// The priority of the job.
         Priority = "priority",
+        /// The number of trajectories.
         Trajectories = "trajectories",
+        /// Optimizer steps taken.
         Step = "step",
         /// The error: of a training's or a checkpoint's latest validation, or the first one in the
         /// headline of an evaluation. Items without one come last in both directions.

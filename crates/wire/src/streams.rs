@@ -11,6 +11,7 @@ use crate::{PredictedScenario, PredictingModel, PredictionSampling, Problem, War
 pub enum StreamMessage {
     /// The first message: the settings of predictions. A later `open` changes them.
     Open(StreamSettings),
+    /// New samples, with or without a request for a prediction.
     Step(StreamStep),
     /// Forgets the context and the previous prediction.
     Reset(Nothing),
@@ -20,6 +21,7 @@ pub enum StreamMessage {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct StreamSettings {
+    /// Whether to answer with one prediction or with samples.
     pub sampling: PredictionSampling,
     /// Number of noise levels that a prediction removes when it starts from the one before. `null`
     /// starts from noise every time.
@@ -51,8 +53,12 @@ pub struct Nothing {}
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum StreamReply {
+    /// The answer to `open`.
     Opened(StreamOpened),
+    /// The answer to `reset`, and to a `step` without planned torques or before the context is
+    /// full.
     Context(FilledContext),
+    /// The answer to a `step` with planned torques.
     Prediction(StreamedPrediction),
     /// The message was refused and has changed nothing.
     Error(Problem),
@@ -61,8 +67,10 @@ pub enum StreamReply {
 /// The model that predicts, and the data that it needs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct StreamOpened {
+    /// The model and its device.
     #[serde(flatten)]
     pub model: PredictingModel,
+    /// How full the context is.
     #[serde(flatten)]
     pub filled: FilledContext,
     /// Number of samples of a prediction.
@@ -72,7 +80,9 @@ pub struct StreamOpened {
 /// Number of samples in the context, and number of samples that are needed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct FilledContext {
+    /// Number of samples in the context.
     pub filled: usize,
+    /// Number of samples that a prediction needs.
     pub context: usize,
 }
 
@@ -81,11 +91,13 @@ pub struct FilledContext {
 pub struct StreamedPrediction {
     /// The number of the prediction, counting from 0.
     pub number: u64,
+    /// The predicted positions, their quantiles and samples.
     #[serde(flatten)]
     pub predicted: PredictedScenario,
     /// Number of samples from the prediction that this one started from; `null` if it started from
     /// noise.
     pub warm_start_shift: Option<usize>,
+    /// How long the parts of the answer took.
     pub latency_ms: StreamLatency,
     /// Like the warnings of a single prediction, but each kind and joint appears once per
     /// connection.
@@ -98,6 +110,7 @@ pub struct StreamedPrediction {
 pub struct StreamLatency {
     /// Waiting in the queue for the computation.
     pub queue: f64,
+    /// The computation itself.
     pub compute: f64,
     /// Time from the message to the answer, both as text.
     pub total: f64,

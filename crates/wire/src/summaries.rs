@@ -6,6 +6,7 @@ use utoipa::ToSchema;
 /// Counts, ranges and spectra over the finished shards.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Summary {
+    /// The id of the dataset.
     pub dataset: i64,
     /// Number of trajectories in the finished shards.
     pub trajectories: u64,
@@ -18,20 +19,28 @@ pub struct Summary {
     /// Number of trajectories that channels and spectra cover: all, unless another version of
     /// torqued made some of them.
     pub summarized: u64,
+    /// The channels, in the order of the table's columns.
     pub channels: Vec<ChannelSummary>,
+    /// The spectra of torques and positions.
     pub spectra: Vec<SpectrumSummary>,
 }
 
 /// Statistics of all samples of a channel.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct ChannelSummary {
+    /// The name of the table's column.
     #[schema(example = "q1")]
     pub name: String,
+    /// The unit of its values. `null` without one.
     #[schema(example = "rad")]
     pub unit: Option<String>,
+    /// Its meaning. `null` if only the dataset's author knows it.
     pub about: Option<String>,
+    /// The smallest value.
     pub min: f64,
+    /// The largest value.
     pub max: f64,
+    /// The mean value.
     pub mean: f64,
     /// Standard deviation.
     pub std: f64,
@@ -44,6 +53,7 @@ pub struct SpectrumSummary {
     /// `u` or `q`.
     #[schema(example = "q")]
     pub signal: String,
+    /// The unit of the density.
     #[schema(example = "rad²/Hz")]
     pub unit: String,
     /// Number of trajectories in the mean.

@@ -9,28 +9,37 @@ use crate::{ListCell, ListColumn, Progress, Tabled, TaskState};
 /// A piece of a job that one worker leases.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Task {
+    /// The id, by which attempts and logs name it.
     pub id: i64,
     /// Tasks of a stage wait for all tasks of earlier stages.
     pub stage: u32,
+    /// Its place within the stage, from 0.
     pub ordinal: u32,
+    /// Its part of the job, e.g. `shard 00003`.
     pub label: String,
+    /// Whether it waits, runs or has ended.
     pub state: TaskState,
     /// Number of claims since it last made progress, e.g. with a checkpoint of a later step.
     pub attempt: u32,
+    /// Number of claims after which it fails.
     pub max_attempts: u32,
     /// The fencing number of its lease.
     pub epoch: i64,
     /// The worker that has it, or had it last.
     pub worker: Option<String>,
+    /// When the lease ends unless the worker renews it. `null` while no worker has it.
     pub lease_until: Option<String>,
     /// The error of the last attempt that failed.
     pub error: Option<String>,
+    /// The work done so far.
     pub progress: Progress,
     /// Its result, e.g. the comparison of a verified shard, or the counts of an import. Other
     /// results are in the resource that the task made.
     #[schema(value_type = Option<Object>)]
     pub result: Option<Value>,
+    /// When its last attempt began. `null` before the first.
     pub started_at: Option<String>,
+    /// When it ended. `null` before.
     pub finished_at: Option<String>,
 }
 
@@ -55,6 +64,7 @@ impl Tabled for Task {
 /// A page of a job's tasks, in the order in which they run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Tasks {
+    /// The tasks of the page.
     pub tasks: Vec<Task>,
     /// The `after` of the following page.
     pub next: Option<i64>,

@@ -9,12 +9,15 @@ use utoipa::ToSchema;
 /// One trajectory: its robot, and its channels over time.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Trajectory {
+    /// The id of the dataset.
     pub dataset: i64,
     /// Its index in the dataset.
     pub trajectory: u64,
     /// The shard that holds it.
     pub shard: u32,
+    /// Samples per second.
     pub rate_hz: f64,
+    /// Number of samples.
     pub samples: u64,
     /// The time of each sample, counted from the first one.
     pub time_s: Vec<f64>,

@@ -9,14 +9,18 @@ use crate::{ItemKind, JobState, ListCell, ListColumn, Relation, Tabled};
 /// A job, a run, a dataset or a checkpoint, named by its kind and id.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Item {
+    /// What it is.
     pub kind: ItemKind,
+    /// Its id among those of its kind.
     pub id: i64,
 }
 
 /// The items that are deleted together with an item, and the jobs that depend on it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Dependents {
+    /// The kind of the item.
     pub kind: ItemKind,
+    /// Its id among those of its kind.
     pub id: i64,
     /// The items that it owns, which are deleted with it.
     pub along: Vec<Item>,
@@ -30,34 +34,48 @@ pub struct Dependents {
 /// A job that depends on an item.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Dependent {
+    /// The id of the job.
     pub id: i64,
+    /// The kind of the job.
     pub kind: JobKind,
+    /// The name of the job.
     pub name: String,
+    /// The state of the job.
     pub state: JobState,
+    /// How it depends on the item.
     pub relation: Relation,
 }
 
 /// The items that were moved into the trash, and the time until which they can be restored.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Deleted {
+    /// The kind of the deleted item.
     pub kind: ItemKind,
+    /// Its id among those of its kind.
     pub id: i64,
+    /// The items that were deleted with it, because it owns them.
     pub along: Vec<Item>,
+    /// When it was moved into the trash.
     pub deleted_at: String,
+    /// After this time its bytes may be deleted permanently.
     pub purge_at: String,
 }
 
 /// The items that were restored from the trash.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Restored {
+    /// The kind of the restored item.
     pub kind: ItemKind,
+    /// Its id among those of its kind.
     pub id: i64,
+    /// The items that were restored with it.
     pub along: Vec<Item>,
 }
 
 /// A page of the trash, latest deletion first.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Trash {
+    /// The items of the page.
     pub items: Vec<TrashedItem>,
     /// The `before` of the following page.
     pub next: Option<String>,
@@ -66,12 +84,15 @@ pub struct Trash {
 /// An item in the trash. Items that were deleted with it are not listed, and are restored with it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct TrashedItem {
+    /// The kind of the item.
     pub kind: ItemKind,
+    /// Its id among those of its kind.
     pub id: i64,
     /// The name of its job.
     pub name: String,
     /// Size of its files and of the files of items that were deleted with it.
     pub bytes: u64,
+    /// When it was moved into the trash.
     pub deleted_at: String,
     /// After this time its bytes may be deleted permanently.
     pub purge_at: String,

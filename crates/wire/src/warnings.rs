@@ -8,6 +8,7 @@ use utoipa::ToSchema;
 /// the joints' limits.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Warning {
+    /// What is doubtful.
     pub kind: WarningKind,
     /// The predictor or controller. Missing if the warning concerns all of them, or if there is
     /// only one.
@@ -28,6 +29,7 @@ pub struct Warning {
     pub message: String,
 }
 
+/// The kinds of warnings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum WarningKind {

@@ -13,6 +13,7 @@ pub struct Worker {
     pub name: String,
     /// The machine's name.
     pub host: String,
+    /// The id of its process on that machine.
     pub pid: u32,
     /// The version of torqued.
     pub version: String,
@@ -38,7 +39,9 @@ pub struct Worker {
     /// The state that its engine shows, if an engine placed it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub placement: Option<Placement>,
+    /// When it started.
     pub started_at: String,
+    /// When it last reported.
     pub seen_at: String,
 }
 
@@ -61,7 +64,9 @@ impl Worker {
 /// The task that a worker has.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct WorkersTask {
+    /// The id of the task.
     pub id: i64,
+    /// The id of its job.
     pub job: i64,
     /// E.g. `shard 00003`.
     pub label: String,
@@ -72,11 +77,13 @@ pub struct WorkersTask {
 pub struct Placement {
     /// The worker's name.
     pub worker: String,
+    /// The name of the engine.
     #[schema(example = "Slurm")]
     pub engine: String,
     /// The engine's name for it: the number of a Slurm job, or the name of a Pod.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub identifier: Option<String>,
+    /// Whether it waits for its place, runs or has ended.
     pub state: PlacementState,
     /// Why it waits, or how it ended.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -84,13 +91,16 @@ pub struct Placement {
     /// The node on which it runs.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub node: Option<String>,
+    /// When it was requested.
     pub asked_at: String,
+    /// When the state changed last.
     pub changed_at: String,
 }
 
 /// Workers sorted by name: live ones, and those that died within a day.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Workers {
+    /// Those that have reported.
     pub workers: Vec<Worker>,
     /// Workers that were requested from an engine and are not among `workers`: those that wait for
     /// their place, and those that ended within a day.
