@@ -35,6 +35,15 @@ pub enum StoreError {
     )]
     OlderSchema { place: String, found: i64, known: i64 },
 
+    /// The database was made before the first release, and this program no longer has the files
+    /// that bring it up to date.
+    #[error(
+        "{place} has schema {found} of an unreleased torqued, and this one opens schema {first} or \
+         later; nothing was changed; build torqued at commit {commit}, start its server on the store \
+         once, and then start this one"
+    )]
+    UnreleasedSchema { place: String, found: i64, first: i64, commit: &'static str },
+
     #[error("the database in {place} is damaged: {detail}; nothing was changed")]
     Damaged { place: String, detail: String },
 

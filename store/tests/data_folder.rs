@@ -134,11 +134,26 @@ async fn a_database_from_a_newer_version_is_refused_and_not_changed() {
 }
 
 #[tokio::test]
-async fn a_database_from_an_older_version_is_refused_to_a_worker() {
+async fn a_database_without_a_schema_is_refused_to_a_worker() {
     let dir = tempfile::tempdir().unwrap();
     with_changed_database(dir.path(), "DELETE FROM _sqlx_migrations").await;
     let error = refused(dir.path(), Access::Worker).await;
-    assert!(error.contains(&format!("has schema 0, but this torqued needs {SCHEMA}")), "{error}");
+    assert!(error.contains("has no store; start a server on it first"), "{error}");
+}
+
+#[tokio::test]
+async fn a_database_from_before_the_release_is_refused_and_not_changed() {
+    let dir = tempfile::tempdir().unwrap();
+    let before =
+        with_changed_database(dir.path(), "UPDATE _sqlx_migrations SET version = 15").await;
+    for access in [Access::Server, Access::Worker] {
+        let error = refused(dir.path(), access).await;
+        let found =
+            format!("has schema 15 of an unreleased torqued, and this one opens schema {SCHEMA}");
+        assert!(error.contains(&found), "{error}");
+        assert!(error.contains("build torqued at commit"), "{error}");
+    }
+    assert_eq!(std::fs::read(dir.path().join("torqued.sqlite")).unwrap(), before);
 }
 
 #[tokio::test]

@@ -6,6 +6,7 @@ mod places;
 mod postgres;
 #[expect(dead_code, reason = "tests/s3.rs has it fail")]
 mod s3_server;
+mod schema;
 mod suite;
 mod transfer;
 

@@ -59,6 +59,7 @@ pub(crate) mod patience;
 pub(crate) mod postgres;
 pub(crate) mod query;
 pub(crate) mod rows;
+mod schema;
 pub(crate) mod sqlite;
 
 use std::time::Duration;

@@ -188,8 +188,8 @@ impl Store {
 /// 535.
 const ROWS_PER_STATEMENT: usize = 4000;
 
-/// Number of steps whose lowest and highest points are kept together. The migration that filled the
-/// table uses the same number.
+/// Number of steps whose lowest and highest points are kept together. Rows of existing databases
+/// depend on it.
 const SPAN: u64 = 64;
 
 impl Reading<'_> {

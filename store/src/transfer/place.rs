@@ -71,7 +71,7 @@ pub(super) async fn identity(location: &Location) -> Result<Option<String>, Stor
             database.close().await;
             identity.map(Some)
         }
-        Err(StoreError::Absent { .. } | StoreError::OlderSchema { found: 0, .. }) => Ok(None),
+        Err(StoreError::Absent { .. }) => Ok(None),
         Err(error) => Err(error),
     }
 }

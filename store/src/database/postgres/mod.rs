@@ -33,6 +33,8 @@ use kept::KeptConnection;
 
 pub(crate) use duty::DutyLock;
 pub(crate) use events::Horizon;
+#[cfg(test)]
+pub(super) use opening::FILES;
 pub(crate) use opening::known_schema;
 pub(crate) use waiting::Bell;
 

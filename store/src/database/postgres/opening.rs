@@ -3,55 +3,25 @@
 use std::sync::LazyLock;
 use std::time::Duration;
 
-use sqlx::migrate::{Migrate, Migration, MigrationType, Migrator};
 use sqlx::postgres::{PgConnectOptions, PgPoolOptions};
-use sqlx::{AssertSqlSafe, ConnectOptions, Connection, Executor, PgConnection, Row, SqlStr};
+use sqlx::{AssertSqlSafe, ConnectOptions, Connection, Executor, PgConnection, Row};
 
 use super::Database;
 use super::kept::{KeptConnection, is_alive};
 use crate::database::patience::PATIENCE;
+use crate::database::schema::{self, Schema};
 use crate::objects::unique_name;
 use crate::place::location::DatabaseUrl;
 use crate::{Access, StoreError};
 
-/// Number, name and statements of each file in `migrations/postgres`.
-const FILES: [(i64, &str, &str); 12] = [
-    (1, "initial", include_str!("../../../../migrations/postgres/0001_initial.sql")),
-    (2, "task_states", include_str!("../../../../migrations/postgres/0002_task_states.sql")),
-    (
-        3,
-        "checkpoint_metrics",
-        include_str!("../../../../migrations/postgres/0003_checkpoint_metrics.sql"),
-    ),
-    (4, "placements", include_str!("../../../../migrations/postgres/0004_placements.sql")),
-    (5, "access", include_str!("../../../../migrations/postgres/0005_access.sql")),
-    (6, "tracked_runs", include_str!("../../../../migrations/postgres/0006_tracked_runs.sql")),
-    (7, "events", include_str!("../../../../migrations/postgres/0007_events.sql")),
-    (8, "labels", include_str!("../../../../migrations/postgres/0008_labels.sql")),
-    (9, "trash", include_str!("../../../../migrations/postgres/0009_trash.sql")),
-    (
-        11,
-        "metric_extremes",
-        include_str!("../../../../migrations/postgres/0011_metric_extremes.sql"),
-    ),
-    (
-        12,
-        "purged_attempts",
-        include_str!("../../../../migrations/postgres/0012_purged_attempts.sql"),
-    ),
-    (
-        13,
-        "deletion_events",
-        include_str!("../../../../migrations/postgres/0013_deletion_events.sql"),
-    ),
-];
+/// The files in `migrations/postgres`.
+pub(in crate::database) const FILES: [schema::File; 1] =
+    [(13, "schema", include_str!("../../../../migrations/postgres/0013_schema.sql"))];
 
-static MIGRATIONS: LazyLock<Migrator> = LazyLock::new(|| {
-    let migration = |&(version, name, sql): &(i64, &'static str, &'static str)| {
-        let statements = SqlStr::from_static(sql);
-        Migration::new(version, name.into(), MigrationType::Simple, statements, false)
-    };
-    Migrator::with_migrations(FILES.iter().map(migration).collect())
+static SCHEMA: LazyLock<Schema> = LazyLock::new(|| {
+    let recorded = "a9e0ce8a130c4f483fd9ce1df76488b8a3f99dace0d493872c8eba99933580df\
+                    849b43e2f798b67e6e6b3064a544adf1";
+    Schema::new(&FILES, recorded)
 });
 
 /// How long a request waits for a connection before the server answers 503.
@@ -97,20 +67,12 @@ pub async fn open(url: &DatabaseUrl, access: Access) -> Result<Database, StoreEr
     refuse_encoding(&mut connection, &place, &options).await?;
     refuse_shared_sessions(&mut connection, &place, &options).await?;
     let found = found_schema(&mut connection).await.map_err(failed)?;
-    let known = known_schema();
-    if found > known {
-        return Err(StoreError::NewerSchema { place, found, known });
-    }
-    if found < known {
-        match access {
-            Access::Worker if found == 0 => return Err(StoreError::Absent { place }),
-            Access::Worker => return Err(StoreError::OlderSchema { place, found, known }),
-            // Two servers that start at once wait for each other here.
-            Access::Server | Access::Transfer | Access::Rebuilding => MIGRATIONS
-                .run_direct(None, &mut connection, false)
-                .await
-                .map_err(|source| failed_to_migrate(&place, &options, source))?,
-        }
+    SCHEMA.admit(found, place.clone(), access)?;
+    // Only an owner gets this far with an older schema. Two servers that start at once wait for each
+    // other here.
+    if found < known_schema() {
+        let applied = SCHEMA.apply(&mut connection).await;
+        applied.map_err(|source| failed_to_migrate(&place, &options, source))?;
     }
     let _ = connection.close().await;
     Ok(Database { reader: pool, kept: KeptConnection::of(access), options: Box::new(options) })
@@ -118,7 +80,7 @@ pub async fn open(url: &DatabaseUrl, access: Access) -> Result<Database, StoreEr
 
 /// The newest schema this binary knows.
 pub(crate) fn known_schema() -> i64 {
-    MIGRATIONS.iter().map(|migration| migration.version).max().unwrap_or(0)
+    SCHEMA.known()
 }
 
 /// The version of the database's schema; 0 before the first migration.
@@ -129,9 +91,8 @@ async fn found_schema(connection: &mut PgConnection) -> Result<i64, sqlx::Error>
     if !has_schema {
         return Ok(0);
     }
-    let applied = connection.list_applied_migrations(&MIGRATIONS.table_name).await;
-    let applied = applied.map_err(|error| sqlx::Error::Protocol(error.to_string()))?;
-    Ok(applied.iter().map(|migration| migration.version).max().unwrap_or(0))
+    let found = SCHEMA.found(connection).await;
+    found.map_err(|error| sqlx::Error::Protocol(error.to_string()))
 }
 
 /// Refuses a database that cannot keep every name: one letter outside of its encoding would fail a
@@ -246,22 +207,5 @@ fn failed_to_migrate(
             unusable(place, options, source)
         }
         source => StoreError::Migration { source },
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn every_file_of_migrations_is_run() {
-        let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../migrations/postgres");
-        let mut files: Vec<String> = std::fs::read_dir(folder)
-            .unwrap()
-            .map(|entry| entry.unwrap().file_name().into_string().unwrap())
-            .collect();
-        files.sort();
-        let listed = FILES.map(|(version, name, _)| format!("{version:04}_{name}.sql"));
-        assert_eq!(files, listed);
     }
 }

@@ -11,47 +11,27 @@ use std::sync::LazyLock;
 use std::time::Duration;
 
 use futures::stream::{self, BoxStream, StreamExt as _, TryStreamExt as _};
-use sqlx::migrate::{Migrate, Migration, MigrationType, Migrator};
 use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqlitePoolOptions, SqliteSynchronous};
-use sqlx::{ConnectOptions, Connection, SqlStr, Sqlite, SqliteConnection, SqlitePool};
+use sqlx::{ConnectOptions, Connection, Sqlite, SqliteConnection, SqlitePool};
 
 use crate::database::Scope;
 use crate::database::query::{Query, Row, sql};
+use crate::database::schema::{self, Schema};
 use crate::error::sqlite_code;
 use crate::place::data_dir::DataDir;
 use crate::{Access, StoreError};
 
 pub(crate) use waiting::Bell;
 
-/// Number, name and statements of each file in `migrations/sqlite`. sqlx has a macro that lists
-/// them, but it builds a second SQLite for the compiler.
-const FILES: [(i64, &str, &str); 15] = [
-    (1, "initial", include_str!("../../../../migrations/sqlite/0001_initial.sql")),
-    (2, "forgiving_queue", include_str!("../../../../migrations/sqlite/0002_forgiving_queue.sql")),
-    (3, "identity", include_str!("../../../../migrations/sqlite/0003_identity.sql")),
-    (4, "logs", include_str!("../../../../migrations/sqlite/0004_logs.sql")),
-    (5, "resources", include_str!("../../../../migrations/sqlite/0005_resources.sql")),
-    (6, "task_states", include_str!("../../../../migrations/sqlite/0006_task_states.sql")),
-    (7, "placements", include_str!("../../../../migrations/sqlite/0007_placements.sql")),
-    (8, "access", include_str!("../../../../migrations/sqlite/0008_access.sql")),
-    (9, "tracked_runs", include_str!("../../../../migrations/sqlite/0009_tracked_runs.sql")),
-    (10, "events", include_str!("../../../../migrations/sqlite/0010_events.sql")),
-    (11, "labels", include_str!("../../../../migrations/sqlite/0011_labels.sql")),
-    (12, "trash", include_str!("../../../../migrations/sqlite/0012_trash.sql")),
-    (14, "metric_extremes", include_str!("../../../../migrations/sqlite/0014_metric_extremes.sql")),
-    (15, "purged_attempts", include_str!("../../../../migrations/sqlite/0015_purged_attempts.sql")),
-    (16, "deletion_events", include_str!("../../../../migrations/sqlite/0016_deletion_events.sql")),
-];
+/// The files in `migrations/sqlite`.
+pub(super) const FILES: [schema::File; 1] =
+    [(16, "schema", include_str!("../../../../migrations/sqlite/0016_schema.sql"))];
 
-static MIGRATIONS: LazyLock<Migrator> = LazyLock::new(|| migrations(&FILES));
-
-fn migrations(files: &[(i64, &'static str, &'static str)]) -> Migrator {
-    let migration = |&(version, name, sql): &(i64, &'static str, &'static str)| {
-        let statements = SqlStr::from_static(sql);
-        Migration::new(version, name.into(), MigrationType::Simple, statements, false)
-    };
-    Migrator::with_migrations(files.iter().map(migration).collect())
-}
+static SCHEMA: LazyLock<Schema> = LazyLock::new(|| {
+    let recorded = "a5b4f8949b440df79e1136df225e8bb720f009b16c06fc15bbaa9754cd813dfb\
+                    40b68633c6732e95294c18504e5efb01";
+    Schema::new(&FILES, recorded)
+});
 
 /// How long a process waits for another process's transaction.
 const BUSY_TIMEOUT: Duration = Duration::from_secs(30);
@@ -94,7 +74,10 @@ impl Database {
             .await
             .map_err(|source| failed_to_open(dir, source))?;
         if access.is_owner() {
-            MIGRATIONS.run(&writer).await.map_err(|source| failed_to_migrate(dir, source))?;
+            let mut connection =
+                writer.acquire().await.map_err(|source| failed_to_open(dir, source))?;
+            let applied = SCHEMA.apply(&mut *connection).await;
+            applied.map_err(|source| failed_to_migrate(dir, source))?;
         }
         let reader = SqlitePoolOptions::new()
             .max_connections(READERS)
@@ -261,7 +244,7 @@ async fn is_idle(connection: &mut SqliteConnection) -> bool {
 
 /// The newest schema this binary knows.
 pub(crate) fn known_schema() -> i64 {
-    MIGRATIONS.iter().map(|migration| migration.version).max().unwrap_or(0)
+    SCHEMA.known()
 }
 
 /// Checks an existing database before anything could change it.
@@ -302,25 +285,12 @@ async fn refuse_schema(
     .await
     .map_err(|source| failed_to_open(dir, source))?;
     let found = if has_schema {
-        connection
-            .list_applied_migrations(&MIGRATIONS.table_name)
-            .await
-            .map_err(|source| failed_to_migrate(dir, source))?
-            .iter()
-            .map(|migration| migration.version)
-            .max()
-            .unwrap_or(0)
+        let found = SCHEMA.found(connection).await;
+        found.map_err(|source| failed_to_migrate(dir, source))?
     } else {
         0
     };
-    let known = known_schema();
-    if found > known {
-        return Err(StoreError::NewerSchema { place: dir.place(), found, known });
-    }
-    if found < known && access == Access::Worker {
-        return Err(StoreError::OlderSchema { place: dir.place(), found, known });
-    }
-    Ok(())
+    SCHEMA.admit(found, dir.place(), access)
 }
 
 /// Result codes about the file itself (https://www.sqlite.org/rescode.html).
@@ -354,89 +324,6 @@ fn failed_to_migrate(dir: &DataDir, source: sqlx::migrate::MigrateError) -> Stor
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn every_file_of_migrations_is_run() {
-        let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/../migrations/sqlite");
-        let mut files: Vec<String> = std::fs::read_dir(folder)
-            .unwrap()
-            .map(|entry| entry.unwrap().file_name().into_string().unwrap())
-            .collect();
-        files.sort();
-        let listed = FILES.map(|(version, name, _)| format!("{version:04}_{name}.sql"));
-        assert_eq!(files, listed);
-    }
-
-    /// Tasks of an older version keep their places in line and the time limits of their jobs.
-    #[tokio::test]
-    async fn what_waited_before_tasks_asked_for_resources_goes_on() {
-        let folder = tempfile::tempdir().unwrap();
-        let dir = DataDir::new(folder.path());
-        let options = SqliteConnectOptions::new().filename(dir.database()).create_if_missing(true);
-        let mut connection = options.connect().await.unwrap();
-        migrations(&FILES[..2]).run(&mut connection).await.unwrap();
-        for (priority, created_at) in [(0, 5), (2, 6)] {
-            let job: i64 = sqlx::query_scalar(
-                "INSERT INTO job (kind, name, spec, digest, state, unit, priority, max_attempts, \
-                 is_part, asked_alone, created_at) VALUES ('k', 'n', \
-                 '{\"execution\": {\"time_limit_s\": 7}}', ?, 'queued', 'u', ?, 3, 0, 1, ?) RETURNING id",
-            )
-            .bind("0".repeat(64))
-            .bind(priority)
-            .bind(created_at)
-            .fetch_one(&mut connection)
-            .await
-            .unwrap();
-            sqlx::query(
-                "INSERT INTO task (job, stage, ordinal, label, payload, state, priority, run_at, \
-                 max_attempts, total) VALUES (?, 0, 0, 'l', '{}', 'queued', ?, 0, 3, 1)",
-            )
-            .bind(job)
-            .bind(priority)
-            .execute(&mut connection)
-            .await
-            .unwrap();
-        }
-        connection.close().await.unwrap();
-
-        let database = Database::open(&dir, Access::Server).await.unwrap();
-        let tx = database.begin(Scope::Queue, "testing").await.unwrap();
-        let mut tx = crate::database::Transaction::Sqlite(tx);
-        let next = tx.next_task("w", &spec::Resources::default()).await.unwrap().unwrap();
-        let limit = Some(Duration::from_secs(7));
-        assert_eq!((next.task.job, next.task.time_limit), (crate::JobId(2), limit));
-    }
-
-    /// The inputs of jobs that were submitted before there was a trash are kept too.
-    #[tokio::test]
-    async fn the_digests_in_specs_of_before_the_trash_are_its_inputs() {
-        let folder = tempfile::tempdir().unwrap();
-        let dir = DataDir::new(folder.path());
-        let options = SqliteConnectOptions::new().filename(dir.database()).create_if_missing(true);
-        let mut connection = options.connect().await.unwrap();
-        migrations(&FILES[..9]).run(&mut connection).await.unwrap();
-        let (data, file) = ("a1".repeat(32), "0".repeat(64));
-        let spec = format!(
-            "{{\"data\": {{\"digest\": \"{data}\"}}, \"name\": \"a1\", \"list\": [\"{file}\", \"{data}\", 7]}}"
-        );
-        sqlx::query(
-            "INSERT INTO job (kind, name, spec, digest, state, unit, priority, max_attempts, is_part, \
-             asked_alone, created_at) VALUES ('k', 'n', ?, ?, 'queued', 'u', 0, 3, 0, 1, 0)",
-        )
-        .bind(spec)
-        .bind("f".repeat(64))
-        .execute(&mut connection)
-        .await
-        .unwrap();
-        connection.close().await.unwrap();
-        let database = Database::open(&dir, Access::Server).await.unwrap();
-        let inputs: Vec<String> =
-            sqlx::query_scalar("SELECT digest FROM job_input ORDER BY digest")
-                .fetch_all(&database.reader)
-                .await
-                .unwrap();
-        assert_eq!(inputs, [file, data]);
-    }
 
     #[tokio::test]
     async fn every_commit_is_synced_but_those_of_leases() {
