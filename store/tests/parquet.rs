@@ -39,8 +39,8 @@ fn schema() -> SchemaRef {
 
 /// Any value that depends on all three and is not smooth.
 fn value(trajectory: i32, step: i32, channel: usize) -> f32 {
-    let mixed =
-        u32::try_from(trajectory * 31 + step * 17).unwrap() * 2_654_435_761u32.wrapping_shr(7);
+    let mixed = u32::try_from(trajectory * 31 + step * 17).unwrap();
+    let mixed = mixed.wrapping_mul(2_654_435_761u32.wrapping_shr(7));
     f32::from_bits(0x3f00_0000 | (mixed & 0x007f_ffff)) + f32::from(u8::try_from(channel).unwrap())
 }
 
