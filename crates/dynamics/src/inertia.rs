@@ -15,20 +15,22 @@ pub struct RigidBody {
 
 impl RigidBody {
     /// A body from the six distinct entries (xx, xy, xz, yy, yz, zz) of its inertia.
-    pub(crate) const fn new(mass: f64, com: [f64; 3], inertia: [f64; 6]) -> Self {
+    pub const fn new(mass: f64, com: [f64; 3], inertia: [f64; 6]) -> Self {
         let [xx, xy, xz, yy, yz, zz] = inertia;
         Self { mass, com, inertia: [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]] }
     }
 
     /// The same body seen from a frame in which its own frame has this pose.
-    pub(crate) fn seen_from(&self, rotation: &Rotation3<f64>, translation: &Vector3<f64>) -> Self {
+    #[must_use]
+    pub fn seen_from(&self, rotation: &Rotation3<f64>, translation: &Vector3<f64>) -> Self {
         let com = rotation * Vector3::from(self.com) + translation;
         let inertia = rotation.matrix() * matrix(self.inertia) * rotation.matrix().transpose();
         Self { mass: self.mass, com: com.into(), inertia: symmetric_rows(&inertia) }
     }
 
     /// Both bodies welded together. Both are given in the same frame.
-    pub(crate) fn welded_to(&self, other: &Self) -> Self {
+    #[must_use]
+    pub fn welded_to(&self, other: &Self) -> Self {
         let mass = self.mass + other.mass;
         let com =
             (Vector3::from(self.com) * self.mass + Vector3::from(other.com) * other.mass) / mass;
@@ -50,13 +52,14 @@ impl RigidBody {
     /// A body with these inertias exists exactly when Σ is positive semi-definite (Wensing, Kim and
     /// Slotine 2018, "Linear matrix inequalities for physically consistent inertial parameter
     /// identification"); the triangle inequality of the principal moments follows.
-    pub(crate) fn second_moments(&self) -> Matrix3<f64> {
+    pub fn second_moments(&self) -> Matrix3<f64> {
         let inertia = matrix(self.inertia);
         Matrix3::identity() * (0.5 * inertia.trace()) - inertia
     }
 
     /// The same mass and centre with second moments Σ: I = tr(Σ) 1 − Σ.
-    pub(crate) fn with_second_moments(&self, moments: &Matrix3<f64>) -> Self {
+    #[must_use]
+    pub fn with_second_moments(&self, moments: &Matrix3<f64>) -> Self {
         let inertia = Matrix3::identity() * moments.trace() - moments;
         Self { inertia: symmetric_rows(&inertia), ..*self }
     }
@@ -73,7 +76,8 @@ impl RigidBody {
     /// The nearest physical body: negative principal second moments are raised to (almost) zero.
     ///
     /// A body that is physical already is returned bit for bit.
-    pub(crate) fn projected(&self) -> Self {
+    #[must_use]
+    pub fn projected(&self) -> Self {
         /// Relative to the largest moment. It keeps rounding from making the result unphysical
         /// again.
         const SMALLEST: f64 = 1e-9;

@@ -5,12 +5,25 @@ use super::description::{
 };
 use super::description::{MAX_JOINTS, Randomization, RobotDescription};
 use super::initial_state::InitialState;
+use crate::SpecError;
 use crate::check::{Check, Violations};
 
 const LENGTH_M: std::ops::RangeInclusive<f64> = -10.0..=10.0;
 const ANGLE_DEG: std::ops::RangeInclusive<f64> = -360.0..=360.0;
 const FRACTION: std::ops::RangeInclusive<f64> = 0.0..=0.9;
 const NAME: std::ops::RangeInclusive<usize> = 1..=200;
+
+impl RobotDescription {
+    /// Checks a description that does not come from a spec.
+    ///
+    /// # Errors
+    /// All violations, with their fields as seen from the description.
+    pub fn checked(&self) -> Result<(), SpecError> {
+        let mut violations = Violations::default();
+        self.check(&mut violations);
+        violations.finish()
+    }
+}
 
 impl Check for RobotDescription {
     fn check(&self, violations: &mut Violations) {
@@ -139,7 +152,7 @@ impl BodyDescription {
     /// Whether Σ = ½ tr(I) 1 − I, the second moments of the mass, is positive definite. This holds
     /// for every body that is not flat (Wensing, Kim and Slotine 2018). The test uses the leading
     /// minors.
-    fn has_second_moments(&self) -> bool {
+    pub fn has_second_moments(&self) -> bool {
         let [xx, xy, xz, yy, yz, zz] = self.inertia_kg_m2;
         let half_trace = 0.5 * (xx + yy + zz);
         let [a, b, c] = [half_trace - xx, half_trace - yy, half_trace - zz];
