@@ -202,9 +202,11 @@ fn placeholder(body: &RigidBody) -> Option<String> {
 /// The body with at least the second moments of a ball with a radius of gyration of 1 mm.
 fn thickened(body: &RigidBody) -> RigidBody {
     const RADIUS_M: f64 = 1e-3;
+    /// Relative to the largest second moment. Then rounding leaves the others positive.
+    const SMALLEST: f64 = 1e-6;
 
     let moments = body.second_moments().symmetric_eigen();
-    let least = body.mass * RADIUS_M * RADIUS_M;
+    let least = (body.mass * RADIUS_M * RADIUS_M).max(SMALLEST * moments.eigenvalues.max());
     let raised = Matrix3::from_diagonal(&moments.eigenvalues.map(|moment| moment.max(least)));
     let axes = moments.eigenvectors;
     body.with_second_moments(&(axes * raised * axes.transpose()))
@@ -246,5 +248,19 @@ mod tests {
             placeholder(&RigidBody::new(3.0, [0.0; 3], [0.01, 0.0, 0.0, 0.02, 0.0, 0.015])),
             None
         );
+    }
+
+    #[test]
+    fn inertias_of_any_size_are_decided_and_repaired() {
+        const ENTRIES: [f64; 4] = [0.0, 5e-324, -1e-3, 1e9];
+
+        for code in 0..4_usize.pow(6) {
+            let inertia = [0, 1, 2, 3, 4, 5].map(|place| ENTRIES[code / 4_usize.pow(place) % 4]);
+            let body = RigidBody::new(1.0, [0.0; 3], inertia);
+            if !is_possible(&body) {
+                let repaired = thickened(&body.projected());
+                assert!(described(&repaired).has_second_moments(), "{inertia:?}");
+            }
+        }
     }
 }

@@ -219,7 +219,7 @@ pub enum UrdfError {
     },
     /// The arm is outside of what a description can say.
     #[error("the URDF's arm is not allowed: {0}")]
-    Description(#[from] SpecError),
+    Description(#[source] SpecError),
 }
 
 fn suggestion(nearest: Option<&str>) -> String {

@@ -8,6 +8,7 @@
 //! The description is the URDF's arm and not an approximation: poses, mass matrix and forces are
 //! the URDF's within rounding. Angles within 1e-12 rad of a multiple of 45° become that multiple,
 //! and lengths below 1e-13 m become 0. `table` says how frames are chosen.
+//! `tests/peers/public_arms.py` compares public arms with Pinocchio.
 //!
 //! # What is assumed
 //!
@@ -45,7 +46,9 @@ use std::collections::BTreeMap;
 use nalgebra::{IsometryMatrix3, Vector3};
 use serde::Serialize;
 use sha2::{Digest, Sha256};
-use spec::{BaseDescription, HandDescription, JointDescription, Randomization, RobotDescription};
+use spec::{
+    BaseDescription, HandDescription, JointDescription, Randomization, RobotDescription, SpecError,
+};
 
 pub use error::UrdfError;
 pub use part::{Doubt, Part};
@@ -187,8 +190,19 @@ pub fn read(text: &str, options: &Options) -> Result<Arm, UrdfError> {
         randomization: Randomization::default(),
         initial_state: initial::initial_state(&joints, &limits, &mut doubts),
     };
-    description.checked()?;
+    description.checked().map_err(|error| named(error, &joints))?;
     Ok(Arm { description, doubts: doubts.into_vec(), base, tip, bodies })
+}
+
+/// The violations of a description, with the names of joints for their numbers.
+fn named(mut error: SpecError, joints: &[&Joint]) -> UrdfError {
+    for violation in &mut error.violations {
+        for (index, joint) in joints.iter().enumerate() {
+            let name = Part::Joint(joint.name.clone()).to_string();
+            violation.field = violation.field.replace(&format!("joints[{index}]"), &name);
+        }
+    }
+    UrdfError::Description(error)
 }
 
 /// The joints' axes and the tip's z, each seen from the one before.

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::time::{Duration, Instant};
 
+use spec::BaseDescription;
 use urdf::{Options, UrdfError, read};
 
 /// An arm of two joints, with a fixed hand.
@@ -165,7 +166,16 @@ fn limits() {
     check_replaced("<axis xyz=\"0 0 1\"/>", damped, &["dynamics damping is -1", "0 to 1000"]);
     let rough = "<axis xyz=\"0 0 1\"/><dynamics friction=\"60\"/>";
     check_replaced("<axis xyz=\"0 0 1\"/>", rough, &["dynamics friction is 60", "0 to 50"]);
-    check_replaced("0 0 0.3", "0 30 0", &["allowed: -10", "shift_m"]);
+    check_replaced("0 0 0.3", "0 30 0", &["joint `elbow`.shift_m", "allowed: "]);
+}
+
+#[test]
+fn mounts() {
+    for number in [f64::NAN, f64::INFINITY, 1e9] {
+        let mount = BaseDescription { position_m: [0.0; 3], rpy_deg: [number, 0.0, 1.0] };
+        let options = Options { mount, ..Options::default() };
+        check(ARM, &options, &["base.rpy_deg", "allowed: "]);
+    }
 }
 
 #[test]
