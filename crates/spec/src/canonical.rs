@@ -15,10 +15,12 @@ use utoipa::{PartialSchema, ToSchema};
 pub struct Digest([u8; 32]);
 
 impl Digest {
+    /// A digest that was computed elsewhere.
     pub const fn from_bytes(bytes: [u8; 32]) -> Self {
         Self(bytes)
     }
 
+    /// The 32 bytes.
     pub const fn as_bytes(&self) -> &[u8; 32] {
         &self.0
     }
@@ -69,6 +71,7 @@ impl PartialSchema for Digest {
 
 impl ToSchema for Digest {}
 
+/// A text that is no digest.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 #[error("a digest is {0:?}, allowed: 64 hexadecimal digits of a SHA-256")]
 pub struct ParseDigestError(String);

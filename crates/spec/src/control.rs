@@ -23,8 +23,10 @@ pub struct ControlSpec {
     /// A simulation. Its first `robots` trajectories give the robots, their initial states and
     /// their excitation before control.
     pub data: DataSource,
+    /// Models that plan, each as a controller.
     #[serde(default)]
     pub checkpoints: Vec<CheckpointRef>,
+    /// Controllers without a checkpoint. Default: all.
     #[serde(default = "ControlBaseline::all")]
     pub baselines: Vec<ControlBaseline>,
     /// Number of robots.
@@ -37,15 +39,19 @@ pub struct ControlSpec {
     /// Duration of control, s.
     #[serde(default = "defaults::duration_s")]
     pub duration_s: f64,
+    /// The path that every robot should follow.
     #[serde(default)]
     pub path: ControlPath,
+    /// How all controllers plan their torques.
     #[serde(default)]
     pub planner: Planner,
     /// Seed of the planner's random numbers, 0 to 2^53 - 1.
     #[serde(default)]
     pub seed: u64,
+    /// How the report's intervals over robots are resampled.
     #[serde(default)]
     pub bootstrap: Bootstrap,
+    /// How the job is executed. It is not part of the digest.
     #[serde(default, skip_serializing_if = "Execution::is_default")]
     pub execution: Execution,
 }
@@ -73,6 +79,7 @@ impl ControlBaseline {
         vec![Self::ZeroTorque, Self::DampedIntegrator, Self::NominalSimulator, Self::Oracle]
     }
 
+    /// Its name in specs and tables.
     pub const fn as_str(self) -> &'static str {
         match self {
             Self::ZeroTorque => "zero-torque",
@@ -197,6 +204,7 @@ pub struct Planner {
     pub noise_decay: f64,
     /// λ of the weights exp(−(S − min S) / (λ (mean S − min S))).
     pub temperature: f64,
+    /// Whether the torques of a joint are weighted by its own cost or by that of all joints.
     pub weights: PlanWeights,
     /// Weight of the effort, rad²/(N·m)². The cost S is the mean of (q − path)² over the plan, plus
     /// this weight times the mean of u².
@@ -268,6 +276,8 @@ impl ControlSpec {
 }
 
 impl ControlSpec {
+    /// Compares the spec with the data and the trainings that its references were resolved to.
+    ///
     /// # Errors
     /// Names each field that does not fit `data` or a training, with both numbers.
     pub fn check_inputs(

@@ -4,7 +4,9 @@ use crate::{Cell, Column, ImportSpec, Observations, Range, RobotSpec, SimulateSp
 #[expect(clippy::large_enum_variant, reason = "few exist at a time")]
 #[derive(Clone, Debug, PartialEq)]
 pub enum DataSpec {
+    /// Simulated arms.
     Simulation(SimulateSpec),
+    /// A file of recordings.
     Import(ImportSpec),
 }
 
@@ -60,6 +62,7 @@ impl DataSpec {
         }
     }
 
+    /// Samples per second.
     pub fn rate_hz(&self) -> f64 {
         match self {
             Self::Simulation(spec) => spec.rate_hz,
@@ -109,6 +112,7 @@ impl DataSpec {
         self.simulation().map(|spec| spec.observations).unwrap_or_default()
     }
 
+    /// The simulation; `None` for an import.
     pub fn simulation(&self) -> Option<&SimulateSpec> {
         match self {
             Self::Simulation(spec) => Some(spec),

@@ -66,6 +66,7 @@ pub struct SpecError {
 }
 
 impl SpecError {
+    /// An error with a single violation.
     pub fn one(
         field: impl Into<String>,
         value: impl Into<String>,
@@ -90,6 +91,7 @@ impl SpecError {
         self.violations.extend(other.violations.into_iter().take(room));
     }
 
+    /// Whether it has no violation.
     pub const fn is_empty(&self) -> bool {
         self.violations.is_empty()
     }

@@ -36,7 +36,7 @@ impl Default for Execution {
 }
 
 impl Execution {
-    pub fn is_default(&self) -> bool {
+    pub(crate) fn is_default(&self) -> bool {
         *self == Self::default()
     }
 }

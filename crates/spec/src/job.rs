@@ -21,6 +21,7 @@ macro_rules! job_specs {
         #[expect(clippy::large_enum_variant, reason = "few exist at a time")]
         #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
         #[serde(tag = "kind", rename_all = "snake_case")]
+        #[expect(missing_docs, reason = "the type of each variant says what the job does")]
         pub enum JobSpec {
             $($Kind($Spec),)*
             Pipeline(PipelineSpec),
@@ -37,6 +38,7 @@ macro_rules! job_specs {
         }
 
         impl JobSpec {
+            /// The kind of the job.
             pub const fn kind(&self) -> JobKind {
                 match self {
                     $(Self::$Kind(_) => JobKind::$Kind,)*

@@ -28,19 +28,23 @@ macro_rules! for_each_kind {
 
 macro_rules! job_kinds {
     ($($name:ident => $Kind:ident($Spec:ident),)*) => {
+        /// The work that a job does.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
         #[serde(rename_all = "snake_case")]
+        #[expect(missing_docs, reason = "the spec of each kind says what its jobs do")]
         pub enum JobKind {
             $($Kind,)*
             Pipeline,
         }
 
         impl JobKind {
+            /// All kinds, the pipeline last.
             pub const ALL: &[Self] = &[$(Self::$Kind,)* Self::Pipeline];
 
             /// Their words, in the same order.
             pub const WORDS: &[&'static str] = &[$(stringify!($name),)* "pipeline"];
 
+            /// The word in specs, which is also the name of the kind's modules.
             pub const fn as_str(self) -> &'static str {
                 match self {
                     $(Self::$Kind => stringify!($name),)*

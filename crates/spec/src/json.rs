@@ -26,6 +26,7 @@ pub fn read_json<T: DeserializeOwned>(text: &[u8]) -> Result<T, JsonFault> {
 }
 
 impl JsonFault {
+    /// The fault that serde_json found in `text`.
     pub fn new(text: &[u8], error: &serde_json::Error) -> Self {
         let at = if error.is_eof() { text.len() } else { beginning(text, error) };
         let (before, rest) = text.split_at(at);

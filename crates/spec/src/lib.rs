@@ -43,6 +43,8 @@
 //! A training's spec says once which contexts and horizons the training answers (`Lengths`).
 //! Evaluations, models and planners ask there.
 
+#![warn(missing_docs)]
+
 mod canonical;
 mod check;
 mod control;
@@ -85,7 +87,7 @@ pub use error::{
 pub use error_text::{causes, panic_message};
 pub use evaluate::{
     Baseline, Bootstrap, EvaluateSpec, EvaluationSampler, FilePredictions, LatencySpec,
-    SamplerSteps, SamplingRun, ScenarioCell, Start, UNGRIDDED_SCENARIOS,
+    SamplerSteps, SamplingRun, ScenarioCell, Start,
 };
 pub use execution::Execution;
 pub use import::{

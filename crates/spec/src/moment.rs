@@ -15,6 +15,7 @@ use utoipa::{PartialSchema, ToSchema};
 pub struct Moment(i64);
 
 impl Moment {
+    /// The moment this long after 1970-01-01T00:00:00Z, ms.
     pub const fn from_milliseconds(milliseconds: i64) -> Self {
         Self(milliseconds)
     }
@@ -32,6 +33,7 @@ impl fmt::Display for Moment {
     }
 }
 
+/// A text that is no moment.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 #[error(
     "{0:?}, allowed: a moment with its zone, such as 2026-12-01T08:00:00Z or \

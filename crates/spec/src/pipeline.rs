@@ -19,6 +19,7 @@ const NUMBER_OF_JOBS: &str = "1 to 200 jobs";
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct PipelineSpec {
+    /// The name of its job, unless users give the job another one.
     pub name: String,
     /// 1 to 200 jobs. Names have lower-case letters, digits and dashes.
     #[schema(no_recursion)]
@@ -31,6 +32,7 @@ pub struct PipelineMember {
     /// Jobs that must succeed first, in addition to those that this job refers to.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub needs: Vec<String>,
+    /// The job itself.
     #[serde(flatten)]
     #[schema(no_recursion)]
     pub spec: JobSpec,
@@ -38,7 +40,7 @@ pub struct PipelineMember {
 
 impl PipelineMember {
     /// All jobs of the pipeline that must succeed before this one.
-    pub fn all_needs(&self) -> BTreeSet<String> {
+    pub(crate) fn all_needs(&self) -> BTreeSet<String> {
         let referred = self.spec.named_jobs().into_iter().map(|job| job.name);
         self.needs.iter().cloned().chain(referred).collect()
     }

@@ -18,10 +18,13 @@ static FILES: &[(&str, &str)] = include!(concat!(env!("OUT_DIR"), "/presets.rs")
 /// A named starting point for a job or for a model.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Preset {
+    /// The name in `"preset": NAME`.
     pub name: String,
     /// A description in one line.
     pub about: String,
+    /// Where it may be used.
     pub place: PresetPlace,
+    /// Its fields, which those of the user are merged over.
     #[schema(value_type = Object)]
     pub spec: Value,
 }

@@ -7,15 +7,20 @@ use utoipa::{PartialSchema, ToSchema};
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(from = "[f64; 2]", into = "[f64; 2]")]
 pub struct Range {
+    /// The lower end.
     pub min: f64,
+    /// The upper end.
     pub max: f64,
 }
 
 impl Range {
+    /// The interval from `min` to `max`. Checks of specs refuse one whose ends are out of order or
+    /// not finite.
     pub const fn new(min: f64, max: f64) -> Self {
         Self { min, max }
     }
 
+    /// Whether a value lies within, or on an end.
     pub fn contains(&self, value: f64) -> bool {
         self.min <= value && value <= self.max
     }

@@ -52,6 +52,7 @@ pub enum TrainingRef {
     Digest(Digest),
 }
 
+/// A checkpoint by its training and its step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TrainingStep {
@@ -77,7 +78,9 @@ impl CheckpointRef {
 /// The product of a job, which other jobs may refer to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Product {
+    /// A dataset.
     Trajectories,
+    /// Checkpoints of a model.
     Checkpoints,
 }
 
@@ -98,12 +101,16 @@ impl Product {
 pub struct Reference<'a> {
     /// Its field, e.g. `checkpoints[0]`.
     pub field: String,
+    /// The reference itself, which submission replaces by a digest.
     pub to: Referred<'a>,
 }
 
+/// The work that a reference names.
 #[derive(Debug)]
 pub enum Referred<'a> {
+    /// Trajectories.
     Data(&'a mut DataSource),
+    /// A checkpoint.
     Checkpoint(&'a mut CheckpointRef),
     /// A sent file, by its SHA-256.
     File(&'a mut Digest),

@@ -26,14 +26,12 @@ const MAX_TAGS: usize = 16;
 const MEGABYTES_PER_GB: f64 = 1000.0;
 
 impl Resources {
+    /// Allowed numbers of processors.
     pub const CPUS: std::ops::RangeInclusive<u32> = 1..=1024;
+    /// Allowed numbers of GPUs.
     pub const GPUS: std::ops::RangeInclusive<u32> = 0..=64;
+    /// Allowed memory, 10^9 bytes.
     pub const MEMORY_GB: std::ops::RangeInclusive<f64> = 0.1..=100_000.0;
-
-    /// Whether the task needs no particular resources, so that any worker can take it.
-    pub fn are_any(&self) -> bool {
-        *self == Self::default()
-    }
 
     /// Whether a worker with this offer can take a task that asks for `asked`.
     pub fn cover(&self, asked: &Self) -> bool {

@@ -11,6 +11,7 @@ use crate::{DataSource, Execution, Reference};
 pub struct VerifySpec {
     /// A dataset. A stream is not stored, so there is nothing to compare it with.
     pub data: DataSource,
+    /// How the job is executed. It is not part of the digest.
     #[serde(default, skip_serializing_if = "Execution::is_default")]
     pub execution: Execution,
 }

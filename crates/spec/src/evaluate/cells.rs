@@ -4,7 +4,7 @@ use super::spec::EvaluateSpec;
 use crate::{DataSpec, Family};
 
 /// Default number of scenarios for data without a frequency grid.
-pub const UNGRIDDED_SCENARIOS: u32 = 1000;
+const UNGRIDDED_SCENARIOS: u32 = 1000;
 
 /// Scenarios that one task evaluates and that are summarized together.
 #[derive(Clone, Debug, PartialEq)]

@@ -9,7 +9,7 @@ mod predictions;
 mod sampler;
 mod spec;
 
-pub use cells::{ScenarioCell, UNGRIDDED_SCENARIOS};
+pub use cells::ScenarioCell;
 pub use predictions::FilePredictions;
 pub use sampler::{EvaluationSampler, SamplerSteps, SamplingRun, Start};
 pub use spec::{Baseline, Bootstrap, EvaluateSpec, LatencySpec};

@@ -14,6 +14,7 @@ use crate::{ModelSpec, SamplerKind, SamplerSpec, Spacing};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct EvaluationSampler {
+    /// How noise is removed. Default: as in the training.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub kind: Option<SamplerKind>,
     /// Steps of the sampler, at most `diffusion.steps`: a number or a list of numbers. With a warm
@@ -23,16 +24,21 @@ pub struct EvaluationSampler {
     /// Share of DDPM's noise that DDIM adds again at each step.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub eta: Option<f64>,
+    /// The noise levels that are visited. Default: as in the training.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub spacing: Option<Spacing>,
+    /// The starting point.
     #[serde(default)]
     pub start: Start,
 }
 
+/// One number of steps, or several numbers, each of which is evaluated.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(untagged)]
 pub enum SamplerSteps {
+    /// A single number.
     One(u32),
+    /// A list of numbers.
     Each(Vec<u32>),
 }
 
@@ -57,11 +63,14 @@ pub enum Start {
 pub struct SamplingRun {
     /// The sampler of a cold start. Other starts take the last `steps` of its levels.
     pub sampler: SamplerSpec,
+    /// Number of passes through the network.
     pub steps: u32,
+    /// The starting point of the sampler.
     pub start: Start,
 }
 
 impl SamplerSteps {
+    /// The numbers, in the order of the spec.
     pub fn each(&self) -> &[u32] {
         match self {
             Self::One(steps) => std::slice::from_ref(steps),

@@ -18,8 +18,10 @@ pub struct EvaluateSpec {
     /// multisines from 0.01 to 0.5 Hz and the number of samples that is needed.
     #[schema(required = false)]
     pub data: DataSource,
+    /// Models that torqued trained.
     #[serde(default)]
     pub checkpoints: Vec<CheckpointRef>,
+    /// Predictors that learn nothing from other robots. Default: all.
     #[serde(default = "Baseline::all")]
     pub baselines: Vec<Baseline>,
     /// Models outside of torqued, as files of their predictions on a stored dataset. With them,
@@ -61,8 +63,10 @@ pub struct EvaluateSpec {
     /// result depends on the machine and its load.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub latency: Option<LatencySpec>,
+    /// How the report's intervals over scenarios are resampled.
     #[serde(default)]
     pub bootstrap: Bootstrap,
+    /// How the job is executed. It is not part of the digest.
     #[serde(default, skip_serializing_if = "Execution::is_default")]
     pub execution: Execution,
 }
@@ -145,7 +149,9 @@ impl Baseline {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Bootstrap {
+    /// Number of resamples.
     pub resamples: u32,
+    /// Seed of the resamples.
     pub seed: u64,
 }
 

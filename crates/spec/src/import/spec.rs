@@ -12,14 +12,18 @@ use crate::{Digest, Execution, Range, RobotModel, RobotSpec};
 pub struct ImportSpec {
     /// SHA-256 of the uploaded file; `POST /v1/datasets` fills it in.
     pub file: Digest,
+    /// The format of the file.
     pub format: FileFormat,
+    /// The names of its columns.
     pub columns: ImportColumns,
     /// The recorded arm, with the same fields as in a simulation. Baselines know this about it.
     /// Default: a Panda whose limits are not checked.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub robot: Option<RobotSpec>,
+    /// The units of its numbers.
     #[serde(default)]
     pub units: ImportUnits,
+    /// The values that are allowed after conversion.
     #[serde(default)]
     pub ranges: ImportRanges,
     /// Standard deviation of the noise that the recorded positions have, rad in any case, 0 to 0.1.
@@ -34,6 +38,7 @@ pub struct ImportSpec {
     /// Sampling rate of the dataset in Hz.
     #[serde(default = "defaults::rate_hz")]
     pub rate_hz: f64,
+    /// What to do with samples that are not `1 / rate_hz` apart.
     #[serde(default)]
     pub resampling: Resampling,
     /// The longest time between two samples that resampling bridges, s. A longer pause in the file
@@ -43,23 +48,29 @@ pub struct ImportSpec {
     /// Number of samples per trajectory.
     #[serde(default = "defaults::samples")]
     pub samples: u32,
+    /// How recordings are cut into trajectories.
     #[serde(default)]
     pub split: Split,
+    /// How the job is executed. It is not part of the digest.
     #[serde(default, skip_serializing_if = "Execution::is_default")]
     pub execution: Execution,
 }
 
+/// The format of an uploaded file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum FileFormat {
+    /// A Parquet file with flat columns.
     Parquet,
     /// Comma-separated values with a header line.
     Csv,
 }
 
 impl FileFormat {
+    /// Both formats.
     pub const ALL: [Self; 2] = [Self::Parquet, Self::Csv];
 
+    /// The word in specs.
     pub const fn as_str(self) -> &'static str {
         match self {
             Self::Parquet => "parquet",
@@ -101,24 +112,32 @@ pub struct ImportColumns {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ImportUnits {
+    /// Unit of times.
     pub time: TimeUnit,
     /// Unit of positions; velocities have this unit per second.
     pub angle: AngleUnit,
 }
 
+/// A unit of time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum TimeUnit {
+    /// Seconds.
     #[default]
     S,
+    /// Milliseconds.
     Ms,
+    /// Microseconds.
     Us,
+    /// Nanoseconds.
     Ns,
 }
 
 impl TimeUnit {
+    /// All units, the longest first.
     pub const ALL: [Self; 4] = [Self::S, Self::Ms, Self::Us, Self::Ns];
 
+    /// The symbol, as in specs.
     pub const fn as_str(self) -> &'static str {
         match self {
             Self::S => "s",
@@ -128,6 +147,7 @@ impl TimeUnit {
         }
     }
 
+    /// Its length in seconds.
     pub const fn seconds(self) -> f64 {
         match self {
             Self::S => 1.0,
@@ -138,11 +158,14 @@ impl TimeUnit {
     }
 }
 
+/// A unit of angles.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum AngleUnit {
+    /// Radians.
     #[default]
     Rad,
+    /// Degrees.
     Deg,
 }
 
@@ -153,8 +176,11 @@ pub enum AngleUnit {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ImportRanges {
+    /// Torques, N·m.
     pub u_nm: Option<Range>,
+    /// Positions, rad.
     pub q_rad: Option<Range>,
+    /// Velocities, rad/s.
     pub qd_rad_s: Option<Range>,
 }
 
@@ -190,7 +216,10 @@ pub enum Split {
     Whole,
     /// Each recording gives as many trajectories as fit, each `stride` samples after the one
     /// before. The remaining samples at the end are dropped and counted.
-    Windows { stride: u32 },
+    Windows {
+        /// Number of samples from the beginning of a trajectory to that of the next.
+        stride: u32,
+    },
 }
 
 impl ImportSpec {

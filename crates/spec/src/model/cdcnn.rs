@@ -16,12 +16,16 @@ pub struct CdcnnSpec {
     pub embedding: u32,
     /// Channels of each stage, multiples of 8. Every stage except the last halves the samples.
     pub widths: Vec<u32>,
+    /// How u conditions the network.
     #[serde(default)]
     pub conditioning: Conditioning,
+    /// How noise is added, and what is predicted from it.
     #[serde(default)]
     pub diffusion: DiffusionSpec,
+    /// How predictions are sampled, unless a request names another sampler.
     #[serde(default)]
     pub sampler: SamplerSpec,
+    /// The path that predictions are added to.
     #[serde(default, skip_serializing_if = "Residual::is_none")]
     pub residual: Residual,
 }

@@ -17,6 +17,7 @@ use crate::check::{Check, Violations};
 pub struct CdtSpec {
     /// Width of every token; even and a multiple of `heads`.
     pub d_model: u32,
+    /// Number of heads of attention.
     pub heads: u32,
     /// Layers for the noise level and u. 4 in the paper's code.
     pub encoder_layers: u32,
@@ -28,6 +29,7 @@ pub struct CdtSpec {
     /// Hidden width of the feed-forward blocks as a multiple of `d_model`.
     #[serde(default = "four")]
     pub mlp_ratio: u32,
+    /// The precision of the layers' matrix products.
     #[serde(default, skip_serializing_if = "MatmulPrecision::is_default")]
     pub matmul_precision: MatmulPrecision,
     /// Dropout in training: the share of values that are dropped from attention's weights, after
@@ -37,15 +39,19 @@ pub struct CdtSpec {
     /// Dropout of the tokens at the input of the layers. 0.1 in the paper's code, `p_drop_emb`.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub embedding_dropout: f64,
+    /// Whether it removes noise or predicts in one pass.
     #[serde(default, skip_serializing_if = "Objective::is_default")]
     pub objective: Objective,
     /// The loss of a regression.
     #[serde(default, skip_serializing_if = "PointLoss::is_default")]
     pub loss: PointLoss,
+    /// How noise is added, and what is predicted from it.
     #[serde(default)]
     pub diffusion: DiffusionSpec,
+    /// How predictions are sampled, unless a request names another sampler.
     #[serde(default)]
     pub sampler: SamplerSpec,
+    /// The path that predictions are added to.
     #[serde(default, skip_serializing_if = "Residual::is_none")]
     pub residual: Residual,
 }

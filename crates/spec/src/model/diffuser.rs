@@ -18,6 +18,7 @@ pub struct DiffuserSpec {
     /// Channels of each stage as multiples of `width`. Every stage except the last halves the
     /// samples.
     pub multipliers: Vec<u32>,
+    /// How training treats values that are known when the model predicts.
     #[serde(default)]
     pub known: Known,
     /// Weights of the squared errors of u and of y; the paper's W. With `clean-and-masked` only y
@@ -25,10 +26,13 @@ pub struct DiffuserSpec {
     #[serde(default = "weights")]
     #[schema(min_items = 2, max_items = 2)]
     pub weights: [f64; 2],
+    /// How noise is added, and what is predicted from it.
     #[serde(default)]
     pub diffusion: DiffusionSpec,
+    /// How predictions are sampled, unless a request names another sampler.
     #[serde(default)]
     pub sampler: SamplerSpec,
+    /// The path that predictions are added to.
     #[serde(default, skip_serializing_if = "Residual::is_none")]
     pub residual: Residual,
 }

@@ -12,11 +12,14 @@ use crate::check::{Check, Violations};
 pub struct DiffusionSpec {
     /// Number of noise levels in training; the paper's T.
     pub steps: u32,
+    /// The noise of each level.
     pub schedule: NoiseSchedule,
+    /// The quantity that the network predicts.
     pub prediction: Prediction,
     /// Limit of a sampler's estimate of the clean series, in standard deviations of the
     /// normalization; `null` for no limit. Below about 5 it cuts off positions that arms do reach.
     pub clip: Option<f64>,
+    /// The divisor of the loss.
     pub loss_mean: LossMean,
 }
 
@@ -62,6 +65,7 @@ pub enum LossMean {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct SamplerSpec {
+    /// How noise is removed.
     pub kind: SamplerKind,
     /// Number of passes through the model, at most `diffusion.steps`; `null` for all of them. For a
     /// flow, the number of steps of its equation, at most 1000; `null` for 2. `heun` takes two
@@ -69,9 +73,11 @@ pub struct SamplerSpec {
     pub steps: Option<u32>,
     /// Share of DDPM's noise that DDIM adds again at each step. 0 for other kinds.
     pub eta: f64,
+    /// The noise levels that fewer than all steps visit.
     pub spacing: Spacing,
 }
 
+/// A way to generate a series from noise.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum SamplerKind {
@@ -91,7 +97,7 @@ pub enum SamplerKind {
 
 impl SamplerKind {
     /// Whether it solves the equation of a flow. All other kinds remove noise level by level.
-    pub const fn is_of_flow(self) -> bool {
+    pub(crate) const fn is_of_flow(self) -> bool {
         matches!(self, Self::Euler | Self::Heun)
     }
 }

@@ -26,14 +26,17 @@ pub struct FlowSpec {
     pub embedding: u32,
     /// Channels of each stage, multiples of 8. Every stage except the last halves the samples.
     pub widths: Vec<u32>,
+    /// The quantity that the network predicts.
     #[serde(default)]
     pub prediction: FlowPrediction,
     /// Time at which a warm start begins, between the clean series at 0 and noise at 1. The steps
     /// from there are even.
     #[serde(default = "half")]
     pub warm_start_time: f64,
+    /// How predictions are sampled, unless a request names another sampler.
     #[serde(default = "few_steps")]
     pub sampler: SamplerSpec,
+    /// The path that predictions are added to.
     #[serde(default = "integrator")]
     pub residual: Residual,
 }

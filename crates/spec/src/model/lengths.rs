@@ -13,7 +13,9 @@ pub enum Lengths {
 /// Number of samples of a context, and of context and horizon together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Length {
+    /// Number of samples of the context.
     pub context: u32,
+    /// Number of samples of context and horizon.
     pub samples: u32,
 }
 

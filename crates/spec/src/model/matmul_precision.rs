@@ -7,6 +7,7 @@ use utoipa::ToSchema;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum MatmulPrecision {
+    /// Both factors are f32.
     #[default]
     F32,
     /// Both factors of each product, in the backward pass too, are rounded to bf16, which has eight

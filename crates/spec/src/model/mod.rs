@@ -63,6 +63,7 @@ macro_rules! model_spec {
         /// A sequence model and its sizes.
         #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
         #[serde(tag = "architecture")]
+        #[expect(missing_docs, reason = "the spec of each architecture says what it is")]
         pub enum ModelSpec {
             $(#[serde(rename = $label)] $name($spec),)*
         }
@@ -71,6 +72,7 @@ macro_rules! model_spec {
             /// The names of all architectures in specs.
             pub const ARCHITECTURES: &[&str] = &[$($label),*];
 
+            /// The name of the architecture in specs.
             pub const fn architecture(&self) -> &'static str {
                 match self { $(Self::$name(_) => $label,)* }
             }
@@ -97,6 +99,7 @@ impl ModelSpec {
         1_u32.checked_shl(halvings).unwrap_or(u32::MAX)
     }
 
+    /// The path that its predictions are added to.
     pub fn residual(&self) -> Residual {
         self.spec().residual()
     }

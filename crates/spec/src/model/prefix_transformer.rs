@@ -17,7 +17,9 @@ use crate::check::{Check, Violations};
 pub struct PrefixTransformerSpec {
     /// Width of every token; a multiple of `heads`.
     pub d_model: u32,
+    /// Number of heads of attention.
     pub heads: u32,
+    /// Number of layers.
     pub layers: u32,
     /// Number of samples per token; divides context and horizon.
     #[serde(default = "five")]
@@ -25,6 +27,7 @@ pub struct PrefixTransformerSpec {
     /// Hidden width of the feed-forward blocks as a multiple of `d_model`.
     #[serde(default = "four")]
     pub mlp_ratio: u32,
+    /// The precision of the layers' matrix products.
     #[serde(default, skip_serializing_if = "MatmulPrecision::is_default")]
     pub matmul_precision: MatmulPrecision,
     /// Length of the shortest context that the model supports, in samples; a multiple of `patch`.

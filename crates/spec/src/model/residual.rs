@@ -82,6 +82,7 @@ impl Default for DampedIntegrator {
 }
 
 impl Residual {
+    /// Whether the model predicts positions themselves.
     pub const fn is_none(&self) -> bool {
         matches!(self, Self::None)
     }

@@ -14,8 +14,11 @@ use crate::check::{Check, Violations};
 pub struct RoboMorphSpec {
     /// Width of every token; a multiple of `heads`.
     pub d_model: u32,
+    /// Number of heads of attention.
     pub heads: u32,
+    /// Layers for the context.
     pub encoder_layers: u32,
+    /// Layers for the horizon.
     pub decoder_layers: u32,
     /// Number of samples per token; divides context and horizon. 1 in the paper.
     #[serde(default = "one")]
@@ -23,15 +26,19 @@ pub struct RoboMorphSpec {
     /// Hidden width of the feed-forward blocks as a multiple of `d_model`.
     #[serde(default = "four")]
     pub mlp_ratio: u32,
+    /// The precision of the layers' matrix products.
     #[serde(default, skip_serializing_if = "MatmulPrecision::is_default")]
     pub matmul_precision: MatmulPrecision,
+    /// Whether it predicts a number or a distribution for each position.
     #[serde(default, skip_serializing_if = "Head::is_default")]
     pub head: Head,
+    /// Whether it predicts positions or displacements.
     #[serde(default, skip_serializing_if = "Output::is_default")]
     pub output: Output,
     /// The loss of a point head.
     #[serde(default, skip_serializing_if = "PointLoss::is_default")]
     pub loss: PointLoss,
+    /// The path that predictions are added to.
     #[serde(default, skip_serializing_if = "Residual::is_none")]
     pub residual: Residual,
 }

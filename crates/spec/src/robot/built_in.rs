@@ -24,7 +24,9 @@ static BUILT_IN: LazyLock<Vec<BuiltInRobot>> = LazyLock::new(|| {
 /// A built-in description.
 #[derive(Debug, PartialEq)]
 pub struct BuiltInRobot {
+    /// The name in specs, which is also that of its file.
     pub name: &'static str,
+    /// The content of the file.
     pub description: RobotDescription,
 }
 
@@ -33,8 +35,10 @@ pub struct BuiltInRobot {
 #[schema(rename_all = "kebab-case")]
 #[serde(untagged)]
 pub enum RobotModel {
+    /// The name of a built-in robot.
     #[schema(value_type = String)]
     BuiltIn(&'static BuiltInRobot),
+    /// A robot that the spec describes itself.
     Described(Box<RobotDescription>),
 }
 
@@ -53,6 +57,7 @@ impl RobotModel {
         BUILT_IN.iter().find(|robot| robot.name == name).map(Self::BuiltIn)
     }
 
+    /// The description, built-in or not.
     pub fn description(&self) -> &RobotDescription {
         match self {
             Self::BuiltIn(robot) => &robot.description,

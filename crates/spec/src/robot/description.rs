@@ -24,6 +24,7 @@ pub struct RobotDescription {
     /// Joints, from the base outwards.
     #[schema(min_items = 1, max_items = 8)]
     pub joints: Vec<JointDescription>,
+    /// The bodies at the last link, and the frame that poses are recorded of.
     #[serde(default)]
     pub hand: HandDescription,
     /// Default deviation of robots from these numbers.
@@ -68,6 +69,7 @@ impl BaseDescription {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct JointDescription {
+    /// The joint's name, as its manufacturer calls it.
     pub name: String,
     /// Length along x of the frame before, m.
     pub a_m: f64,
@@ -145,6 +147,7 @@ pub struct JointFriction {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct BodyDescription {
+    /// Mass, kg.
     pub mass_kg: f64,
     /// Centre of mass, m.
     #[schema(min_items = 3, max_items = 3)]
@@ -181,6 +184,7 @@ pub struct HandDescription {
     pub flange_m: f64,
     /// Rotation of the hand's frame about its z, degrees. Multiples of 45 are exact.
     pub yaw_deg: f64,
+    /// The bodies. They may be none.
     pub bodies: Vec<AttachedBody>,
 }
 
@@ -195,11 +199,13 @@ impl HandDescription {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AttachedBody {
+    /// The body's name.
     pub name: String,
     /// Origin of the body's frame in the hand's frame, m. Their axes are parallel.
     #[serde(default)]
     #[schema(min_items = 3, max_items = 3)]
     pub position_m: [f64; 3],
+    /// The body, in a frame whose origin is at `position_m`.
     pub body: BodyDescription,
 }
 
@@ -207,12 +213,19 @@ pub struct AttachedBody {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Randomization {
+    /// Half-width of masses.
     pub mass_fraction: f64,
+    /// Half-width of the coordinates of centres of mass.
     pub com_fraction: f64,
+    /// Half-width of inertias.
     pub inertia_fraction: f64,
+    /// How inertias are drawn.
     pub inertia_scheme: InertiaScheme,
+    /// Half-width of dampings.
     pub damping_fraction: f64,
+    /// Half-width of armatures.
     pub armature_fraction: f64,
+    /// Half-width of the lengths of the kinematics.
     pub geometry_fraction: f64,
 }
 

@@ -12,12 +12,17 @@ use crate::Range;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct InitialState {
+    /// Interval of k.
     pub joint1_scale: Range,
     /// Centers of all joints. That of joint 1 is not used.
     pub center_rad: Vec<f64>,
+    /// The largest distance from the center, rad.
     pub spread_rad: f64,
+    /// Interval of g.
     pub velocity_scale: Range,
+    /// The largest speed of joint 1 at g = 1, rad/s.
     pub joint1_velocity_rad_s: f64,
+    /// The largest speed of the other joints at g = 1, rad/s.
     pub velocity_rad_s: f64,
 }
 

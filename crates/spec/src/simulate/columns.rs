@@ -13,7 +13,9 @@ use crate::{JointDescription, RobotDescription};
 /// A column of a table.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Column {
+    /// The name in the file.
     pub name: String,
+    /// The type of its values.
     pub data_type: ColumnType,
     /// Whether a row may have no value.
     pub nullable: bool,
@@ -23,11 +25,14 @@ pub struct Column {
     /// The frame in whose axes a component is written.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub frame: Option<String>,
+    /// Its meaning, in a few words.
     pub about: String,
 }
 
+/// The type of a column's values, as Arrow names it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
+#[expect(missing_docs, reason = "the names are those of Arrow")]
 pub enum ColumnType {
     Boolean,
     Int32,
@@ -52,11 +57,13 @@ const LINK_BEFORE: &str = "modified DH frame of the link before, or of the base"
 const LINK: &str = "modified DH frame of the link, which moves with it";
 
 impl Column {
+    /// A column without unit and frame, in which every row has a value.
     pub fn new(name: impl Into<String>, data_type: ColumnType, about: impl Into<String>) -> Self {
         let (name, about) = (name.into(), about.into());
         Self { name, data_type, nullable: false, unit: None, frame: None, about }
     }
 
+    /// The column with a unit.
     #[must_use]
     pub fn unit(mut self, unit: &str) -> Self {
         self.unit = Some(unit.to_owned());

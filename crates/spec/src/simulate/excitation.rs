@@ -14,12 +14,16 @@ use crate::Range;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Excitation {
+    /// Signals whose frequency changes. `null` for none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub chirp: Option<Chirp>,
+    /// Sums of four sines. `null` for none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub multisine: Option<Multisine>,
+    /// Torques that jump. `null` for none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub steps: Option<Steps>,
+    /// The probability of a chirp, 0 to 1, if there are multisines, too.
     #[serde(default = "half")]
     pub chirp_fraction: f64,
 }
@@ -34,8 +38,11 @@ const fn half() -> f64 {
 )]
 #[serde(rename_all = "kebab-case")]
 pub enum Family {
+    /// A signal whose frequency changes.
     Chirp,
+    /// A sum of four sines.
     Multisine,
+    /// Torques that jump.
     Steps,
 }
 
@@ -88,6 +95,7 @@ impl Frequency {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Chirp {
+    /// f, the master frequency.
     pub frequency_hz: Frequency,
     /// a, in N·m.
     #[serde(default = "chirp::amplitude_nm")]
@@ -104,13 +112,16 @@ pub struct Chirp {
     /// Whether s is ±1 with equal probability; otherwise s = 1.
     #[serde(default = "yes")]
     pub random_sign: bool,
+    /// The divisor of every torque.
     #[serde(default = "chirp::torque_divisor")]
     pub torque_divisor: f64,
     /// The end of `low_band` and the beginning of `high_band`, in Hz of the master frequency.
     #[serde(default = "chirp::band_split_hz")]
     pub band_split_hz: f64,
+    /// The intervals for master frequencies below `band_split_hz`.
     #[serde(default = "chirp::low_band")]
     pub low_band: ChirpBand,
+    /// The intervals for the other master frequencies.
     #[serde(default = "chirp::high_band")]
     pub high_band: ChirpBand,
 }
@@ -119,7 +130,9 @@ pub struct Chirp {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ChirpBand {
+    /// Interval of f1.
     pub f1: Range,
+    /// Interval of f2.
     pub f2: Range,
 }
 
@@ -128,6 +141,7 @@ pub struct ChirpBand {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Multisine {
+    /// f, the master frequency.
     pub frequency_hz: Frequency,
     /// Interval of every a, in N·m per Hz of the master frequency.
     #[serde(default = "multisine::amplitude_nm_per_hz")]
@@ -152,6 +166,7 @@ pub struct Multisine {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Steps {
+    /// The master frequency, whose period is the unit of `hold_periods`.
     pub frequency_hz: Frequency,
     /// Interval of every level, in N·m.
     #[serde(default = "steps::level_nm")]

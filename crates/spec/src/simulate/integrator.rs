@@ -9,13 +9,16 @@ use utoipa::ToSchema;
 pub enum Integrator {
     /// Implicit-damping Euler with Richardson extrapolation over 1, 2, .. `order` steps.
     Extrapolated {
+        /// Number of extrapolated solutions.
         #[serde(default = "four")]
         order: u32,
+        /// Number of equal parts of a period, each of which is extrapolated.
         #[serde(default = "one")]
         substeps: u32,
     },
     /// Classical Runge-Kutta of order 4 with explicit damping.
     Rk4 {
+        /// Number of equal parts of a period.
         #[serde(default = "six")]
         substeps: u32,
     },
@@ -45,8 +48,10 @@ impl fmt::Display for Integrator {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Precision {
+    /// Numbers of 32 bits.
     #[default]
     F32,
+    /// Numbers of 64 bits.
     F64,
 }
 

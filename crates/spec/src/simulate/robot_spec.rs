@@ -17,6 +17,7 @@ pub struct RobotSpec {
     pub com_fraction: f64,
     /// Fraction for each body's inertia, drawn according to `inertia_scheme`.
     pub inertia_fraction: f64,
+    /// How inertias are drawn.
     pub inertia_scheme: InertiaScheme,
     /// Fraction for each joint's damping.
     pub damping_fraction: f64,
@@ -33,6 +34,7 @@ pub struct RobotSpec {
     pub friction: Option<Friction>,
     /// The load in the hand; `null` for none.
     pub payload: Option<Payload>,
+    /// Whether gravity acts on the arm.
     pub gravity: Gravity,
 }
 
@@ -64,15 +66,18 @@ impl RobotSpec {
         }
     }
 
+    /// The nominal arm.
     pub fn description(&self) -> &RobotDescription {
         self.model.description()
     }
 
+    /// Number of joints.
     pub fn joints(&self) -> usize {
         self.description().joints.len()
     }
 }
 
+/// Whether gravity acts on the arm, and whether its controller compensates it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Gravity {

@@ -30,23 +30,30 @@ pub struct SimulateSpec {
     /// Sampling rate in Hz; the torque is held over each period.
     #[serde(default = "defaults::rate_hz")]
     pub rate_hz: f64,
+    /// The torques.
     pub excitation: Excitation,
+    /// The arm, and how robots differ from it.
     #[serde(default)]
     pub robot: RobotSpec,
+    /// How each arm's positions and velocities at the beginning are drawn.
     #[serde(default)]
     pub initial_state: InitialState,
     /// Additional recorded quantities, besides torques and joint positions.
     #[serde(default)]
     pub observations: Observations,
+    /// When a trajectory is drawn again.
     #[serde(default)]
     pub rejection: Rejection,
+    /// How each sampling period is integrated.
     #[serde(default)]
     pub integrator: Integrator,
+    /// The numbers that the simulation computes with.
     #[serde(default)]
     pub precision: Precision,
     /// Number of trajectories per shard. A shard is one task and one Parquet file.
     #[serde(default = "defaults::shard_trajectories")]
     pub shard_trajectories: u32,
+    /// How the job is executed. It is not part of the digest.
     #[serde(default, skip_serializing_if = "Execution::is_default")]
     pub execution: Execution,
 }
@@ -72,7 +79,9 @@ impl Default for Rejection {
 /// One excitation family at one frequency, and its trajectories.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Cell {
+    /// The excitation family.
     pub family: Family,
+    /// The master frequency, Hz.
     pub frequency_hz: f64,
     /// Index of the first trajectory.
     pub first: u64,
@@ -86,6 +95,7 @@ impl SimulateSpec {
         self.robot.joints()
     }
 
+    /// Number of shards, which is also the number of tasks.
     pub fn shard_count(&self) -> u64 {
         self.trajectories.div_ceil(u64::from(self.shard_trajectories))
     }

@@ -25,7 +25,12 @@ pub enum StudyQuestion {
     /// Several predictions per scenario, scored as distributions.
     Samples,
     /// Other contexts and horizons.
-    Lengths { context: u32, horizon: u32 },
+    Lengths {
+        /// Number of observed samples.
+        context: u32,
+        /// Number of predicted samples.
+        horizon: u32,
+    },
     /// Denoisers with fewer steps and warm starts.
     WarmStart,
 }
@@ -43,6 +48,7 @@ impl StudyQuestion {
 pub struct StudyEvaluation {
     /// Its name in the pipeline.
     pub job: String,
+    /// Its question.
     pub question: StudyQuestion,
     /// The number of the training set; 1 for D1.
     pub set: usize,

@@ -88,11 +88,14 @@ pub fn study_models() -> &'static [StudyModel] {
 /// The study at one scale: all trainings and evaluations, with their purposes.
 #[derive(Clone, Debug)]
 pub struct StudyPlan {
+    /// The trainings, in the order of the pipeline.
     pub trainings: Vec<StudyTraining>,
+    /// The evaluations, in the order of the pipeline.
     pub evaluations: Vec<StudyEvaluation>,
 }
 
 impl StudyPlan {
+    /// The study at a scale.
     pub fn of(scale: StudyScale) -> Self {
         let trainings = trainings::all(scale);
         let evaluations = evaluations::all(scale, &trainings);

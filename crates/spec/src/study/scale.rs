@@ -12,12 +12,15 @@ pub enum StudyScale {
 }
 
 impl StudyScale {
+    /// All scales, the smallest first.
     pub const ALL: [Self; 3] = [Self::Tiny, Self::Small, Self::Paper];
 
+    /// The name on the command line.
     pub const fn name(self) -> &'static str {
         self.pick(["tiny", "small", "paper"])
     }
 
+    /// The name of the preset.
     pub const fn preset(self) -> &'static str {
         self.pick(["paper-study-tiny", "paper-study-small", "paper-study"])
     }

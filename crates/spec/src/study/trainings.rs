@@ -22,9 +22,11 @@ const SEEDS_OF_A_LENGTH: u64 = 3;
 pub struct StudyTraining {
     /// Its name in the pipeline.
     pub job: String,
+    /// The model's name in tables.
     pub model: String,
     /// The number of the training set; 1 for D1.
     pub set: usize,
+    /// The seed of its weights and batches.
     pub seed: u64,
     /// Context and horizon, if they are not 320 and 80.
     pub length: Option<(u32, u32)>,

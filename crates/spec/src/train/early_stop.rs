@@ -31,6 +31,7 @@ impl ValidationMetric {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct EarlyStopSpec {
+    /// Number of validations in a row without an improvement after which the training ends.
     pub patience: u32,
     /// In the unit of `monitor`.
     pub min_delta: f64,

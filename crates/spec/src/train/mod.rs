@@ -21,17 +21,22 @@ pub use early_stop::{EarlyStopSpec, ValidationMetric};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TrainSpec {
+    /// The trajectories: a dataset, or a stream of new robots.
     pub data: DataSource,
+    /// The model and its sizes, or a preset of them.
     pub model: ModelSpec,
     /// Number of samples that the model is given (the paper's m). The rest of the trajectory is the
     /// horizon.
     #[serde(default = "defaults::context")]
     pub context: u32,
-    /// Default: `context`, or `none` for a model that computes in N·m and rad.
+    /// How u and y are scaled. Default: `context`, or `none` for a model that computes in N·m and
+    /// rad.
     #[serde(default)]
     pub normalization: Normalization,
+    /// The learning rate and the other numbers of AdamW.
     #[serde(default)]
     pub optimizer: OptimizerSpec,
+    /// Number of trajectories per optimizer step.
     #[serde(default = "defaults::batch_size")]
     pub batch_size: u32,
     /// Number of parts of a batch that are computed one after the other. Their gradients are added,
@@ -81,6 +86,7 @@ pub struct TrainSpec {
     /// Number of newest checkpoints to keep, besides the best and the final one.
     #[serde(default = "defaults::keep_checkpoints")]
     pub keep_checkpoints: u32,
+    /// How the job is executed. It is not part of the digest.
     #[serde(default, skip_serializing_if = "Execution::is_default")]
     pub execution: Execution,
 }
@@ -88,7 +94,9 @@ pub struct TrainSpec {
 /// A training that another job refers to, and its data.
 #[derive(Clone, Copy, Debug)]
 pub struct Training<'a> {
+    /// Its spec.
     pub spec: &'a TrainSpec,
+    /// The data that it is trained on.
     pub data: &'a DataSpec,
 }
 
@@ -135,14 +143,18 @@ impl Normalization {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct OptimizerSpec {
+    /// The largest learning rate, after the warmup.
     pub learning_rate: f64,
+    /// The last learning rate as a fraction of the largest, 0 to 1.
     pub final_learning_rate_ratio: f64,
+    /// Number of steps in which the learning rate grows linearly from 0.
     pub warmup_steps: u64,
+    /// Decay of the moving averages of the gradient and of its square.
     #[schema(min_items = 2, max_items = 2)]
     pub betas: [f64; 2],
     /// Added to the square root of the second moment; 1e-8 as in PyTorch.
     pub epsilon: f64,
-    /// 0 makes it Adam.
+    /// Decoupled decay of the weights; 0 makes it Adam.
     pub weight_decay: f64,
     /// Largest global norm of the gradient; `null` does not clip.
     pub gradient_clip_norm: Option<f64>,
@@ -167,7 +179,9 @@ impl Default for OptimizerSpec {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct EmaSpec {
+    /// The largest decay, 0 to 1.
     pub decay: f64,
+    /// The power of the number of steps.
     pub power: f64,
 }
 
