@@ -32,7 +32,7 @@ pub struct Limits {
     pub time_limits_s: HashMap<JobKind, u32>,
 }
 
-/// A spec of one kind, as a job.
+/// A spec of one kind, as a job. The smallest one is in the tests below.
 pub(crate) trait Kind {
     /// The unit of the job's progress.
     fn unit(&self) -> &'static str;
@@ -43,6 +43,7 @@ pub(crate) trait Kind {
     /// When there would be more than [`TASKS_PER_JOB`], or needed data is missing.
     fn tasks(&self, inputs: &Inputs) -> Result<Vec<NewTask>, SpecError>;
 
+    /// The record that the job fills: a dataset, a run, or nothing.
     fn output(&self) -> Output;
 
     /// How far the job can use earlier work with the same digest.
@@ -50,12 +51,16 @@ pub(crate) trait Kind {
         JobReuse { whole: true, parts: PartReuse::Nothing }
     }
 
+    /// Compares the spec with the work that it refers to.
+    ///
     /// # Errors
     /// Names each field that does not fit the data that the spec refers to.
     fn check_inputs(&self, _inputs: &Inputs) -> Result<(), SpecError> {
         Ok(())
     }
 
+    /// Compares the spec with the limits of the server.
+    ///
     /// # Errors
     /// Names each field that exceeds a limit of the server.
     fn check_limits(&self, _limits: &Limits) -> Result<(), SpecError> {
@@ -104,4 +109,42 @@ pub(crate) fn task(
     // The payloads are plain numbers and names, so this cannot fail.
     let payload = serde_json::to_value(payload).expect("a payload serializes to JSON");
     NewTask { stage, ordinal, label: label.into(), payload, total }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A job that counts to a number, in one task.
+    struct Count {
+        to: u64,
+    }
+
+    #[derive(Serialize)]
+    struct CountTask {
+        to: u64,
+    }
+
+    impl Kind for Count {
+        fn unit(&self) -> &'static str {
+            "numbers"
+        }
+
+        fn tasks(&self, _: &Inputs) -> Result<Vec<NewTask>, SpecError> {
+            Ok(vec![task(0, 0, "count", &CountTask { to: self.to }, self.to)])
+        }
+
+        fn output(&self) -> Output {
+            Output::Nothing
+        }
+    }
+
+    #[test]
+    fn a_kind_says_its_tasks_its_unit_and_its_output() {
+        let count = Count { to: 3 };
+        let tasks = count.tasks(&Inputs::default()).unwrap();
+        assert_eq!((tasks.len(), tasks[0].total, count.unit()), (1, 3, "numbers"));
+        assert_eq!(tasks[0].payload, serde_json::json!({"to": 3}));
+        assert!(count.reuse().whole && count.needs(&Inputs::default()).is_empty());
+    }
 }

@@ -6,6 +6,23 @@ use crate::{Columns, MeasurementNoise, Observed, SeriesView, Shape, ShapeError};
 ///
 /// y may be known for fewer samples than u, from the first sample on. A question to a predictor has
 /// the torques of its horizon and no positions there.
+///
+/// ```
+/// use series::{Series, Shape};
+///
+/// // One robot with two joints at 60 Hz. A predictor may know the positions of two of its samples.
+/// let shape = Shape { robots: 1, samples: 3, joints: 2 };
+/// let u = vec![1.0, 0.0, 1.0, 0.0, 0.5, 0.0];
+/// let y = vec![0.0, 0.3, 0.1, 0.3, 0.2, 0.3];
+/// let series = Series::new(shape, 60.0, u, y)?;
+///
+/// let observed = series.observed(2);
+/// assert_eq!((observed.context(), observed.horizon()), (2, 1));
+/// assert_eq!(observed.u(0)[2], [0.5, 0.0]);
+/// assert_eq!(observed.y(0).samples(), 2);
+/// assert_eq!(observed.y(0)[1], [0.1, 0.3]);
+/// # Ok::<(), series::ShapeError>(())
+/// ```
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Series {
     shape: Shape,

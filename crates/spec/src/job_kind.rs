@@ -12,6 +12,14 @@ use crate::schema::{listed, nearest};
 /// Passes every kind of job except the pipeline to `$callback!`, as `name => Variant(Spec)`.
 ///
 /// This is the only list of kinds. A kind's module has the kind's name in every crate that has one.
+///
+/// ```
+/// macro_rules! names {
+///     ($($name:ident => $Kind:ident($Spec:ident),)*) => { [$(stringify!($name)),*] };
+/// }
+/// let names = spec::for_each_kind!(names);
+/// assert!(names.contains(&"simulate") && !names.contains(&"pipeline"));
+/// ```
 #[macro_export]
 macro_rules! for_each_kind {
     ($callback:ident) => {

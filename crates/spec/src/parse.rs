@@ -10,6 +10,23 @@ use crate::{JobSpec, SpecError, read_json};
 ///
 /// # Errors
 /// Every refused field, with its value and what is allowed.
+///
+/// ```
+/// use spec::{JobKind, JobSpec, parse};
+///
+/// let job = parse(br#"{"kind": "simulate", "preset": "D1-chirp", "trajectories": 8}"#)?;
+/// assert_eq!(job.kind(), JobKind::Simulate);
+/// let JobSpec::Simulate(simulation) = &job else { unreachable!() };
+/// assert_eq!((simulation.trajectories, simulation.rate_hz), (8, 60.0));
+///
+/// // The results of a job are those of its digest, whoever runs it and whenever.
+/// let tomorrow = br#"{"preset": "D1-chirp", "trajectories": 8, "execution": {"priority": 5}}"#;
+/// assert_eq!(parse(tomorrow)?.digest(), job.digest());
+///
+/// let error = parse(br#"{"preset": "D1-chirp", "trajectories": 8, "rate_hz": -60}"#).unwrap_err();
+/// assert_eq!(error.violations[0].field, "rate_hz");
+/// # Ok::<(), spec::SpecError>(())
+/// ```
 pub fn parse(text: &[u8]) -> Result<JobSpec, SpecError> {
     let value: Value = read_json(text)
         .map_err(|fault| SpecError::one("", "", format!("not valid JSON: {fault}")))?;
