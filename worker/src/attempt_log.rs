@@ -23,9 +23,11 @@ pub struct AttemptLog {
 /// The current attempt of a process, which marks its lines.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct CurrentAttempt {
+    /// The id of the task's job.
     pub job: i64,
     /// The task's label.
     pub task: String,
+    /// The fencing number of the lease.
     pub epoch: i64,
 }
 

@@ -1,3 +1,5 @@
+//! Why a worker, a task or an estimate ends without a result.
+
 use models::{DeviceKind, Interrupted, ModelError};
 use store::{JobId, Retry, StoreError};
 use thiserror::Error;
@@ -6,6 +8,7 @@ use crate::stop::StopReason;
 
 /// Why a worker cannot go on at all.
 #[derive(Debug, Error)]
+#[expect(missing_docs, reason = "messages say what variants and their fields mean")]
 pub enum WorkerError {
     #[error(transparent)]
     Store(#[from] StoreError),
@@ -26,6 +29,7 @@ pub enum WorkerError {
 
 /// Why the cost of a job cannot be estimated.
 #[derive(Debug, Error)]
+#[expect(missing_docs, reason = "messages say what variants and their fields mean")]
 pub enum RehearsalError {
     #[error(transparent)]
     Dynamics(#[from] dynamics::DynamicsError),

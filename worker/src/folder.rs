@@ -21,6 +21,7 @@ use crate::verify::{Agreement, FileLocation, verify};
 
 /// Why a folder cannot be made or verified.
 #[derive(Debug, Error)]
+#[expect(missing_docs, reason = "messages say what variants and their fields mean")]
 pub enum FolderError {
     #[error("{} cannot be used while {operation}", dir.display())]
     Folder { dir: PathBuf, operation: &'static str, source: io::Error },
@@ -63,7 +64,9 @@ pub struct DatasetFolder {
 /// The result of verifying a dataset in a folder.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Verified {
+    /// Number of shards, all of which were made again.
     pub shards: usize,
+    /// Number of trajectories in them.
     pub trajectories: u64,
     /// Files written by another version, with different bytes but equal values. Each entry is a
     /// description.
@@ -135,10 +138,12 @@ impl DatasetFolder {
         Ok(Self { dir: dir.to_owned(), spec, description, _lock: lock })
     }
 
+    /// The simulation that makes the dataset.
     pub fn spec(&self) -> &SimulateSpec {
         &self.spec
     }
 
+    /// The content of `dataset.json`: the finished shards and their files.
     pub fn description(&self) -> &DatasetDescription {
         &self.description
     }

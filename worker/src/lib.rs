@@ -21,6 +21,8 @@
 //! waits for nothing. Heartbeats send the lines so far, and the work sends the rest before the
 //! transaction that ends the attempt.
 
+#![warn(missing_docs)]
+
 mod attempt;
 mod attempt_log;
 mod claim_loop;

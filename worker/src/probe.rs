@@ -26,6 +26,7 @@ const FAILURE: i32 = 1;
 /// A device that computed a correct result.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Probed {
+    /// Its name and its properties, as the driver reports them.
     pub device: DeviceDescription,
     /// Seconds from opening it to its first results.
     pub seconds: f64,
@@ -33,6 +34,7 @@ pub struct Probed {
 
 /// Why a device cannot be used, in one line.
 #[derive(Debug, Error)]
+#[expect(missing_docs, reason = "messages say what variants and their fields mean")]
 pub enum ProbeError {
     #[error("device `{kind}` cannot be tested: no process could be started")]
     Spawn { kind: DeviceKind, source: std::io::Error },
