@@ -26,6 +26,8 @@
 //! A batch of MLflow's is one transaction that first locks its run. No worker, fence or job has to
 //! do with tracked runs, and clients give their times.
 
+#![warn(missing_docs)]
+
 mod access;
 mod admission;
 mod app;

@@ -24,6 +24,7 @@ pub trait LiveModels: Send + Sync {
 
 /// A loaded model.
 pub trait LiveModel: Send + Sync {
+    /// Its shapes, its rate and its device.
     fn about(&self) -> &AboutModel;
 
     /// Predicts for a request with the shapes in [`AboutModel`]. Dropping the future cancels the
@@ -35,6 +36,7 @@ pub trait LiveModel: Send + Sync {
     ) -> BoxFuture<'static, Result<LivePrediction, LiveError>>;
 }
 
+/// The properties of a loaded model.
 #[derive(Clone, Debug)]
 pub struct AboutModel {
     /// Number of samples of its context.
@@ -43,6 +45,7 @@ pub struct AboutModel {
     pub horizon: usize,
     /// Number of joints of the arm.
     pub joints: usize,
+    /// Samples per second of its context and of its predictions.
     pub rate_hz: f64,
     /// Whether its normalization looks into the horizon, so it cannot predict live.
     pub needs_future: bool,
@@ -56,10 +59,13 @@ pub struct AboutModel {
 /// those of the other queue.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LiveQueue {
+    /// Predictions that a request asks for.
     Requests,
+    /// Predictions on streams, which robots wait for.
     Streams,
 }
 
+/// A request for predictions.
 #[derive(Clone, Debug)]
 pub struct Question {
     /// Torques of context and horizon, and positions of the context.
@@ -69,7 +75,9 @@ pub struct Question {
     pub samples: Option<usize>,
     /// `None` for the checkpoint's own sampler.
     pub sampler: Option<SamplerSpec>,
+    /// The seed of all random numbers.
     pub seed: u64,
+    /// An earlier prediction to start from; `None` starts from noise.
     pub previous: Option<Previous>,
 }
 
@@ -84,15 +92,18 @@ pub struct Previous {
     pub steps: u32,
 }
 
+/// The predictions for all scenarios of a [`Question`].
 #[derive(Clone, Debug)]
 pub struct LivePrediction {
     /// Joint positions `[samples, scenarios, horizon, joints]`, rad; all finite.
     pub positions: Vec<f32>,
+    /// Number of samples per scenario; 1 for a single prediction.
     pub samples: usize,
     /// Warnings about the request and the prediction.
     pub warnings: Vec<Warning>,
     /// Time until its turn came.
     pub queued: Duration,
+    /// Time that the computation took.
     pub computed: Duration,
 }
 
@@ -103,27 +114,56 @@ pub enum LiveError {
     #[error("{0}")]
     Refused(SpecError),
 
+    /// Too many predictions are waiting.
     #[error("{waiting} predictions are waiting, which is the limit; try again later")]
-    Queue { waiting: usize },
+    Queue {
+        /// Number of predictions that are waiting.
+        waiting: usize,
+    },
 
+    /// The questions that are waiting take too much memory.
     #[error("questions to models take all of {bytes} bytes of memory; try again later")]
-    Memory { bytes: usize },
+    Memory {
+        /// The limit of all questions together, in bytes.
+        bytes: usize,
+    },
 
+    /// All loaded models are in use.
     #[error(
         "there is no room for another model: the models in use take all {models} places or {bytes} \
          bytes; try again later"
     )]
-    Full { models: usize, bytes: u64 },
+    Full {
+        /// The largest number of loaded models.
+        models: usize,
+        /// The limit of their weights together, in bytes.
+        bytes: u64,
+    },
 
+    /// The model takes more memory than all loaded models may.
     #[error("the model has {found} bytes, allowed: {bytes} for all loaded models together")]
-    TooLarge { found: u64, bytes: u64 },
+    TooLarge {
+        /// The size of its weights, in bytes.
+        found: u64,
+        /// The limit of all weights together, in bytes.
+        bytes: u64,
+    },
 
+    /// The checkpoint's files or the device cannot be used.
     #[error("the model cannot be loaded: {reason}")]
-    Unusable { reason: String },
+    Unusable {
+        /// What is wrong with them.
+        reason: String,
+    },
 
+    /// The computation failed.
     #[error("the model failed: {reason}")]
-    Failed { reason: String },
+    Failed {
+        /// The message of the model.
+        reason: String,
+    },
 
+    /// The checkpoint's files could not be read.
     #[error("reading the checkpoint failed")]
     Store(#[from] StoreError),
 }

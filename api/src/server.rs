@@ -15,17 +15,24 @@ use crate::limits::SHUTDOWN_GRACE;
 use crate::remote::TrustedProxies;
 use crate::routes;
 
+/// Why a server does not start, or ends.
 #[derive(Debug, Error)]
 pub enum ServeError {
+    /// Everybody who can reach the address could use the server.
     #[error(
         "other machines can reach {address}, so the server needs a token; set one, or listen on \
          127.0.0.1"
     )]
-    OpenWithoutToken { address: SocketAddr },
+    OpenWithoutToken {
+        /// The address that the server should listen on.
+        address: SocketAddr,
+    },
 
+    /// The system refuses connections.
     #[error("serving HTTP failed")]
     Io(#[from] io::Error),
 
+    /// The database failed.
     #[error("cannot tell whether the server requires a token")]
     Store(#[from] StoreError),
 }

@@ -10,7 +10,7 @@ use crate::error::ApiError;
 impl App {
     /// # Errors
     /// When there is no such job.
-    pub async fn attempts(&self, job: i64, paging: Paging) -> Result<Attempts, ApiError> {
+    pub(crate) async fn attempts(&self, job: i64, paging: Paging) -> Result<Attempts, ApiError> {
         self.store.job(JobId(job)).await?;
         let rows = self.store.attempts(JobId(job), paging.into()).await?;
         let next = paging.next(rows.len(), rows.last().map(|row| row.id));

@@ -7,7 +7,11 @@ use crate::app::{App, Paging};
 use crate::error::ApiError;
 
 impl App {
-    pub async fn audit(&self, actor: Option<&str>, paging: Paging) -> Result<Audit, ApiError> {
+    pub(crate) async fn audit(
+        &self,
+        actor: Option<&str>,
+        paging: Paging,
+    ) -> Result<Audit, ApiError> {
         let records = self.store.audit(actor, paging.into()).await?;
         let next = paging.next(records.len(), records.last().map(|record| record.id));
         Ok(Audit { entries: records.into_iter().map(entry).collect(), next })

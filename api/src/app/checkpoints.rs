@@ -71,7 +71,7 @@ impl Downloaded for Checkpoint {
 
 impl App {
     /// The extents in `config.json`; `None` if it has none.
-    pub async fn checkpoint_extents(&self, id: i64) -> Result<Option<Extents>, ApiError> {
+    pub(crate) async fn checkpoint_extents(&self, id: i64) -> Result<Option<Extents>, ApiError> {
         let row = self.store.checkpoint(CheckpointId(id)).await?;
         let Some(config) = row.file("config.json") else { return Ok(None) };
         let file = || format!("config.json of checkpoint {id}");
@@ -80,14 +80,14 @@ impl App {
         Ok(serde_json::from_slice(&config).ok())
     }
 
-    pub async fn checkpoint(&self, id: i64) -> Result<Checkpoint, ApiError> {
+    pub(crate) async fn checkpoint(&self, id: i64) -> Result<Checkpoint, ApiError> {
         let row = self.store.checkpoint(CheckpointId(id)).await?;
         let job = self.store.job(row.job).await?;
         Ok(checkpoint(row, &job.spec))
     }
 
     /// The checkpoints that a training has made so far, oldest first.
-    pub async fn checkpoints_of_job(&self, job: i64) -> Result<Vec<Checkpoint>, ApiError> {
+    pub(crate) async fn checkpoints_of_job(&self, job: i64) -> Result<Vec<Checkpoint>, ApiError> {
         let spec = self.store.job(JobId(job)).await?.spec;
         let rows = self.store.checkpoints_of_job(JobId(job)).await?;
         Ok(rows.into_iter().map(|row| checkpoint(row, &spec)).collect())

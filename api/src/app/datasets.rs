@@ -77,7 +77,7 @@ impl Downloaded for Dataset {
 }
 
 impl App {
-    pub async fn dataset(&self, id: i64) -> Result<Dataset, ApiError> {
+    pub(crate) async fn dataset(&self, id: i64) -> Result<Dataset, ApiError> {
         let row = self.store.dataset(DatasetId(id)).await?;
         let shards = self.store.shards(row.id).await?;
         let samples = row.samples;
@@ -90,7 +90,10 @@ impl App {
     }
 
     /// Those of the datasets with these ids that exist, by id and without their files.
-    pub async fn datasets_by_id(&self, ids: &[i64]) -> Result<BTreeMap<i64, Dataset>, ApiError> {
+    pub(crate) async fn datasets_by_id(
+        &self,
+        ids: &[i64],
+    ) -> Result<BTreeMap<i64, Dataset>, ApiError> {
         let ids: Vec<DatasetId> = ids.iter().copied().map(DatasetId).collect();
         let rows = self.store.datasets_by_id(&ids).await?;
         Ok(rows.into_iter().map(|row| (row.id.0, without_files(row))).collect())

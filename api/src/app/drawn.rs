@@ -17,7 +17,10 @@ const EVALUATIONS: usize = 20;
 
 impl App {
     /// The predictions that the evaluation with this run drew; `None` of one that drew none, and where the list is damaged.
-    pub async fn drawn_predictions(&self, run: i64) -> Result<Option<DrawnPredictions>, ApiError> {
+    pub(crate) async fn drawn_predictions(
+        &self,
+        run: i64,
+    ) -> Result<Option<DrawnPredictions>, ApiError> {
         let artifacts = self.store.artifacts_named(&[RunId(run)], DRAWN).await?;
         let Some(artifact) = artifacts.first() else { return Ok(None) };
         match self.read_report(artifact).await {
@@ -30,7 +33,7 @@ impl App {
     }
 
     /// The newest evaluation that drew predictions of a checkpoint.
-    pub async fn drawn_of_checkpoint(
+    pub(crate) async fn drawn_of_checkpoint(
         &self,
         checkpoint: &Checkpoint,
     ) -> Result<Option<(Job, DrawnPredictions)>, ApiError> {

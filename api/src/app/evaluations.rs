@@ -37,7 +37,7 @@ impl Resource for Evaluation {
 }
 
 impl App {
-    pub async fn evaluation(&self, id: i64) -> Result<Evaluation, ApiError> {
+    pub(crate) async fn evaluation(&self, id: i64) -> Result<Evaluation, ApiError> {
         let job = self.store.job(JobId(id)).await?;
         if job.kind != JobKind::Evaluate.as_str() {
             return Err(ApiError::not_found("evaluation", id));
@@ -55,7 +55,10 @@ impl App {
     ///
     /// # Errors
     /// [`ApiError::Damaged`] when the file is damaged.
-    pub async fn report<T: DeserializeOwned>(&self, run: i64) -> Result<Option<T>, ApiError> {
+    pub(crate) async fn report<T: DeserializeOwned>(
+        &self,
+        run: i64,
+    ) -> Result<Option<T>, ApiError> {
         let artifacts = self.store.artifacts_named(&[RunId(run)], REPORT).await?;
         match artifacts.first() {
             Some(artifact) => self.read_report(artifact).await,
@@ -75,7 +78,7 @@ impl App {
     ///
     /// The result of an evaluation's last task is the headline. Evaluations of earlier versions have
     /// only the report, which is read for them.
-    pub async fn evaluation_headlines(
+    pub(crate) async fn evaluation_headlines(
         &self,
         evaluations: &[(i64, i64)],
     ) -> Result<BTreeMap<i64, Headline>, ApiError> {
@@ -113,7 +116,7 @@ impl App {
 
     /// # Errors
     /// Like [`App::report`].
-    pub async fn read_report<T: DeserializeOwned>(
+    pub(crate) async fn read_report<T: DeserializeOwned>(
         &self,
         artifact: &Artifact,
     ) -> Result<Option<T>, ApiError> {

@@ -12,7 +12,7 @@ static EXPERIMENTS: List = List { name: "experiments", ..Job::LIST };
 impl App {
     /// Pipelines, and jobs that do not belong to one; newest first unless the parameters say
     /// otherwise.
-    pub async fn experiments(
+    pub(crate) async fn experiments(
         &self,
         parameters: &[(String, String)],
         limit: u32,

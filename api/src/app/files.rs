@@ -92,7 +92,7 @@ impl App {
     ///
     /// # Errors
     /// [`ApiError::Damaged`] when the damage is known, or the first piece shows it.
-    pub async fn read(&self, file: &Download, part: Range<u64>) -> Result<Body, ApiError> {
+    pub(crate) async fn read(&self, file: &Download, part: Range<u64>) -> Result<Body, ApiError> {
         if part.is_empty() {
             return Ok(Body::empty());
         }
@@ -143,7 +143,7 @@ impl App {
     ///
     /// # Errors
     /// [`ApiError::Damaged`] when the file is missing or known to be damaged.
-    pub async fn address(
+    pub(crate) async fn address(
         &self,
         file: &Download,
         method: &Method,
@@ -158,7 +158,7 @@ impl App {
     ///
     /// # Errors
     /// [`ApiError::Damaged`] when the file is missing or known to be damaged.
-    pub async fn look_up(&self, file: &Download) -> Result<(), ApiError> {
+    pub(crate) async fn look_up(&self, file: &Download) -> Result<(), ApiError> {
         for (content, _) in file.parts(0..file.info.size) {
             if let Content::Stored { object, file } = content {
                 let found = self.store.look_up_object(&object).await;

@@ -33,20 +33,20 @@ impl Resource for Job {
 }
 
 impl App {
-    pub async fn job(&self, id: i64) -> Result<Job, ApiError> {
+    pub(crate) async fn job(&self, id: i64) -> Result<Job, ApiError> {
         let row = self.store.job(JobId(id)).await?;
         self.complete(vec![row]).await?.pop().ok_or(ApiError::Internal)
     }
 
     /// Those of the jobs with these ids that exist, by id.
-    pub async fn jobs_by_id(&self, ids: &[i64]) -> Result<BTreeMap<i64, Job>, ApiError> {
+    pub(crate) async fn jobs_by_id(&self, ids: &[i64]) -> Result<BTreeMap<i64, Job>, ApiError> {
         let ids: Vec<JobId> = ids.iter().copied().map(JobId).collect();
         let jobs = self.complete(self.store.jobs_by_id(&ids).await?).await?;
         Ok(jobs.into_iter().map(|job| (job.id, job)).collect())
     }
 
     /// Cancels a job. A job that was cancelled before stays cancelled.
-    pub async fn cancel(&self, id: i64) -> Result<Job, ApiError> {
+    pub(crate) async fn cancel(&self, id: i64) -> Result<Job, ApiError> {
         let before = self.store.job(JobId(id)).await?;
         if matches!(before.state, JobState::Succeeded | JobState::Failed) {
             return Err(ApiError::AlreadyFinal { id, state: before.state });

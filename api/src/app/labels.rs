@@ -19,7 +19,7 @@ pub const TAG_PATTERN: &str = "^[A-Za-z0-9][A-Za-z0-9._:/@+=-]{0,63}$";
 impl App {
     /// # Errors
     /// When the labels are not allowed, there would be too many tags, or the thing does not exist.
-    pub async fn label(
+    pub(crate) async fn label(
         &self,
         kind: ItemKind,
         id: i64,

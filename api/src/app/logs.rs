@@ -66,7 +66,7 @@ impl App {
     ///
     /// # Errors
     /// When the job does not exist, or the task or attempt does not belong to it.
-    pub async fn logs(&self, job: i64, query: &LogQuery) -> Result<Logs, ApiError> {
+    pub(crate) async fn logs(&self, job: i64, query: &LogQuery) -> Result<Logs, ApiError> {
         let (page, wait) = (query.page()?, query.wait()?);
         let filter = self.log_filter(job, query).await?;
         let place = (!wait.is_zero()).then(|| self.places.log_reader()).flatten();
@@ -134,7 +134,7 @@ impl App {
     ///
     /// # Errors
     /// When the attempt does not exist, or its log was deleted.
-    pub async fn attempt_log(&self, id: i64) -> Result<Download, ApiError> {
+    pub(crate) async fn attempt_log(&self, id: i64) -> Result<Download, ApiError> {
         let attempt = self.store.attempt(id).await?;
         let task = self.store.task(attempt.task).await?;
         self.store.job(task.job).await?;
@@ -148,7 +148,11 @@ impl App {
     }
 
     /// The last lines of an attempt's log, about one screen.
-    pub async fn log_end(&self, job: i64, attempt: &wire::Attempt) -> Result<LogEnd, ApiError> {
+    pub(crate) async fn log_end(
+        &self,
+        job: i64,
+        attempt: &wire::Attempt,
+    ) -> Result<LogEnd, ApiError> {
         const LINES: usize = 40;
         // A chunk has at least one line.
         const CHUNKS: u32 = 40;

@@ -145,6 +145,7 @@ impl FromRef<App> for Checks {
 }
 
 impl App {
+    /// The service on a store, without live predictions and without warnings about memory.
     pub fn new(store: Store, options: &Options) -> Self {
         Self {
             options: Arc::new(options.clone()),

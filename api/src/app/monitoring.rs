@@ -85,7 +85,7 @@ fn name(method: &Method) -> &'static str {
 
 impl App {
     /// Counts a request, and the time until its answer began.
-    pub fn count_request(
+    pub(crate) fn count_request(
         &self,
         method: &Method,
         route: Option<&str>,
@@ -98,7 +98,7 @@ impl App {
     }
 
     /// All metrics, in the text format of OpenMetrics.
-    pub async fn metrics(&self) -> Result<String, ApiError> {
+    pub(crate) async fn metrics(&self) -> Result<String, ApiError> {
         let census = self.census().await?;
         let queue = self.store.queue().await?;
         let workers = self.workers().await?.workers;

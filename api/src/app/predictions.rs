@@ -29,7 +29,7 @@ impl App {
     /// # Errors
     /// When the checkpoint does not exist, or its model cannot be loaded or used.
     /// [`ApiError::Damaged`] when a file of it is damaged.
-    pub async fn held_model(&self, checkpoint: i64) -> Result<HeldModel, ApiError> {
+    pub(crate) async fn held_model(&self, checkpoint: i64) -> Result<HeldModel, ApiError> {
         let models = self.models.as_ref().ok_or(ApiError::NoModels)?;
         let row = self.store.checkpoint(CheckpointId(checkpoint)).await?;
         let model = models.load(&row).await.map_err(|error| not_loaded(&row, error))?;
@@ -55,7 +55,7 @@ impl App {
     /// # Errors
     /// Like [`App::held_model`]. [`ApiError::Question`] with everything that is wrong with the
     /// request.
-    pub async fn predict(&self, checkpoint: i64, body: Bytes) -> Result<Vec<u8>, ApiError> {
+    pub(crate) async fn predict(&self, checkpoint: i64, body: Bytes) -> Result<Vec<u8>, ApiError> {
         let bytes = body.len();
         let request: PredictionRequest = self.read_body(body).await?;
         let asked = Instant::now();

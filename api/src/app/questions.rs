@@ -19,7 +19,7 @@ use crate::live::{AboutModel, Question};
 
 impl App {
     /// Reads the body of a request like [`read`], without keeping other requests waiting.
-    pub async fn read_body<T>(&self, body: Bytes) -> Result<T, ApiError>
+    pub(crate) async fn read_body<T>(&self, body: Bytes) -> Result<T, ApiError>
     where
         T: DeserializeOwned + ToSchema + Send + 'static,
     {

@@ -49,7 +49,10 @@ pub trait Downloaded: Resource {
 
 impl App {
     /// A page of the list of `T`.
-    pub async fn list<T: Resource>(&self, request: &ListRequest) -> Result<T::Page, ApiError> {
+    pub(crate) async fn list<T: Resource>(
+        &self,
+        request: &ListRequest,
+    ) -> Result<T::Page, ApiError> {
         let mut listed = T::rows(&self.store, &request.listing).await?;
         if let Some(shorter) = request.shorter(listed.items.iter().filter_map(T::spec)) {
             listed = T::rows(&self.store, &shorter).await?;

@@ -35,12 +35,17 @@ impl Resource for Run {
 }
 
 impl App {
-    pub async fn run(&self, id: i64) -> Result<Run, ApiError> {
+    pub(crate) async fn run(&self, id: i64) -> Result<Run, ApiError> {
         let row = self.store.run(RunId(id)).await?;
         self.complete_runs(vec![row]).await?.pop().ok_or(ApiError::Internal)
     }
 
-    pub async fn metric(&self, run: i64, key: &str, points: u32) -> Result<Metric, ApiError> {
+    pub(crate) async fn metric(
+        &self,
+        run: i64,
+        key: &str,
+        points: u32,
+    ) -> Result<Metric, ApiError> {
         let run = self.store.run(RunId(run)).await?.id;
         let curve = self.store.metric_curve(run, key, points).await?;
         if curve.points.is_empty() {
@@ -54,7 +59,7 @@ impl App {
     }
 
     /// The last recorded values of `runs` under `key`, by run.
-    pub async fn latest_values(
+    pub(crate) async fn latest_values(
         &self,
         runs: &[i64],
         key: &str,
@@ -64,7 +69,7 @@ impl App {
         Ok(recorded.into_iter().map(|(run, point)| (run.0, latest(&point))).collect())
     }
 
-    pub async fn run_artifact(&self, run: i64, name: &str) -> Result<Download, ApiError> {
+    pub(crate) async fn run_artifact(&self, run: i64, name: &str) -> Result<Download, ApiError> {
         let run = self.store.run(RunId(run)).await?.id;
         let artifact = self.store.artifact(run, name).await?;
         let file = format!("{name} of run {run}");
@@ -73,7 +78,7 @@ impl App {
     }
 
     /// The curves of a training so far.
-    pub async fn training_curves(&self, run: i64) -> Result<TrainingCurves, ApiError> {
+    pub(crate) async fn training_curves(&self, run: i64) -> Result<TrainingCurves, ApiError> {
         let run = self.store.run(RunId(run)).await?.id;
         Ok(TrainingCurves {
             loss: self.curve(run, "train/loss").await?,

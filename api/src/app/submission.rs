@@ -24,7 +24,7 @@ impl App {
     ///
     /// # Errors
     /// [`ApiError::Json`] or [`ApiError::Spec`] when it is refused. Nothing is queued then.
-    pub async fn submit(
+    pub(crate) async fn submit(
         &self,
         text: Bytes,
         reuse: Reuse,
@@ -45,7 +45,7 @@ impl App {
     /// # Errors
     /// [`ApiError::NotFailed`] for any other job. [`ApiError::Spec`] when something that the spec
     /// refers to is gone.
-    pub async fn retry(&self, id: i64) -> Result<Submitted, ApiError> {
+    pub(crate) async fn retry(&self, id: i64) -> Result<Submitted, ApiError> {
         let retried = jobs::retried(&self.store, JobId(id)).await?;
         let labels = retried.labels.clone();
         // The size of a stored spec is only known when it is written.

@@ -10,7 +10,7 @@ use crate::error::ApiError;
 impl App {
     /// # Errors
     /// When there is no such dataset.
-    pub async fn summary(&self, dataset: i64) -> Result<Summary, ApiError> {
+    pub(crate) async fn summary(&self, dataset: i64) -> Result<Summary, ApiError> {
         let row = self.store.dataset(DatasetId(dataset)).await?;
         let shards = self.store.shards(row.id).await?;
         let ShardSummary { trajectories: summarized, channels, spectra, .. } =

@@ -22,7 +22,7 @@ pub struct FirstTasks {
 impl App {
     /// # Errors
     /// When the job does not exist, or the page should begin after a task of another job.
-    pub async fn tasks(&self, job: i64, paging: TaskPaging) -> Result<Tasks, ApiError> {
+    pub(crate) async fn tasks(&self, job: i64, paging: TaskPaging) -> Result<Tasks, ApiError> {
         let unit = self.store.job(JobId(job)).await?.progress.unit;
         let page = TaskPage { after: paging.after.map(TaskId), limit: paging.limit };
         let rows = self.store.task_page(JobId(job), page).await?;
@@ -43,14 +43,17 @@ impl App {
         }
     }
 
-    pub async fn first_tasks(&self, job: i64, limit: u32) -> Result<FirstTasks, ApiError> {
+    pub(crate) async fn first_tasks(&self, job: i64, limit: u32) -> Result<FirstTasks, ApiError> {
         let tasks = self.store.first_tasks(JobId(job), limit).await?;
         Ok(FirstTasks { tasks, all: self.store.count_tasks(JobId(job)).await? })
     }
 
     /// The result of the only task in each job's last stage, by job. Jobs with several tasks in
     /// that stage are left out.
-    pub async fn sole_results(&self, jobs: &[i64]) -> Result<BTreeMap<i64, Value>, ApiError> {
+    pub(crate) async fn sole_results(
+        &self,
+        jobs: &[i64],
+    ) -> Result<BTreeMap<i64, Value>, ApiError> {
         let jobs: Vec<JobId> = jobs.iter().copied().map(JobId).collect();
         let results = self.store.sole_results(&jobs).await?;
         Ok(results.into_iter().map(|(job, result)| (job.0, result)).collect())

@@ -12,11 +12,17 @@ use crate::error::ApiError;
 use crate::limits::{TOKEN_LIFETIME_S, TOKEN_NAME_BYTES};
 
 impl App {
+    /// All tokens, oldest first, with those that are revoked or expired.
+    ///
+    /// # Errors
+    /// When the database fails.
     pub async fn tokens(&self) -> Result<Tokens, ApiError> {
         let tokens = self.store.tokens().await?;
         Ok(Tokens { tokens: tokens.into_iter().map(about).collect() })
     }
 
+    /// Creates a token. The answer has its secret, which is not stored.
+    ///
     /// # Errors
     /// When the name or the lifetime is not allowed, the name is taken, there are too many tokens,
     /// or nobody could create another one.
@@ -35,6 +41,8 @@ impl App {
         Ok(CreatedToken { secret, token })
     }
 
+    /// Revokes a token. The server refuses it from now on.
+    ///
     /// # Errors
     /// When there is no such token.
     pub async fn revoke_token(&self, id: i64) -> Result<Token, ApiError> {

@@ -47,7 +47,11 @@ struct TrajectoryLocation {
 impl App {
     /// # Errors
     /// When the trajectory does not exist, or its shard cannot be read.
-    pub async fn trajectory(&self, dataset: i64, index: u64) -> Result<StoredTrajectory, ApiError> {
+    pub(crate) async fn trajectory(
+        &self,
+        dataset: i64,
+        index: u64,
+    ) -> Result<StoredTrajectory, ApiError> {
         let TrajectoryLocation { shard, spec } = self.place(dataset, index).await?;
         let columns = spec.trajectory_columns();
         let names: Vec<String> = columns.iter().map(|column| column.name.clone()).collect();
@@ -73,7 +77,11 @@ impl App {
     ///
     /// # Errors
     /// When the trajectory does not exist, or its shard cannot be read.
-    pub async fn robot(&self, dataset: i64, index: u64) -> Result<Map<String, Value>, ApiError> {
+    pub(crate) async fn robot(
+        &self,
+        dataset: i64,
+        index: u64,
+    ) -> Result<Map<String, Value>, ApiError> {
         let TrajectoryLocation { shard, .. } = self.place(dataset, index).await?;
         let row = index - shard.contents.first;
         self.open_shards.read(&self.store, &shard, move |open| robot(&open.robots, row)).await

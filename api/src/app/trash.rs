@@ -8,7 +8,7 @@ use crate::error::{ApiError, dependent};
 
 impl App {
     /// The things that would be deleted together with one, and the jobs that depend on them.
-    pub async fn dependents(&self, kind: ItemKind, id: i64) -> Result<Dependents, ApiError> {
+    pub(crate) async fn dependents(&self, kind: ItemKind, id: i64) -> Result<Dependents, ApiError> {
         let item = Item::new(kind, id);
         let (along, jobs) = self.store.dependents(item).await?;
         let all: Vec<Item> = along.iter().copied().chain([item]).collect();
@@ -18,7 +18,7 @@ impl App {
     }
 
     /// Moves a thing into the trash, with everything that it owns.
-    pub async fn delete(
+    pub(crate) async fn delete(
         &self,
         kind: ItemKind,
         id: i64,
@@ -36,13 +36,13 @@ impl App {
     }
 
     /// Restores a thing from the trash, with everything that was deleted together with it.
-    pub async fn restore(&self, kind: ItemKind, id: i64) -> Result<Restored, ApiError> {
+    pub(crate) async fn restore(&self, kind: ItemKind, id: i64) -> Result<Restored, ApiError> {
         let along = self.store.restore(Item::new(kind, id)).await?;
         Ok(Restored { kind, id, along: items(along) })
     }
 
     /// A page of the trash, latest deletion first.
-    pub async fn trash(&self, limit: u32, before: Option<&str>) -> Result<Trash, ApiError> {
+    pub(crate) async fn trash(&self, limit: u32, before: Option<&str>) -> Result<Trash, ApiError> {
         let place = before.map(read_place).transpose()?;
         let found = self.store.trash(place, limit).await?;
         let is_full = found.len() == limit as usize;

@@ -15,7 +15,7 @@ impl App {
     /// # Errors
     /// When the spec is refused, which is checked before the file is received. When the file does
     /// not arrive completely; nothing of it is kept then.
-    pub async fn import(
+    pub(crate) async fn import(
         &self,
         mut file: IncomingFile,
         reuse: Reuse,

@@ -28,7 +28,7 @@ impl App {
     ///
     /// # Errors
     /// [`ApiError::DatasetIncomplete`] while shards are missing.
-    pub async fn verify(&self, dataset: i64) -> Result<Job, ApiError> {
+    pub(crate) async fn verify(&self, dataset: i64) -> Result<Job, ApiError> {
         let row = self.store.dataset(DatasetId(dataset)).await?;
         if row.state != DatasetState::Complete {
             let job = self.store.job(row.job).await?;
@@ -44,7 +44,10 @@ impl App {
     }
 
     /// The newest verification of a dataset.
-    pub async fn verification(&self, dataset: i64) -> Result<Option<Verification>, ApiError> {
+    pub(crate) async fn verification(
+        &self,
+        dataset: i64,
+    ) -> Result<Option<Verification>, ApiError> {
         let newest = self.store.newest_reader(DatasetId(dataset), KIND).await?;
         let Some(job) = newest else { return Ok(None) };
         let agreement = self.agreements(&[job.id.0]).await?.remove(&job.id.0).unwrap_or_default();
@@ -61,7 +64,10 @@ impl App {
     }
 
     /// The results so far of the verifications among `jobs`, by job.
-    pub async fn agreements(&self, jobs: &[i64]) -> Result<BTreeMap<i64, Agreement>, ApiError> {
+    pub(crate) async fn agreements(
+        &self,
+        jobs: &[i64],
+    ) -> Result<BTreeMap<i64, Agreement>, ApiError> {
         let jobs: Vec<JobId> = jobs.iter().copied().map(JobId).collect();
         let mut agreements: BTreeMap<i64, Agreement> = BTreeMap::new();
         for tally in self.store.result_tallies(&jobs, BYTES).await? {

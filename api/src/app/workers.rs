@@ -9,7 +9,7 @@ use crate::app::{App, VERSION};
 use crate::error::ApiError;
 
 impl App {
-    pub async fn workers(&self) -> Result<Workers, ApiError> {
+    pub(crate) async fn workers(&self) -> Result<Workers, ApiError> {
         let mut workers: Vec<Worker> =
             self.store.workers().await?.into_iter().map(worker).collect();
         let mut placements = Vec::new();
@@ -23,7 +23,7 @@ impl App {
     }
 
     /// Sentences about why tasks wait although they could be executed. Empty if all is well.
-    pub async fn obstacles(&self, workers: &[Worker]) -> Result<Vec<String>, ApiError> {
+    pub(crate) async fn obstacles(&self, workers: &[Worker]) -> Result<Vec<String>, ApiError> {
         let mut obstacles = Vec::new();
         if let Some(since) = self.queue().await?.paused_at {
             obstacles.push(format!(
@@ -52,13 +52,13 @@ impl App {
     }
 
     /// Drains a worker: it claims no more tasks, and ends the one that it has.
-    pub async fn drain_worker(&self, name: &str) -> Result<Worker, ApiError> {
+    pub(crate) async fn drain_worker(&self, name: &str) -> Result<Worker, ApiError> {
         self.store.drain_worker(name).await?;
         self.worker(name).await
     }
 
     /// Undrains a worker: it claims tasks again.
-    pub async fn undrain_worker(&self, name: &str) -> Result<Worker, ApiError> {
+    pub(crate) async fn undrain_worker(&self, name: &str) -> Result<Worker, ApiError> {
         self.store.undrain_worker(name).await?;
         self.worker(name).await
     }
@@ -72,7 +72,7 @@ impl App {
     /// # Errors
     /// [`ApiError::Ending`] when the server is about to stop. [`ApiError::Unwritable`] when the
     /// database cannot be written.
-    pub async fn readiness(&self) -> Result<Readiness, ApiError> {
+    pub(crate) async fn readiness(&self) -> Result<Readiness, ApiError> {
         if self.places.is_ending() {
             return Err(ApiError::Ending);
         }
@@ -82,7 +82,7 @@ impl App {
 
     /// # Errors
     /// [`ApiError::Unwritable`] when the database cannot be written.
-    pub async fn health(&self) -> Result<Health, ApiError> {
+    pub(crate) async fn health(&self) -> Result<Health, ApiError> {
         self.store.check_database().await.map_err(ApiError::Unwritable)?;
         let workers = self.workers().await?.workers;
         let reasons = self.obstacles(&workers).await?;

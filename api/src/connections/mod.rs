@@ -45,6 +45,7 @@ const ARRIVAL: Duration = Duration::from_millis(50);
 /// The listener of a server.
 #[derive(Debug)]
 pub enum Listener {
+    /// A TCP socket, for everybody who can reach its address.
     Tcp(TcpListener),
     /// A Unix socket, for every user who may open its file.
     Unix(UnixListener),

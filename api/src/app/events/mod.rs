@@ -70,7 +70,7 @@ impl App {
     ///
     /// # Errors
     /// When there is no such job or run, or too many streams are open.
-    pub async fn event_reader(
+    pub(crate) async fn event_reader(
         &self,
         subject: Subject,
         after: Option<i64>,

@@ -52,14 +52,17 @@ pub fn artifact_name(name: &str) -> Result<String, MlflowError> {
 
 impl App {
     /// The files and folders directly in a folder of a run, sorted by name.
-    pub async fn list_artifacts(
+    pub(crate) async fn list_artifacts(
         &self,
         place: &ArtifactPlace,
     ) -> Result<Vec<FileInfo>, MlflowError> {
         Ok(in_folder(&self.artifact_sizes(&place.run).await?, &place.name))
     }
 
-    pub async fn mlflow_artifact(&self, place: &ArtifactPlace) -> Result<Download, MlflowError> {
+    pub(crate) async fn mlflow_artifact(
+        &self,
+        place: &ArtifactPlace,
+    ) -> Result<Download, MlflowError> {
         let ArtifactPlace { run, name } = place;
         let saved_as = name.rsplit('/').next().unwrap_or_default().to_owned();
         let file = format!("{name} of run {run}");
@@ -81,7 +84,7 @@ impl App {
     }
 
     /// Stores a file from a client. It replaces the run's file with the same name.
-    pub async fn receive_artifact(
+    pub(crate) async fn receive_artifact(
         &self,
         place: &ArtifactPlace,
         mut bytes: IncomingBytes,
@@ -117,7 +120,7 @@ impl App {
     }
 
     /// Deletes a file, or a folder with everything in it.
-    pub async fn delete_artifacts(&self, place: &ArtifactPlace) -> Result<(), MlflowError> {
+    pub(crate) async fn delete_artifacts(&self, place: &ArtifactPlace) -> Result<(), MlflowError> {
         let identifier = place.run.writable()?;
         let sizes = self.artifact_sizes(&place.run).await?;
         let is_meant = |name: &&String| {

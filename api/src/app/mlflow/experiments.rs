@@ -18,7 +18,7 @@ pub struct ExperimentSearch {
 }
 
 impl App {
-    pub async fn create_experiment(
+    pub(crate) async fn create_experiment(
         &self,
         name: &str,
         tags: &[(String, String)],
@@ -26,16 +26,16 @@ impl App {
         Ok(self.store.create_experiment(name, tags).await?)
     }
 
-    pub async fn mlflow_experiment(&self, id: &str) -> Result<Experiment, MlflowError> {
+    pub(crate) async fn mlflow_experiment(&self, id: &str) -> Result<Experiment, MlflowError> {
         Ok(entity(self.store.experiment(experiment_id(id)?).await?))
     }
 
-    pub async fn experiment_named(&self, name: &str) -> Result<Experiment, MlflowError> {
+    pub(crate) async fn experiment_named(&self, name: &str) -> Result<Experiment, MlflowError> {
         Ok(entity(self.store.experiment_named(name).await?))
     }
 
     /// A page of experiments, and the token of the next page.
-    pub async fn search_experiments(
+    pub(crate) async fn search_experiments(
         &self,
         search: &ExperimentSearch,
     ) -> Result<(Vec<Experiment>, Option<String>), MlflowError> {
@@ -62,13 +62,13 @@ impl App {
         Ok((shown.into_iter().map(|entry| entity(entry.experiment)).collect(), next))
     }
 
-    pub async fn rename_experiment(&self, id: &str, name: &str) -> Result<(), MlflowError> {
+    pub(crate) async fn rename_experiment(&self, id: &str, name: &str) -> Result<(), MlflowError> {
         let id = experiment_id(id)?;
         refuse_own(id, "renamed")?;
         Ok(self.store.rename_experiment(id, name).await?)
     }
 
-    pub async fn set_experiment_deleted(
+    pub(crate) async fn set_experiment_deleted(
         &self,
         id: &str,
         is_deleted: bool,
@@ -80,7 +80,7 @@ impl App {
     }
 
     /// Sets a tag. With `None`, removes it.
-    pub async fn tag_experiment(
+    pub(crate) async fn tag_experiment(
         &self,
         id: &str,
         key: &str,

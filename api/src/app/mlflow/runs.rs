@@ -10,7 +10,7 @@ use crate::mlflow::limits::HISTORY_PAGE;
 
 impl App {
     /// The default of `start_time` is the present.
-    pub async fn create_tracked_run(
+    pub(crate) async fn create_tracked_run(
         &self,
         experiment: ExperimentId,
         name: Option<String>,
@@ -29,7 +29,7 @@ impl App {
 
     /// The status and the end of torqued's own runs are those of their jobs, whatever a client says: one that sets a tag
     /// within `start_run` sets both along the way.
-    pub async fn change_tracked_run(
+    pub(crate) async fn change_tracked_run(
         &self,
         run: &RunName,
         change: &TrackedRunChange,
@@ -41,7 +41,7 @@ impl App {
         Ok(info(&self.store.change_tracked_run(run.writable()?, change).await?))
     }
 
-    pub async fn set_tracked_run_deleted(
+    pub(crate) async fn set_tracked_run_deleted(
         &self,
         run: &RunName,
         is_deleted: bool,
@@ -51,7 +51,11 @@ impl App {
     }
 
     /// Torqued's own runs take the tags that are labels.
-    pub async fn log_batch(&self, run: &RunName, batch: &TrackedBatch) -> Result<(), MlflowError> {
+    pub(crate) async fn log_batch(
+        &self,
+        run: &RunName,
+        batch: &TrackedBatch,
+    ) -> Result<(), MlflowError> {
         if let RunName::Own(id) = run
             && batch.metrics.is_empty()
             && batch.params.is_empty()
@@ -61,7 +65,11 @@ impl App {
         Ok(self.store.log_batch(run.writable()?, batch).await?)
     }
 
-    pub async fn delete_tracked_tag(&self, run: &RunName, key: &str) -> Result<(), MlflowError> {
+    pub(crate) async fn delete_tracked_tag(
+        &self,
+        run: &RunName,
+        key: &str,
+    ) -> Result<(), MlflowError> {
         if let RunName::Own(id) = run {
             return self.delete_own_tag(*id, key).await;
         }
@@ -69,7 +77,7 @@ impl App {
     }
 
     /// Points of a metric after the first `skipped`, and the token of the next page.
-    pub async fn metric_history(
+    pub(crate) async fn metric_history(
         &self,
         run: &RunName,
         key: &str,

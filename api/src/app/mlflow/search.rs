@@ -56,7 +56,7 @@ struct Keys {
 }
 
 impl App {
-    pub async fn mlflow_run(&self, run: &RunName) -> Result<Run, MlflowError> {
+    pub(crate) async fn mlflow_run(&self, run: &RunName) -> Result<Run, MlflowError> {
         let candidate = match run {
             RunName::Own(id) => Candidate::own(self.store.run(*id).await?),
             RunName::Tracked(identifier) => {
@@ -68,7 +68,7 @@ impl App {
     }
 
     /// A page of runs, and the token of the next page.
-    pub async fn search_runs(
+    pub(crate) async fn search_runs(
         &self,
         search: &RunSearch,
     ) -> Result<(Vec<Run>, Option<String>), MlflowError> {
