@@ -2,7 +2,7 @@
 //!
 //! A [`Figure`] is plain data: two axes, named series, shaded bands. [`Figure::to_svg`] draws it,
 //! and [`Figure::to_csv`] writes the numbers behind the drawing. Neither knows what the numbers
-//! mean.
+//! mean. An [`ArmFigure`] is an arm, drawn from two sides.
 //!
 //! The drawing is one self-contained SVG element: no scripts, no ids (so that several can stand in one page), no fonts of
 //! its own. The same figure and size give the same bytes. It stretches to the width of its container and has a ground of its
@@ -20,6 +20,7 @@
 
 #![warn(missing_docs)]
 
+mod arm;
 mod coordinate;
 mod description;
 mod drawing;
@@ -33,6 +34,7 @@ mod theme;
 mod ticks;
 mod trace;
 
+pub use arm::{ArmFigure, ArmJoint};
 pub use figure::{
     Axis, Band, Curve, Figure, FigureError, MARKERS_DRAWN, Mark, POINTS_DRAWN, Point,
     SERIES_ALLOWED, Scale, Size, Stroke,
