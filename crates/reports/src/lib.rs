@@ -13,6 +13,7 @@ pub mod closed_loop;
 pub mod evaluation;
 pub mod numbers;
 mod outcome;
+pub mod robot;
 pub mod study;
 mod table;
 mod verdict;
