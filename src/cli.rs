@@ -4,8 +4,9 @@ use clap::{Parser, Subcommand};
 
 use crate::commands::{
     access, attempts, copies, delete, doctor, documents, download, events, export, gc, health,
-    import, label, logs, metrics, open, predict, presets, queue, reindex, serve, show, simulate,
-    study, submit, summary, tasks, trajectory, trash, undelete, verify, watch, worker, workers,
+    import, label, logs, metrics, open, predict, presets, queue, reindex, robot, serve, show,
+    simulate, study, submit, summary, tasks, trajectory, trash, undelete, verify, watch, worker,
+    workers,
 };
 use crate::logging::{LOG_FORMAT, LogFormat};
 use crate::{exit, lists};
@@ -126,6 +127,8 @@ pub enum Command {
     Reindex(reindex::Arguments),
     /// Move a data folder to PostgreSQL and a bucket, or back
     Migrate(copies::MigrateArguments),
+    /// Show an arm from a URDF or a description, without a server
+    Robot(robot::Arguments),
     /// List the presets, or show one
     Presets(presets::Arguments),
     /// Print a script that completes commands and flags in a shell

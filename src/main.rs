@@ -17,6 +17,7 @@ mod offers;
 mod process;
 mod progress;
 mod resource;
+mod robots;
 mod server;
 
 use std::io::Write;

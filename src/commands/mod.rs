@@ -20,6 +20,7 @@ pub mod predict;
 pub mod presets;
 pub mod queue;
 pub mod reindex;
+pub mod robot;
 pub mod serve;
 pub mod show;
 pub mod simulate;
@@ -74,6 +75,7 @@ pub async fn run(command: Command, log: &Logging) -> anyhow::Result<ExitCode> {
         Command::Audit(arguments) => access::audit(arguments).await,
         Command::Backup(arguments) => copies::backup(arguments).await,
         Command::Reindex(arguments) => reindex::run(arguments).await,
+        Command::Robot(arguments) => robot::run(arguments).await,
         Command::Restore(arguments) => copies::restore(arguments).await,
         Command::Migrate(arguments) => copies::migrate(arguments).await,
         Command::Presets(arguments) => presets::run(arguments).await,

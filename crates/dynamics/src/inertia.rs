@@ -57,6 +57,13 @@ impl RigidBody {
         Matrix3::identity() * (0.5 * inertia.trace()) - inertia
     }
 
+    /// The principal moments of inertia about the centre of mass, kg·m², in ascending order.
+    pub fn principal_moments(&self) -> [f64; 3] {
+        let mut moments: [f64; 3] = matrix(self.inertia).symmetric_eigenvalues().into();
+        moments.sort_by(f64::total_cmp);
+        moments
+    }
+
     /// The same mass and centre with second moments Σ: I = tr(Σ) 1 − Σ.
     #[must_use]
     pub fn with_second_moments(&self, moments: &Matrix3<f64>) -> Self {

@@ -391,9 +391,12 @@ mod tests {
         ]
     }
 
+    /// Position (m) and roll, pitch and yaw (degrees) of a base, the rows, and positions of the joints.
+    type Arm = (([f64; 3], [f64; 3]), Vec<Numbers>, Vec<f64>);
+
     /// Arms of 1 to 8 joints and their hands, upright or not, with angles in degrees, among them
     /// those with an exact sine and cosine.
-    fn arms() -> impl Strategy<Value = (([f64; 3], [f64; 3]), Vec<Numbers>, Vec<f64>)> {
+    fn arms() -> impl Strategy<Value = Arm> {
         let shift = prop_oneof![Just([0.0; 3]), prop::array::uniform3(-0.5..0.5f64)];
         let offset = prop_oneof![Just(0.0), angle()];
         let row = (shift, -0.5..0.5f64, angle(), -0.5..0.5f64, offset);

@@ -52,6 +52,7 @@ use spec::{
 
 pub use error::UrdfError;
 pub use part::{Doubt, Part};
+pub use reading::MAX_BYTES;
 
 use bodies::{Welder, axis, places};
 use chain::Chain;

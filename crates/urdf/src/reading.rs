@@ -13,8 +13,8 @@ use crate::document::{Document, Inertial, Joint, JointDynamics, Kind, Limit, Lin
 use crate::part::shown;
 use crate::{Part, UrdfError};
 
-/// Bytes of the longest text.
-const MAX_BYTES: usize = 4 << 20;
+/// Bytes of the longest text that is read.
+pub const MAX_BYTES: usize = 4 << 20;
 const MAX_ELEMENTS: usize = 200_000;
 const MAX_DEPTH: usize = 100;
 /// Links and joints, together.

@@ -1,0 +1,119 @@
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use anyhow::Context;
+use clap::Args;
+use figures::Size;
+use reports::robot::{self, Link};
+use spec::RobotSpec;
+
+use super::drawing;
+use super::reach::reach;
+use crate::output::write_json;
+use crate::progress::measure;
+use crate::robots::{Robot, RobotArguments, Urdf};
+
+/// In pixels.
+const FIGURE_SIZE: Size = Size { width: 860, height: 480 };
+
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// Print the description as JSON, for the field `robot.model` of a spec
+    #[arg(long)]
+    json: bool,
+
+    /// Also draw the arm with all joints at 0, from its side and from its front, as SVG
+    #[arg(long, value_name = "FILE")]
+    figure: Option<PathBuf>,
+
+    #[command(flatten)]
+    robot: RobotArguments,
+}
+
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    let robot = arguments.robot.read()?;
+    let nominal = dynamics::Robot::nominal(&RobotSpec::of(robot.model.clone()));
+    if let Some(file) = &arguments.figure {
+        let svg = drawing::zero_pose(&robot, &nominal.kinematics).to_svg(FIGURE_SIZE)?;
+        std::fs::write(file, svg).with_context(|| format!("cannot write {}", file.display()))?;
+    }
+    if arguments.json {
+        for doubt in robot.doubts() {
+            eprintln!("warning: {doubt}");
+        }
+        write_json(robot.description())?;
+        return Ok(ExitCode::SUCCESS);
+    }
+    print!("{}", text(&robot, &nominal));
+    Ok(ExitCode::SUCCESS)
+}
+
+/// The arm, its joints, its links and its doubts.
+fn text(robot: &Robot, nominal: &dynamics::Robot) -> String {
+    let description = robot.description();
+    let mut text = format!("{}\n", description.name);
+    if let Some(Urdf { text: file, arm }) = &robot.urdf {
+        let size = measure::size(file.len() as u64);
+        text += &format!("from link {} to link {} of a URDF of {size}\n", arm.base, arm.tip);
+    }
+    let base = description.base;
+    if !base.is_upright() {
+        let [x, y, z] = base.position_m.map(reports::numbers::value);
+        let [roll, pitch, yaw] = base.rpy_deg.map(reports::numbers::value);
+        text += &format!(
+            "frame before the first joint at {x} {y} {z} m, turned by roll {roll}°, pitch {pitch}°, yaw {yaw}°\n"
+        );
+    }
+    let limits = description.per_joint(|joint| joint.position_rad);
+    let farthest = reach(&nominal.kinematics, &limits, base.position_m);
+    let mass: f64 = nominal.links.iter().map(|link| link.mass).sum();
+    text += &format!(
+        "{} joints; the moving links weigh {} kg together\n",
+        description.joints.len(),
+        reports::numbers::value(mass)
+    );
+    text += &format!(
+        "reach {farthest:.3} m: the largest distance of the hand from the frame before the first joint, within the \
+         limits\n"
+    );
+    text += match nominal.has_compiled_kernels() {
+        true => "simulated by the kernels compiled for the Panda's structure\n",
+        false => "simulated by the general kernels\n",
+    };
+    text += &format!("\n{}", robot::joints(description).render());
+    text += &format!("\n{}", robot::links(&links(robot, nominal)).render());
+    if !robot.doubts().is_empty() {
+        text.push('\n');
+    }
+    text.extend(robot.doubts().iter().map(|doubt| format!("doubt: {doubt}\n")));
+    text
+}
+
+/// The links as they are simulated. The last one carries the hand.
+fn links(robot: &Robot, nominal: &dynamics::Robot) -> Vec<Link> {
+    let description = robot.description();
+    let hand = description.hand.bodies.iter().map(|body| body.name.clone());
+    let mut links: Vec<Link> = nominal
+        .links
+        .iter()
+        .zip(&description.joints)
+        .map(|(link, joint)| Link {
+            joint: joint.name.clone(),
+            mass_kg: link.mass,
+            center_m: link.com,
+            principal_kg_m2: link.principal_moments(),
+            parts: Vec::new(),
+        })
+        .collect();
+    if let Some(urdf) = &robot.urdf {
+        for (link, body) in links.iter_mut().zip(&urdf.arm.bodies) {
+            link.parts = body.links.clone();
+        }
+    }
+    if let Some(last) = links.last_mut()
+        && !description.hand.bodies.is_empty()
+    {
+        last.parts = ["the link".to_owned()].into_iter().chain(hand).collect();
+    }
+    links
+}
