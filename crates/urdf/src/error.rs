@@ -220,6 +220,27 @@ pub enum UrdfError {
     /// The arm is outside of what a description can say.
     #[error("the URDF's arm is not allowed: {0}")]
     Description(#[source] SpecError),
+    /// A description to be written into a URDF has other joints than the URDF's arm.
+    #[error(
+        "the description has {reason}; allowed: the arm's joints with other bodies, damping, friction and rotor inertias"
+    )]
+    OtherArm {
+        /// The difference.
+        reason: String,
+    },
+    /// The URDF to be written to is not the one that the arm was read from.
+    #[error(
+        "joint `{}` moves link `{}` in the arm, but link `{}` in the URDF; give the URDF that the arm was read from",
+        shown(.joint), shown(.link), shown(.found)
+    )]
+    OtherChild {
+        /// The joint.
+        joint: String,
+        /// Its child in the arm.
+        link: String,
+        /// Its child in the URDF.
+        found: String,
+    },
 }
 
 fn suggestion(nearest: Option<&str>) -> String {

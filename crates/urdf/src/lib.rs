@@ -1,4 +1,4 @@
-//! Arms from URDFs: the text of a URDF in, the description of an arm out.
+//! Arms from URDFs: the text of a URDF in, the description of an arm out, and back.
 //!
 //! [`read`] takes the chain from a base link to a tip link. Its revolute and continuous joints
 //! become the joints of a [`RobotDescription`]. All else is welded: fixed joints, joints that the
@@ -20,6 +20,12 @@
 //! [`Options::nearest_physical`] asks for the nearest possible. The links are repaired one by one,
 //! before they are welded.
 //!
+//! # The way back
+//!
+//! [`write`] puts the bodies, damping and friction of a description, perhaps an identified one, into
+//! the text of its URDF and leaves all else as it is. [`mjcf`] makes a model for MuJoCo.
+//! `tests/peers/mujoco_models.py` compares both with Pinocchio and MuJoCo.
+//!
 //! # A stranger's text
 //!
 //! Reading takes time and memory in proportion to the text, which has at most 4 MiB; it cannot
@@ -36,10 +42,15 @@ mod error;
 mod frames;
 mod initial;
 mod limits;
+mod masses;
+mod mujoco;
+mod numbers;
 mod part;
 mod reading;
+mod spans;
 mod table;
 mod tree;
+mod writing;
 
 use std::collections::BTreeMap;
 
@@ -51,8 +62,10 @@ use spec::{
 };
 
 pub use error::UrdfError;
+pub use mujoco::mjcf;
 pub use part::{Doubt, Part};
 pub use reading::MAX_BYTES;
+pub use writing::write;
 
 use bodies::{Welder, axis, places};
 use chain::Chain;

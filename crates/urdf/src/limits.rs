@@ -60,6 +60,11 @@ impl Limits {
     }
 }
 
+/// Whether a Coulomb friction is [`described`] as this friction.
+pub(crate) fn is_coulomb(friction: &JointFriction) -> bool {
+    friction.phi1_nm == 0.0 || *friction == described(0.5 * friction.phi1_nm)
+}
+
 /// Coulomb friction as a description has it: φ1 / (1 + exp(-φ2 q̇)) - φ1 / 2 = φ1 / 2 tanh(φ2 q̇ / 2).
 pub(crate) const fn described(friction_nm: f64) -> JointFriction {
     JointFriction { phi1_nm: 2.0 * friction_nm, phi2_s_rad: FRICTION_SLOPE_S_RAD, phi3_rad_s: 0.0 }

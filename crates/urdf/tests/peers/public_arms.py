@@ -232,4 +232,5 @@ def main():
         sys.exit(f"the largest error is {worst:.1e}, allowed: {MOST:.0e}")
 
 
-main()
+if __name__ == "__main__":
+    main()

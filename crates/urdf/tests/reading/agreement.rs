@@ -1,7 +1,5 @@
 //! The description of a URDF moves as the URDF's tree.
 
-use std::collections::BTreeMap;
-
 use nalgebra::{IsometryMatrix3, Matrix3, Rotation3, Vector3};
 use proptest::prelude::*;
 use spec::{BaseDescription, RobotDescription};
@@ -10,7 +8,7 @@ use urdf::{Arm, ArmBody, Options, read};
 use crate::robots::{Draws, Moving, Robot};
 
 /// Frames of the joints and the hand by the description, in motion.
-fn motion(description: &RobotDescription, q: &[f64], qd: &[f64]) -> Vec<Moving> {
+pub fn motion(description: &RobotDescription, q: &[f64], qd: &[f64]) -> Vec<Moving> {
     let mut at = Moving::standing(base(&description.base));
     let mut frames = Vec::new();
     for (index, joint) in description.joints.iter().enumerate() {
@@ -32,7 +30,7 @@ fn step(shift_m: [f64; 3], a: f64, alpha_deg: f64, d: f64, yaw_deg: f64) -> Isom
     IsometryMatrix3::from_parts(place.into(), alpha * yaw)
 }
 
-fn base(base: &BaseDescription) -> IsometryMatrix3<f64> {
+pub fn base(base: &BaseDescription) -> IsometryMatrix3<f64> {
     let [roll, pitch, yaw] = base.rpy_deg.map(f64::to_radians);
     let turn = |axis, angle| Rotation3::from_axis_angle(&axis, angle);
     let rotation = turn(Vector3::z_axis(), yaw)
@@ -42,13 +40,13 @@ fn base(base: &BaseDescription) -> IsometryMatrix3<f64> {
 }
 
 /// The frame of a body in the URDF's link.
-fn frame(body: &ArmBody) -> IsometryMatrix3<f64> {
+pub fn frame(body: &ArmBody) -> IsometryMatrix3<f64> {
     let rotation = Matrix3::from_fn(|row, column| body.rotation[row][column]);
     let rotation = Rotation3::from_matrix_unchecked(rotation);
     IsometryMatrix3::from_parts(Vector3::from(body.translation_m).into(), rotation)
 }
 
-fn energies(arm: &Arm, frames: &[Moving]) -> [f64; 2] {
+pub fn energies(arm: &Arm, frames: &[Moving]) -> [f64; 2] {
     let mut sum = [0.0; 2];
     for (joint, frame) in arm.description.joints.iter().zip(frames) {
         let [xx, xy, xz, yy, yz, zz] = joint.link.inertia_kg_m2;
@@ -59,7 +57,7 @@ fn energies(arm: &Arm, frames: &[Moving]) -> [f64; 2] {
     sum
 }
 
-fn distance(one: &Moving, other: &Moving) -> f64 {
+pub fn distance(one: &Moving, other: &Moving) -> f64 {
     let parts = [
         (one.pose.rotation.matrix() - other.pose.rotation.matrix()).amax(),
         (one.pose.translation.vector - other.pose.translation.vector).amax(),
@@ -70,7 +68,7 @@ fn distance(one: &Moving, other: &Moving) -> f64 {
 }
 
 #[track_caller]
-fn check(robot: &Robot, arm: &Arm, mount: &BaseDescription, draws: &mut Draws, most: f64) {
+pub fn check(robot: &Robot, arm: &Arm, mount: &BaseDescription, draws: &mut Draws, most: f64) {
     let joints = robot.moving.len();
     assert_eq!(arm.description.per_joint(|joint| joint.name.clone()), robot.moving);
     let named: Vec<&String> = arm.bodies.iter().flat_map(|body| &body.links).collect();
@@ -131,31 +129,10 @@ proptest! {
 
     #[test]
     fn a_robot_with_locked_joints_moves_as_its_tree(seed in any::<u64>()) {
-        let mut robot = Robot::random(seed, 9.0);
-        prop_assume!(robot.moving.len() > 1);
-        let mut draws = Draws::new(seed, 3);
-        let tip = Some(robot.tip.clone());
-        let mut locks = BTreeMap::new();
-        let moving = std::mem::take(&mut robot.moving);
-        let stays = draws.below(moving.len());
-        for (index, name) in moving.into_iter().enumerate() {
-            if index == stays || draws.below(2) == 0 {
-                robot.moving.push(name);
-            } else {
-                locks.insert(name, draws.within(3.0));
-            }
-        }
-        for joint in &mut robot.joints {
-            if let Some(position) = locks.get(&joint.name) {
-                joint.position = *position;
-            }
-            if let Some((mimicked, multiplier, offset)) = &joint.mimic {
-                joint.position = multiplier * locks.get(mimicked).unwrap_or(&0.0) + offset;
-            }
-        }
-        let options = Options { tip, locks, ..Options::default() };
+        let (robot, options) = Robot::locked(seed);
         let arm = read(&robot.urdf(seed), &options).unwrap();
-        check(&robot, &arm, &BaseDescription::default(), &mut draws, 1e-12);
+        let mut draws = Draws::new(seed, 8);
+        check(&robot, &arm, &options.mount, &mut draws, 1e-12);
     }
 }
 

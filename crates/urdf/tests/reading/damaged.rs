@@ -13,7 +13,7 @@ use crate::robots::Robot;
 const DAMAGES: usize = 16;
 
 /// One to three damages: bytes changed, slices lost or doubled, numbers replaced.
-fn damaged(text: &str, draws: &mut ChaCha8Rng) -> String {
+pub fn damaged(text: &str, draws: &mut ChaCha8Rng) -> String {
     const NUMBERS: [&str; 12] = [
         "nan", "inf", "-inf", "1e308", "-1e308", "1e-320", "0", "-0", "1e4", "9999", "", "1 2 3 4",
     ];

@@ -1,9 +1,11 @@
 //! Random robots, their URDFs, and their motion by a direct evaluation of their trees.
 
+use std::collections::BTreeMap;
 use std::fmt::Write;
 
 use nalgebra::{IsometryMatrix3, Matrix3, Rotation3, Translation3, Unit, Vector3};
 use random::{ChaCha8Rng, below, keyed, shuffle, unit};
+use urdf::Options;
 
 pub struct Robot {
     pub links: Vec<Link>,
@@ -128,6 +130,32 @@ impl Robot {
         robot.tip.clone_from(&robot.links[at].name);
         robot.add_branch(at, &mut draws);
         robot
+    }
+
+    /// A random robot, some of whose joints the options lock.
+    pub fn locked(seed: u64) -> (Self, Options) {
+        let mut robot = Self::random(seed, 9.0);
+        let mut draws = Draws::new(seed, 3);
+        let tip = Some(robot.tip.clone());
+        let mut locks = BTreeMap::new();
+        let moving = std::mem::take(&mut robot.moving);
+        let stays = draws.below(moving.len());
+        for (index, name) in moving.into_iter().enumerate() {
+            if index == stays || draws.below(2) == 0 {
+                robot.moving.push(name);
+            } else {
+                locks.insert(name, draws.within(3.0));
+            }
+        }
+        for joint in &mut robot.joints {
+            if let Some(position) = locks.get(&joint.name) {
+                joint.position = *position;
+            }
+            if let Some((mimicked, multiplier, offset)) = &joint.mimic {
+                joint.position = multiplier * locks.get(mimicked).unwrap_or(&0.0) + offset;
+            }
+        }
+        (robot, Options { tip, locks, ..Options::default() })
     }
 
     /// Adds a link and the joint that holds it. Returns the link.

@@ -1,0 +1,260 @@
+//! A description written into the text of the URDF that it came from.
+//!
+//! The new text is the old one with some of its bytes replaced. It is never printed from a tree of
+//! elements, so whatever is not replaced stays as it is.
+
+use std::collections::BTreeSet;
+use std::ops::Range;
+
+use dynamics::RigidBody;
+use spec::{JointDescription, RobotDescription};
+
+use crate::masses::{bodies, entries, same_joints};
+use crate::numbers::{shortest, spaced};
+use crate::spans::{self, Element};
+use crate::tree::Tree;
+use crate::{Arm, UrdfError, limits, reading};
+
+/// Begins the comments of this module. Those inside a joint are replaced.
+const MARK: &str = "<!-- torqued: ";
+const WELDED: &str = "<!-- torqued: the mass of this link and of others without an inertial is in \
+                      the child link of the joint that moves them -->";
+
+/// Writes the bodies, damping and friction of `description` into `text`, the URDF that `arm` was
+/// read from.
+///
+/// - The child link of each moving joint gets the body that the joint moves, in its own frame. An
+///   `<inertial>` that is there keeps its place and comments.
+/// - The other links of that body lose their `<inertial>`. A comment at the first one says so.
+/// - The `<dynamics>` of each moving joint gets damping and Coulomb friction, φ1 / 2. If the
+///   description does not know the friction, the text's stays.
+/// - A comment beside it has what a URDF cannot say: the rotor inertia if it is not 0, and the
+///   friction if it is not that of [`read`](crate::read). Writing again replaces the comment.
+///
+/// All else stays byte for byte: comments, spaces, line ends, the order of elements and
+/// attributes, meshes, other links and joints, limits and poses. Numbers have the fewest digits
+/// that are read back as the same number. Read with the same options, the new text has the bodies
+/// of the description within rounding, and its damping and friction exactly. Bodies of the hand
+/// are part of the last body then.
+///
+/// # Errors
+/// `text` is not the URDF of `arm`, or `description` has other joints or lengths.
+pub fn write(text: &str, arm: &Arm, description: &RobotDescription) -> Result<String, UrdfError> {
+    same_joints(arm, description)?;
+    let tree = Tree::new(reading::read(text)?)?;
+    let root = spans::root(text)?;
+    let links: Vec<&Element> = root.children("link").collect();
+    let joints: Vec<&Element> = root.children("joint").collect();
+    let mut edits = Edits { text, list: Vec::new() };
+    let mut welded = BTreeSet::new();
+    let described = description.joints.iter().zip(bodies(description));
+    for (body, (joint, mass)) in arm.bodies.iter().zip(described) {
+        let user = || "the arm".to_owned();
+        let index = tree.joint(&body.joint, user)?;
+        let child = tree.ends[index].child;
+        if tree.links[child].name != body.link {
+            let found = tree.links[child].name.clone();
+            let [joint, link] = [&body.joint, &body.link].map(String::clone);
+            return Err(UrdfError::OtherChild { joint, link, found });
+        }
+        for link in &body.links {
+            welded.insert(tree.link(link, user)?);
+        }
+        welded.remove(&child);
+        let frame = body.frame();
+        let mass = mass.seen_from(&frame.rotation, &frame.translation.vector);
+        edits.put_inertial(links[child], &mass);
+        edits.put_dynamics(joints[index], joint);
+    }
+    let mut is_said = text.contains(WELDED);
+    // In the order of the text.
+    for inertial in welded.into_iter().filter_map(|link| links[link].child("inertial")) {
+        if is_said {
+            edits.remove(&inertial.whole);
+        } else {
+            edits.list.push((inertial.whole.clone(), WELDED.to_owned()));
+        }
+        is_said = true;
+    }
+    Ok(edits.made())
+}
+
+/// Changes of a text.
+struct Edits<'text> {
+    text: &'text str,
+    /// Places, which do not overlap, and what they get.
+    list: Vec<(Range<usize>, String)>,
+}
+
+impl Edits<'_> {
+    fn made(mut self) -> String {
+        // Stable: what is inserted at the same place stays in order.
+        self.list.sort_by_key(|(place, _)| (place.start, place.end));
+        let mut made = String::with_capacity(self.text.len() + 1024);
+        let mut at = 0;
+        for (place, new) in &self.list {
+            made.push_str(&self.text[at..place.start]);
+            made.push_str(new);
+            at = place.end;
+        }
+        made.push_str(&self.text[at..]);
+        made
+    }
+
+    fn put_inertial(&mut self, link: &Element, body: &RigidBody) {
+        let inertia = ["ixx", "ixy", "ixz", "iyy", "iyz", "izz"].into_iter().zip(entries(body));
+        let (center, mass) = (spaced(body.com), shortest(body.mass));
+        let Some(inertial) = link.child("inertial") else {
+            let Lines { line, step } = self.lines(link);
+            let inertia: String =
+                inertia.map(|(name, entry)| format!(" {name}=\"{}\"", shortest(entry))).collect();
+            let new = format!(
+                "<inertial>{line}{step}<origin xyz=\"{center}\" rpy=\"0 0 0\"/>\
+                 {line}{step}<mass value=\"{mass}\"/>{line}{step}<inertia{inertia}/>{line}</inertial>"
+            );
+            self.append(link, &new);
+            return;
+        };
+        match inertial.child("origin") {
+            Some(origin) => {
+                self.set(origin, "xyz", &center);
+                self.set(origin, "rpy", "0 0 0");
+            }
+            None => {
+                self.append(inertial, &format!("<origin xyz=\"{center}\" rpy=\"0 0 0\"/>"));
+            }
+        }
+        // A text that has been read has these two.
+        if let Some(element) = inertial.child("mass") {
+            self.set(element, "value", &mass);
+        }
+        if let Some(element) = inertial.child("inertia") {
+            for (name, entry) in inertia {
+                self.set(element, name, &shortest(entry));
+            }
+        }
+    }
+
+    fn put_dynamics(&mut self, joint: &Element, description: &JointDescription) {
+        for comment in &joint.comments {
+            if self.text[comment.clone()].starts_with(MARK) {
+                self.remove(comment);
+            }
+        }
+        let values = [
+            ("damping", Some(description.damping_nm_s_rad)),
+            ("friction", description.friction.map(|friction| 0.5 * friction.phi1_nm)),
+        ];
+        let values = values.into_iter().filter_map(|(name, value)| Some((name, value?)));
+        let comment = remark(description);
+        if let Some(dynamics) = joint.child("dynamics") {
+            for (name, value) in values {
+                self.set_number(dynamics, name, value);
+            }
+            if let Some(comment) = comment {
+                let end = dynamics.whole.end;
+                self.list.push((end..end, comment));
+            }
+        } else {
+            let values: String =
+                values.map(|(name, value)| format!(" {name}=\"{}\"", shortest(value))).collect();
+            self.append(joint, &format!("<dynamics{values}/>{}", comment.unwrap_or_default()));
+        }
+    }
+
+    /// Sets an attribute unless it is this number already.
+    fn set_number(&mut self, element: &Element, attribute: &str, value: f64) {
+        let old = element.value(self.text, attribute).map(|place| &self.text[place]);
+        if old.and_then(|old| old.trim_ascii().parse().ok()) != Some(value) {
+            self.set(element, attribute, &shortest(value));
+        }
+    }
+
+    fn set(&mut self, element: &Element, attribute: &str, value: &str) {
+        if let Some(place) = element.value(self.text, attribute) {
+            self.list.push((place, value.to_owned()));
+        } else {
+            let end = element.attributes_end(self.text);
+            self.list.push((end..end, format!(" {attribute}=\"{value}\"")));
+        }
+    }
+
+    /// Adds an element behind the others in `parent`, on a line of its own if they have one.
+    fn append(&mut self, parent: &Element, new: &str) {
+        let Lines { line, .. } = self.lines(parent);
+        if parent.closes_itself() {
+            let end = parent.whole.end;
+            let before = self.line_of(parent);
+            let new = format!(">{line}{new}{before}</{}>", parent.name);
+            self.list.push((parent.attributes_end(self.text)..end, new));
+        } else {
+            let inside = &self.text[parent.tag.end..parent.whole.end];
+            let inside = &inside[..inside.rfind("</").unwrap_or(0)];
+            let end = parent.tag.end + inside.trim_ascii_end().len();
+            self.list.push((end..end, format!("{line}{new}")));
+        }
+    }
+
+    /// Removes an element or a comment, with the white space before it.
+    fn remove(&mut self, place: &Range<usize>) {
+        let start = self.text[..place.start].trim_ascii_end().len();
+        self.list.push((start..place.end, String::new()));
+    }
+
+    /// The line break before an element and its indentation. Empty if it does not begin a line.
+    fn line_of(&self, element: &Element) -> &str {
+        let before = &self.text[..element.whole.start];
+        let spaces = &before[before.trim_ascii_end().len()..];
+        match spaces.rfind('\n') {
+            Some(at) if spaces[..at].ends_with('\r') => &spaces[at - 1..],
+            Some(at) => &spaces[at..],
+            None => "",
+        }
+    }
+
+    /// How the elements in `parent` are indented.
+    fn lines(&self, parent: &Element) -> Lines {
+        const LINE_ENDS: [char; 2] = ['\r', '\n'];
+
+        let outer = self.line_of(parent);
+        let indentation = outer.trim_start_matches(LINE_ENDS);
+        match parent.children.first().map(|child| self.line_of(child)) {
+            // In a single line there is nothing to indent.
+            Some("") => Lines::default(),
+            None if outer.is_empty() => Lines::default(),
+            Some(line) => {
+                let step = line.trim_start_matches(LINE_ENDS).strip_prefix(indentation);
+                let step = step.filter(|step| !step.is_empty()).unwrap_or("  ");
+                Lines { line: line.to_owned(), step: step.to_owned() }
+            }
+            None => {
+                // A link or a joint is one step inside the robot.
+                let step = if indentation.is_empty() { "  " } else { indentation };
+                Lines { line: format!("{outer}{step}"), step: step.to_owned() }
+            }
+        }
+    }
+}
+
+/// How the elements in another one are indented.
+#[derive(Default)]
+struct Lines {
+    /// The line break before each, with its indentation.
+    line: String,
+    /// One more level of indentation.
+    step: String,
+}
+
+/// A comment with what a URDF cannot say about a joint.
+fn remark(joint: &JointDescription) -> Option<String> {
+    let mut facts = Vec::new();
+    if joint.armature_kg_m2 != 0.0 {
+        facts.push(format!("armature_kg_m2 {}", shortest(joint.armature_kg_m2)));
+    }
+    if let Some(friction) = joint.friction.filter(|friction| !limits::is_coulomb(friction)) {
+        let [phi1, phi2, phi3] =
+            [friction.phi1_nm, friction.phi2_s_rad, friction.phi3_rad_s].map(shortest);
+        facts.push(format!("phi1_nm {phi1}, phi2_s_rad {phi2}, phi3_rad_s {phi3}"));
+    }
+    (!facts.is_empty()).then(|| format!(" {MARK}{} -->", facts.join(", ")))
+}
