@@ -22,7 +22,7 @@
 //!
 //! # The way back
 //!
-//! [`write`] puts the bodies, damping and friction of a description, perhaps an identified one, into
+//! [`write()`] puts the bodies, damping and friction of a description, perhaps an identified one, into
 //! the text of its URDF and leaves all else as it is. [`mjcf`] makes a model for MuJoCo.
 //! `tests/peers/mujoco_models.py` compares both with Pinocchio and MuJoCo.
 //!

@@ -4,7 +4,8 @@ use dynamics::RigidBody;
 use nalgebra::{IsometryMatrix3, Matrix3, Rotation3, Vector3};
 use spec::{BodyDescription, HandDescription, JointDescription, RobotDescription};
 
-use crate::frames::{about_x, about_z, sin_cos_deg};
+use crate::frames::{about_x, about_z, sin_cos_deg, to_length};
+use crate::part::shown;
 use crate::{Arm, ArmBody, UrdfError};
 
 impl ArmBody {
@@ -37,10 +38,21 @@ fn body(description: &BodyDescription) -> RigidBody {
     if nearest_physical { body.projected() } else { body }
 }
 
-/// The entries xx, xy, xz, yy, yz and zz of a body's inertia.
-pub(crate) fn entries(body: &RigidBody) -> [f64; 6] {
+/// A body seen from the child of its joint, without the rounding of turns by right angles.
+pub(crate) fn seen_from_child(body: &RigidBody, frame: &IsometryMatrix3<f64>) -> BodyDescription {
+    /// Relative to the trace. Turned zeros are below it.
+    const ROUNDING: f64 = 1e-16;
+
+    let body = body.seen_from(&frame.rotation, &frame.translation.vector);
     let [[xx, xy, xz], [_, yy, yz], [.., zz]] = body.inertia;
-    [xx, xy, xz, yy, yz, zz]
+    let least = ROUNDING * (xx + yy + zz);
+    let inertia_kg_m2 = [xx, xy, xz, yy, yz, zz];
+    BodyDescription {
+        mass_kg: body.mass,
+        center_m: body.com.map(to_length),
+        inertia_kg_m2: inertia_kg_m2.map(|entry| if entry.abs() < least { 0.0 } else { entry }),
+        nearest_physical: false,
+    }
 }
 
 /// Pose of a joint's frame at position 0, in the frame before.
@@ -80,7 +92,7 @@ pub(crate) fn same_joints(arm: &Arm, description: &RobotDescription) -> Result<(
     }
     for (ours, theirs) in arm.description.joints.iter().zip(&description.joints) {
         if ours.name != theirs.name {
-            let [theirs, ours] = [theirs, ours].map(|joint| crate::part::shown(&joint.name));
+            let [theirs, ours] = [theirs, ours].map(|joint| shown(&joint.name));
             let reason = format!("joint `{theirs}` in the place of `{ours}`");
             return Err(UrdfError::OtherArm { reason });
         }
@@ -91,7 +103,7 @@ pub(crate) fn same_joints(arm: &Arm, description: &RobotDescription) -> Result<(
         };
         let is_same = |(ours, theirs): (f64, f64)| (ours - theirs).abs() <= ROUNDING;
         if !row(ours).into_iter().zip(row(theirs)).all(is_same) {
-            let name = crate::part::shown(&ours.name);
+            let name = shown(&ours.name);
             let reason = format!("joint `{name}` with other lengths or angles");
             return Err(UrdfError::OtherArm { reason });
         }

@@ -1,11 +1,10 @@
 //! A description as a model for MuJoCo.
 
-use dynamics::RigidBody;
 use nalgebra::{IsometryMatrix3, UnitQuaternion, Vector3};
 use quick_xml::escape::escape;
-use spec::RobotDescription;
+use spec::{BodyDescription, RobotDescription};
 
-use crate::masses::{bodies, entries, hand_pose, joint_pose, same_joints};
+use crate::masses::{bodies, hand_pose, joint_pose, same_joints, seen_from_child};
 use crate::numbers::{shortest, spaced};
 use crate::{Arm, UrdfError, frames};
 
@@ -44,18 +43,17 @@ pub fn mjcf(description: &RobotDescription, arm: Option<&Arm>) -> Result<String,
     for ((link, frame), (joint, body)) in links.iter().zip(described) {
         let place = before * joint_pose(joint) * frame.inverse();
         model.open(&format!("body{}{}", named(link), pose(&place)));
-        let body = body.seen_from(&frame.rotation, &frame.translation.vector);
-        model.add(&inertial(&body));
+        model.add(&inertial(&seen_from_child(&body, frame)));
+        // The axis goes through the origin of the joint's child.
         let axis = frame.rotation * Vector3::z();
         let friction_nm = joint.friction.map_or(0.0, |friction| 0.5 * friction.phi1_nm);
-        let torques = range(-joint.torque_nm, joint.torque_nm);
+        let torques = spaced([-joint.torque_nm, joint.torque_nm]);
         model.add(&format!(
-            "joint{} type=\"hinge\" pos=\"{}\" axis=\"{}\" range=\"{}\" damping=\"{}\" frictionloss=\"{}\" \
+            "joint{} type=\"hinge\" axis=\"{}\" range=\"{}\" damping=\"{}\" frictionloss=\"{}\" \
              armature=\"{}\" actuatorfrcrange=\"{torques}\"",
             attribute("name", &joint.name),
-            spaced(frame.translation.vector.iter().copied()),
-            spaced(axis.iter().copied()),
-            range(joint.position_rad.min, joint.position_rad.max),
+            spaced(axis.iter().copied().map(component)),
+            spaced([joint.position_rad.min, joint.position_rad.max]),
             shortest(joint.damping_nm_s_rad),
             shortest(friction_nm),
             shortest(joint.armature_kg_m2),
@@ -71,7 +69,7 @@ pub fn mjcf(description: &RobotDescription, arm: Option<&Arm>) -> Result<String,
     for joint in &description.joints {
         let name = attribute("name", &joint.name);
         let joint_name = attribute("joint", &joint.name);
-        let torques = range(-joint.torque_nm, joint.torque_nm);
+        let torques = spaced([-joint.torque_nm, joint.torque_nm]);
         model.add(&format!("motor{name}{joint_name} ctrlrange=\"{torques}\""));
     }
     model.close();
@@ -124,19 +122,23 @@ fn named(name: &str) -> String {
     if name == "world" { String::new() } else { attribute("name", name) }
 }
 
-fn range(min: f64, max: f64) -> String {
-    spaced([min, max])
-}
-
 fn pose(pose: &IsometryMatrix3<f64>) -> String {
+    let origin = spaced(pose.translation.vector.iter().copied().map(frames::to_length));
     let turn = UnitQuaternion::from_rotation_matrix(&pose.rotation);
-    let position = spaced(pose.translation.vector.iter().copied());
-    format!(" pos=\"{position}\" quat=\"{}\"", spaced([turn.w, turn.i, turn.j, turn.k]))
+    let turn = spaced([turn.w, turn.i, turn.j, turn.k].map(component));
+    format!(" pos=\"{origin}\" quat=\"{turn}\"")
 }
 
-fn inertial(body: &RigidBody) -> String {
-    let [xx, xy, xz, yy, yz, zz] = entries(body);
-    let (center, mass) = (spaced(body.com), shortest(body.mass));
+/// A component of a direction or a turn, or 0 if it is rounding.
+fn component(component: f64) -> f64 {
+    const ROUNDING: f64 = 1e-15;
+
+    if component.abs() < ROUNDING { 0.0 } else { component }
+}
+
+fn inertial(body: &BodyDescription) -> String {
+    let [xx, xy, xz, yy, yz, zz] = body.inertia_kg_m2;
+    let (center, mass) = (spaced(body.center_m), shortest(body.mass_kg));
     let inertia = spaced([xx, yy, zz, xy, xz, yz]);
     format!("inertial pos=\"{center}\" mass=\"{mass}\" fullinertia=\"{inertia}\"")
 }

@@ -4,11 +4,16 @@
 pub(crate) fn shortest(number: f64) -> String {
     // Without the sign of zero.
     let number = number + 0.0;
-    if number == 0.0 || (1e-5..1e16).contains(&number.abs()) {
+    if number == 0.0 || (1e-3..1e16).contains(&number.abs()) {
         format!("{number}")
     } else {
         format!("{number:e}")
     }
+}
+
+/// Whether a text has these numbers, with white space between them.
+pub(crate) fn says(text: &str, numbers: &[f64]) -> bool {
+    text.split_ascii_whitespace().map(str::parse).eq(numbers.iter().copied().map(Ok))
 }
 
 /// Numbers with spaces between them.
@@ -33,8 +38,14 @@ mod tests {
 
     #[test]
     fn numbers_are_short() {
-        let texts = [0.0, -0.0, 2.0, 0.1, -1e-5, 1.5e-7, 1e20].map(shortest);
-        assert_eq!(texts, ["0", "0", "2", "0.1", "-0.00001", "1.5e-7", "1e20"]);
+        let texts = [0.0, -0.0, 2.0, 0.1, -0.001, 1.5e-4, 1e20].map(shortest);
+        assert_eq!(texts, ["0", "0", "2", "0.1", "-0.001", "1.5e-4", "1e20"]);
         assert_eq!(spaced([1.0, 0.25]), "1 0.25");
+    }
+
+    #[test]
+    fn a_number_is_the_same_however_it_is_written() {
+        assert!(says(" 0.0\t2.50 1e-3\n", &[0.0, 2.5, 0.001]));
+        assert!(!says("0 1", &[0.0]) && !says("0", &[0.0, 1.0]) && !says("O", &[0.0]));
     }
 }

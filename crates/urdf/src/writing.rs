@@ -6,11 +6,10 @@
 use std::collections::BTreeSet;
 use std::ops::Range;
 
-use dynamics::RigidBody;
-use spec::{JointDescription, RobotDescription};
+use spec::{BodyDescription, JointDescription, RobotDescription};
 
-use crate::masses::{bodies, entries, same_joints};
-use crate::numbers::{shortest, spaced};
+use crate::masses::{bodies, same_joints, seen_from_child};
+use crate::numbers::{says, shortest, spaced};
 use crate::spans::{self, Element};
 use crate::tree::Tree;
 use crate::{Arm, UrdfError, limits, reading};
@@ -24,18 +23,19 @@ const WELDED: &str = "<!-- torqued: the mass of this link and of others without 
 /// read from.
 ///
 /// - The child link of each moving joint gets the body that the joint moves, in its own frame. An
-///   `<inertial>` that is there keeps its place and comments.
+///   `<inertial>` that is there gets other numbers and keeps its place and comments.
 /// - The other links of that body lose their `<inertial>`. A comment at the first one says so.
 /// - The `<dynamics>` of each moving joint gets damping and Coulomb friction, φ1 / 2. If the
-///   description does not know the friction, the text's stays.
+///   description does not know the friction, the text's stays. A joint without damping and
+///   friction needs no `<dynamics>`.
 /// - A comment beside it has what a URDF cannot say: the rotor inertia if it is not 0, and the
 ///   friction if it is not that of [`read`](crate::read). Writing again replaces the comment.
 ///
 /// All else stays byte for byte: comments, spaces, line ends, the order of elements and
-/// attributes, meshes, other links and joints, limits and poses. Numbers have the fewest digits
-/// that are read back as the same number. Read with the same options, the new text has the bodies
-/// of the description within rounding, and its damping and friction exactly. Bodies of the hand
-/// are part of the last body then.
+/// attributes, meshes, other links and joints, limits and poses. Numbers that do not change keep
+/// their text, new ones have the fewest digits that are read back as the same number. Read with the
+/// same options, the new text has the bodies of the description within rounding, and its damping
+/// and friction exactly. Bodies of the hand are part of the last body then.
 ///
 /// # Errors
 /// `text` is not the URDF of `arm`, or `description` has other joints or lengths.
@@ -61,9 +61,7 @@ pub fn write(text: &str, arm: &Arm, description: &RobotDescription) -> Result<St
             welded.insert(tree.link(link, user)?);
         }
         welded.remove(&child);
-        let frame = body.frame();
-        let mass = mass.seen_from(&frame.rotation, &frame.translation.vector);
-        edits.put_inertial(links[child], &mass);
+        edits.put_inertial(links[child], &seen_from_child(&mass, &body.frame()));
         edits.put_dynamics(joints[index], joint);
     }
     let mut is_said = text.contains(WELDED);
@@ -101,36 +99,36 @@ impl Edits<'_> {
         made
     }
 
-    fn put_inertial(&mut self, link: &Element, body: &RigidBody) {
-        let inertia = ["ixx", "ixy", "ixz", "iyy", "iyz", "izz"].into_iter().zip(entries(body));
-        let (center, mass) = (spaced(body.com), shortest(body.mass));
+    fn put_inertial(&mut self, link: &Element, body: &BodyDescription) {
+        const ENTRIES: [&str; 6] = ["ixx", "ixy", "ixz", "iyy", "iyz", "izz"];
+
+        let BodyDescription { mass_kg, center_m, inertia_kg_m2, .. } = *body;
+        let inertia = || ENTRIES.into_iter().zip(inertia_kg_m2);
+        let new_origin = format!("<origin xyz=\"{}\" rpy=\"0 0 0\"/>", spaced(center_m));
         let Some(inertial) = link.child("inertial") else {
             let Lines { line, step } = self.lines(link);
-            let inertia: String =
-                inertia.map(|(name, entry)| format!(" {name}=\"{}\"", shortest(entry))).collect();
+            let mass = shortest(mass_kg);
+            let inertia = attributes(inertia());
             let new = format!(
-                "<inertial>{line}{step}<origin xyz=\"{center}\" rpy=\"0 0 0\"/>\
-                 {line}{step}<mass value=\"{mass}\"/>{line}{step}<inertia{inertia}/>{line}</inertial>"
+                "<inertial>{line}{step}{new_origin}{line}{step}<mass value=\"{mass}\"/>\
+                 {line}{step}<inertia{inertia}/>{line}</inertial>"
             );
             self.append(link, &new);
             return;
         };
-        match inertial.child("origin") {
-            Some(origin) => {
-                self.set(origin, "xyz", &center);
-                self.set(origin, "rpy", "0 0 0");
-            }
-            None => {
-                self.append(inertial, &format!("<origin xyz=\"{center}\" rpy=\"0 0 0\"/>"));
-            }
+        if let Some(origin) = inertial.child("origin") {
+            self.set(origin, "xyz", &center_m, &[0.0; 3]);
+            self.set(origin, "rpy", &[0.0; 3], &[0.0; 3]);
+        } else if center_m != [0.0; 3] {
+            self.append(inertial, &new_origin);
         }
         // A text that has been read has these two.
-        if let Some(element) = inertial.child("mass") {
-            self.set(element, "value", &mass);
+        if let Some(mass) = inertial.child("mass") {
+            self.set(mass, "value", &[mass_kg], &[]);
         }
         if let Some(element) = inertial.child("inertia") {
-            for (name, entry) in inertia {
-                self.set(element, name, &shortest(entry));
+            for (name, entry) in inertia() {
+                self.set(element, name, &[entry], &[]);
             }
         }
     }
@@ -145,37 +143,33 @@ impl Edits<'_> {
             ("damping", Some(description.damping_nm_s_rad)),
             ("friction", description.friction.map(|friction| 0.5 * friction.phi1_nm)),
         ];
-        let values = values.into_iter().filter_map(|(name, value)| Some((name, value?)));
+        let known = || values.into_iter().filter_map(|(name, value)| Some((name, value?)));
         let comment = remark(description);
         if let Some(dynamics) = joint.child("dynamics") {
-            for (name, value) in values {
-                self.set_number(dynamics, name, value);
+            for (name, value) in known() {
+                self.set(dynamics, name, &[value], &[0.0]);
             }
             if let Some(comment) = comment {
                 let end = dynamics.whole.end;
                 self.list.push((end..end, comment));
             }
-        } else {
-            let values: String =
-                values.map(|(name, value)| format!(" {name}=\"{}\"", shortest(value))).collect();
-            self.append(joint, &format!("<dynamics{values}/>{}", comment.unwrap_or_default()));
+        } else if comment.is_some() || known().any(|(_, value)| value != 0.0) {
+            let new = format!("<dynamics{}/>{}", attributes(known()), comment.unwrap_or_default());
+            self.append(joint, &new);
         }
     }
 
-    /// Sets an attribute unless it is this number already.
-    fn set_number(&mut self, element: &Element, attribute: &str, value: f64) {
-        let old = element.value(self.text, attribute).map(|place| &self.text[place]);
-        if old.and_then(|old| old.trim_ascii().parse().ok()) != Some(value) {
-            self.set(element, attribute, &shortest(value));
-        }
-    }
-
-    fn set(&mut self, element: &Element, attribute: &str, value: &str) {
-        if let Some(place) = element.value(self.text, attribute) {
-            self.list.push((place, value.to_owned()));
-        } else {
-            let end = element.attributes_end(self.text);
-            self.list.push((end..end, format!(" {attribute}=\"{value}\"")));
+    /// Sets an attribute, unless it says these numbers already. One that is missing says `default`.
+    fn set(&mut self, element: &Element, attribute: &str, numbers: &[f64], default: &[f64]) {
+        let new = spaced(numbers.iter().copied());
+        match element.value(self.text, attribute) {
+            Some(place) if says(&self.text[place.clone()], numbers) => {}
+            Some(place) => self.list.push((place, new)),
+            None if numbers == default => {}
+            None => {
+                let end = element.attributes_end(self.text);
+                self.list.push((end..end, format!(" {attribute}=\"{new}\"")));
+            }
         }
     }
 
@@ -234,6 +228,11 @@ impl Edits<'_> {
             }
         }
     }
+}
+
+/// The text of attributes, with a space before each.
+fn attributes<'a>(values: impl Iterator<Item = (&'a str, f64)>) -> String {
+    values.map(|(name, value)| format!(" {name}=\"{}\"", shortest(value))).collect()
 }
 
 /// How the elements in another one are indented.

@@ -116,7 +116,7 @@ def compared(describe, path, options, random):
         assert numpy.ravel(model.dof_damping[dof])[0] == joint["damping_nm_s_rad"]
         assert model.dof_frictionloss[dof] == 0.5 * joint["friction"]["phi1_nm"]
         assert model.dof_armature[dof] == joint["armature_kg_m2"]
-        assert list(model.jnt_range[index]) == [joint["position_rad"]["min"], joint["position_rad"]["max"]]
+        assert list(model.jnt_range[index]) == joint["position_rad"]
         assert list(model.jnt_actfrcrange[index]) == [-joint["torque_nm"], joint["torque_nm"]]
         assert list(model.actuator_ctrlrange[index]) == [-joint["torque_nm"], joint["torque_nm"]]
     # Pinocchio's mass matrix is that of the links.

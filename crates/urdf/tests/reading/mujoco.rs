@@ -64,9 +64,7 @@ fn moved(text: &str, q: &[f64], qd: &[f64]) -> (BTreeMap<String, Moving>, Moving
             "joint" => {
                 let index = bodies.len() - 2;
                 let axis = Unit::new_unchecked(Vector3::from(numbers::<3>(&attributes, "axis")));
-                let anchor = Vector3::from(numbers::<3>(&attributes, "pos"));
-                let there = IsometryMatrix3::translation(anchor.x, anchor.y, anchor.z);
-                at = at.fixed(&there).turned(&axis, q[index], qd[index]).fixed(&there.inverse());
+                at = at.turned(&axis, q[index], qd[index]);
                 bodies.insert(body.clone(), at);
             }
             "site" => site = Some(at.fixed(&pose(&attributes))),

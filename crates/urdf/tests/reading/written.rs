@@ -294,6 +294,12 @@ fn friction_that_is_not_known_stays_as_it_is() {
     let written = write(WRITTEN, &arm, &description).unwrap();
     assert!(written.contains("<dynamics damping = \"1.50\" spring_stiffness='3' />"));
     assert!(written.contains("<dynamics damping=\"0.75\"/> <!-- torqued"));
+
+    // Without damping and rotor inertia there is nothing to say.
+    description.joints[1].damping_nm_s_rad = 0.0;
+    description.joints[1].armature_kg_m2 = 0.0;
+    let written = write(WRITTEN, &arm, &description).unwrap();
+    assert!(written.contains("<axis xyz=\"0 1 0\"/></joint>"));
 }
 
 #[test]
