@@ -66,7 +66,7 @@ pub use identifiers::{
     TrackedRunId,
 };
 pub use lists::census::Census;
-pub use lists::labels::{Labels, MAX_TAGS, Thing};
+pub use lists::labels::{Labels, MAX_TAGS};
 pub use lists::listing::{Direction, Key, Listed, Listing, Position};
 pub use objects::{
     Fingerprint, ObjectBytes, ObjectWriter, ObjectsUrl, Patience, RemoteObjects, S3Options,

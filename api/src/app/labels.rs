@@ -1,8 +1,8 @@
-//! Labels: names, notes and tags that people give to things.
+//! Labels: names, notes and tags that people give to items.
 
 use std::collections::BTreeSet;
 
-use store::{Labels, Thing};
+use store::Labels;
 use wire::{ItemKind, LabelChange, TextChange};
 
 use crate::app::App;
@@ -18,7 +18,7 @@ pub const TAG_PATTERN: &str = "^[A-Za-z0-9][A-Za-z0-9._:/@+=-]{0,63}$";
 
 impl App {
     /// # Errors
-    /// When the labels are not allowed, there would be too many tags, or the thing does not exist.
+    /// When the labels are not allowed, there would be too many tags, or the item does not exist.
     pub(crate) async fn label(
         &self,
         kind: ItemKind,
@@ -26,13 +26,7 @@ impl App {
         change: &LabelChange,
     ) -> Result<(), ApiError> {
         check(change)?;
-        let thing = match kind {
-            ItemKind::Job => Thing::Job,
-            ItemKind::Run => Thing::Run,
-            ItemKind::Dataset => Thing::Dataset,
-            ItemKind::Checkpoint => Thing::Checkpoint,
-        };
-        Ok(self.store.change_labels(thing, id, change).await?)
+        Ok(self.store.change_labels(kind, id, change).await?)
     }
 }
 

@@ -164,7 +164,7 @@ states! {
 }
 
 states! {
-    /// A kind of thing that can be deleted.
+    /// A kind of item that has labels, is listed, and can be deleted.
     ItemKind {
         /// A job.
         Job = "job",

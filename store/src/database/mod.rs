@@ -36,7 +36,7 @@
 //! | `integer 0`, `text 0` | an element of an `item` |
 //! | `field column $1` | a field of a column of JSON, as text; `NULL` if there is none |
 //! | `number column step step` | the number at a path of names and indexes in a column of JSON; `NULL` if there is none |
-//! | `tags table thing id` | the tags of a thing, from a table of tags, as JSON |
+//! | `tags table item id` | the tags of an item, from a table of tags, as JSON |
 //! | `unique` | 32 hexadecimal digits that are unique |
 //! | `chance` | a random integer from 0 to 250 |
 //! | `larger` | the function that returns the larger of two numbers |

@@ -2,47 +2,26 @@
 
 use std::collections::BTreeSet;
 
-use wire::{LabelChange, TextChange};
+use wire::{ItemKind, LabelChange, TextChange};
 
 use crate::database::query::sql;
 use crate::database::{Reading, Scope, Transaction};
 use crate::{JobId, Store, StoreError, boxed};
 
-/// A kind of thing that has labels and lists.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Thing {
-    Job,
-    Run,
-    Dataset,
-    Checkpoint,
-}
-
-/// The labels of one thing.
+/// The labels of one item.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Labels {
-    /// Replaces the name that the thing was made with.
+    /// Replaces the name that the item was made with.
     pub name: Option<String>,
     pub note: Option<String>,
     pub tags: BTreeSet<String>,
 }
 
-/// The largest number of tags of one thing.
+/// The largest number of tags of one item.
 pub const MAX_TAGS: usize = 32;
 
 /// Number of rows that are folded at once.
 const FOLDED_AT_ONCE: i64 = 1000;
-
-impl Thing {
-    /// The name of its table. The table of its tags has the suffix `_tag`.
-    pub const fn as_str(self) -> &'static str {
-        match self {
-            Self::Job => "job",
-            Self::Run => "run",
-            Self::Dataset => "dataset",
-            Self::Checkpoint => "checkpoint",
-        }
-    }
-}
 
 impl Labels {
     pub fn is_empty(&self) -> bool {
@@ -94,20 +73,20 @@ pub(crate) fn searched(made_with: Option<&str>, labels: &Labels) -> Option<Strin
 }
 
 impl Store {
-    /// Changes the labels of the thing with this id.
+    /// Changes the labels of the item with this id.
     ///
     /// # Errors
-    /// When there is no such thing. [`StoreError::TooManyTags`] when it would have more than
+    /// When there is no such item. [`StoreError::TooManyTags`] when it would have more than
     /// [`MAX_TAGS`]. Nothing has changed then.
     #[boxed]
     pub async fn change_labels(
         &self,
-        thing: Thing,
+        item: ItemKind,
         id: i64,
         change: &LabelChange,
     ) -> Result<(), StoreError> {
         let mut tx = self.begin(Scope::Rows, "changing labels").await?;
-        relabel(&mut tx, thing, id, |labels| labels.changed(change)).await?;
+        relabel(&mut tx, item, id, |labels| labels.changed(change)).await?;
         tx.commit().await
     }
 
@@ -139,29 +118,29 @@ pub(crate) async fn label_submitted(
     if labels.is_empty() {
         return Ok(());
     }
-    relabel(tx, Thing::Job, job.0, |found| found.completed(labels)).await?;
+    relabel(tx, ItemKind::Job, job.0, |found| found.completed(labels)).await?;
     let of_members = Labels { tags: labels.tags.clone(), ..Labels::default() };
     for member in tx.member_ids(job).await? {
-        relabel(tx, Thing::Job, member.0, |found| found.completed(&of_members)).await?;
+        relabel(tx, ItemKind::Job, member.0, |found| found.completed(&of_members)).await?;
     }
     Ok(())
 }
 
 async fn relabel(
     tx: &mut Transaction,
-    thing: Thing,
+    item: ItemKind,
     id: i64,
     change: impl FnOnce(Labels) -> Labels,
 ) -> Result<(), StoreError> {
-    let missing = || StoreError::not_found(thing.as_str(), id.to_string());
-    let (before, made_with) = tx.labels(thing, id).await?.ok_or_else(missing)?;
+    let missing = || StoreError::not_found(item.as_str(), id.to_string());
+    let (before, made_with) = tx.labels(item, id).await?.ok_or_else(missing)?;
     let after = change(before);
     if after.tags.len() > MAX_TAGS {
-        let (what, tags) = (thing.as_str(), after.tags.len());
+        let (what, tags) = (item.as_str(), after.tags.len());
         return Err(StoreError::TooManyTags { what, id, tags, allowed: MAX_TAGS });
     }
     let searched = searched(made_with.as_deref(), &after);
-    tx.set_labels(thing, id, &after, searched.as_deref()).await
+    tx.set_labels(item, id, &after, searched.as_deref()).await
 }
 
 impl Reading<'_> {
@@ -183,15 +162,15 @@ impl Transaction {
             .await
     }
 
-    /// The labels of a thing and the name that a job was made with. The row is locked until the
+    /// The labels of an item and the name that a job was made with. The row is locked until the
     /// transaction ends.
     pub async fn labels(
         &mut self,
-        thing: Thing,
+        item: ItemKind,
         id: i64,
     ) -> Result<Option<(Labels, Option<String>)>, StoreError> {
-        let table = thing.as_str();
-        let made_with = if thing == Thing::Job { "name" } else { "CAST(NULL AS TEXT)" };
+        let table = item.as_str();
+        let made_with = if item == ItemKind::Job { "name" } else { "CAST(NULL AS TEXT)" };
         let mut query = sql(format!(
             "SELECT given_name, note, {made_with} AS made_with FROM {table} WHERE id = "
         ));
@@ -213,12 +192,12 @@ impl Transaction {
 
     pub async fn set_labels(
         &mut self,
-        thing: Thing,
+        item: ItemKind,
         id: i64,
         labels: &Labels,
         searched: Option<&str>,
     ) -> Result<(), StoreError> {
-        let table = thing.as_str();
+        let table = item.as_str();
         let mut update = sql(format!("UPDATE {table} SET given_name = "));
         update.push_bind(labels.name.clone()).push(", note = ").push_bind(labels.note.clone());
         update.push(", searched = ").push_bind(searched.map(str::to_owned));

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use wire::Sort;
 
 use crate::lists::labels::folded;
-use crate::{Page, Store, StoreError, Thing, Timestamp};
+use crate::{ItemKind, Page, Store, StoreError, Timestamp};
 
 /// The query of a list. An item must match every filter that is set.
 #[derive(Clone, Debug)]
@@ -18,9 +18,9 @@ pub struct Listing {
     /// The job's kind.
     pub kind: Option<String>,
     pub state: Option<String>,
-    /// The thing or its job must have each of these tags.
+    /// The item or its job must have each of these tags.
     pub tags: Vec<String>,
-    /// Part of the name or the note of the thing or of its job, ignoring case.
+    /// Part of the name or the note of the item or of its job, ignoring case.
     pub text: Option<String>,
     /// Created at this moment or later.
     pub since: Option<Timestamp>,
@@ -124,10 +124,10 @@ impl Store {
     /// Finds the ids of a page before any large column is read.
     pub(crate) async fn found(
         &self,
-        thing: Thing,
+        item: ItemKind,
         listing: &Listing,
     ) -> Result<FoundRows, StoreError> {
-        let mut places = self.read(LISTING).places(thing, listing).await?;
+        let mut places = self.read(LISTING).places(item, listing).await?;
         let limit = usize::try_from(listing.limit()).unwrap_or(usize::MAX);
         // One row more than the limit tells whether there is another page.
         let has_more = places.len() > limit;

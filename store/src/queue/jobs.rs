@@ -13,7 +13,7 @@ use crate::database::{Reading, Transaction};
 use crate::lists::listing::Listed;
 use crate::trash::refuse_deleted;
 use crate::{
-    DatasetId, Deletion, JobId, Listing, RunId, Store, StoreError, Thing, Timestamp, boxed,
+    DatasetId, Deletion, ItemKind, JobId, Listing, RunId, Store, StoreError, Timestamp, boxed,
 };
 
 #[derive(Clone, Debug)]
@@ -109,7 +109,7 @@ impl Store {
     /// When the database fails.
     #[boxed]
     pub async fn list_jobs(&self, listing: &Listing) -> Result<Listed<Job>, StoreError> {
-        let found = self.found(Thing::Job, listing).await?;
+        let found = self.found(ItemKind::Job, listing).await?;
         let ids: Vec<JobId> = found.ids.iter().copied().map(JobId).collect();
         let rows = self.jobs_by_id(&ids).await?;
         Ok(found.with(rows, |job| job.id.0))

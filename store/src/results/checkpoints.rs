@@ -15,8 +15,8 @@ use crate::lists::listing::{LISTING, Listed};
 use crate::queue::fences;
 use crate::trash::refuse_deleted;
 use crate::{
-    CheckpointId, Deletion, EventKind, Fence, JobId, Listing, Page, RunId, Store, StoreError,
-    StoredObject, Thing, Timestamp, boxed,
+    CheckpointId, Deletion, EventKind, Fence, ItemKind, JobId, Listing, Page, RunId, Store,
+    StoreError, StoredObject, Timestamp, boxed,
 };
 
 macro_rules! select_checkpoint {
@@ -109,7 +109,7 @@ impl Store {
         &self,
         listing: &Listing,
     ) -> Result<Listed<Checkpoint>, StoreError> {
-        let found = self.found(Thing::Checkpoint, listing).await?;
+        let found = self.found(ItemKind::Checkpoint, listing).await?;
         let ids: Vec<CheckpointId> = found.ids.iter().copied().map(CheckpointId).collect();
         let rows = self.read(LISTING).checkpoints_by_id(&ids).await?;
         Ok(found.with(rows, |checkpoint| checkpoint.id.0))

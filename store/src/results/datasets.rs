@@ -18,7 +18,7 @@ use crate::parquet::file_content::FileContent;
 use crate::queue::task_end::Completion;
 use crate::trash::refuse_deleted;
 use crate::{
-    DatasetId, Deletion, Fence, JobId, Listing, Page, Store, StoreError, StoredObject, Thing,
+    DatasetId, Deletion, Fence, ItemKind, JobId, Listing, Page, Store, StoreError, StoredObject,
     Timestamp, boxed,
 };
 
@@ -136,7 +136,7 @@ impl Store {
     /// When the database fails.
     #[boxed]
     pub async fn list_datasets(&self, listing: &Listing) -> Result<Listed<Dataset>, StoreError> {
-        let found = self.found(Thing::Dataset, listing).await?;
+        let found = self.found(ItemKind::Dataset, listing).await?;
         let ids: Vec<DatasetId> = found.ids.iter().copied().map(DatasetId).collect();
         let rows = self.datasets_by_id(&ids).await?;
         Ok(found.with(rows, |dataset| dataset.id.0))

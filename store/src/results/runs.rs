@@ -11,7 +11,7 @@ use crate::database::rows::{deletion, tags};
 use crate::database::{Reading, Transaction};
 use crate::lists::listing::{LISTING, Listed};
 use crate::trash::refuse_deleted;
-use crate::{Deletion, JobId, Listing, Page, RunId, Store, StoreError, Thing, Timestamp, boxed};
+use crate::{Deletion, ItemKind, JobId, Listing, Page, RunId, Store, StoreError, Timestamp, boxed};
 
 macro_rules! select_run {
     ($($rest:expr),+ $(,)?) => {
@@ -59,7 +59,7 @@ impl Store {
     /// When the database fails.
     #[boxed]
     pub async fn list_runs(&self, listing: &Listing) -> Result<Listed<Run>, StoreError> {
-        let found = self.found(Thing::Run, listing).await?;
+        let found = self.found(ItemKind::Run, listing).await?;
         let ids: Vec<RunId> = found.ids.iter().copied().map(RunId).collect();
         let rows = self.read(LISTING).runs_by_id(&ids).await?;
         Ok(found.with(rows, |run| run.id.0))

@@ -207,7 +207,7 @@ impl Store {
     /// The items that would be deleted together with `item`, and the jobs that depend on it.
     ///
     /// # Errors
-    /// When there is no such thing, or it was deleted before.
+    /// When there is no such item, or it was deleted before.
     #[boxed]
     pub async fn dependents(&self, item: Item) -> Result<(Vec<Item>, Vec<Dependent>), StoreError> {
         let mut tx = self.begin_snapshot("looking for what depends on something").await?;

@@ -1,6 +1,6 @@
 use store::{
-    CheckpointId, JobId, LabelChange, Labels, Listing, MAX_TAGS, NewJob, Reuse, StoreError,
-    Submission, TextChange, Thing,
+    CheckpointId, ItemKind, JobId, LabelChange, Labels, Listing, MAX_TAGS, NewJob, Reuse,
+    StoreError, Submission, TextChange,
 };
 
 use super::{Fixture, alone, checkpoints::commit, digest_of, pipeline, simulate, train};
@@ -22,21 +22,21 @@ pub fn labels(name: Option<&str>, tags: &[&str]) -> Labels {
 /// Name, note, own tags and the job's tags of a thing.
 type Shown = (Option<String>, Option<String>, Vec<String>, Vec<String>);
 
-async fn shown(f: &Fixture, thing: Thing, id: i64) -> Shown {
-    match thing {
-        Thing::Job => {
+async fn shown(f: &Fixture, item: ItemKind, id: i64) -> Shown {
+    match item {
+        ItemKind::Job => {
             let job = f.store.job(JobId(id)).await.unwrap();
             (Some(job.name), job.note, job.tags, Vec::new())
         }
-        Thing::Run => {
+        ItemKind::Run => {
             let run = f.store.run(store::RunId(id)).await.unwrap();
             (Some(run.name), run.note, run.tags, run.job_tags)
         }
-        Thing::Dataset => {
+        ItemKind::Dataset => {
             let dataset = f.store.dataset(store::DatasetId(id)).await.unwrap();
             (Some(dataset.name), dataset.note, dataset.tags, dataset.job_tags)
         }
-        Thing::Checkpoint => {
+        ItemKind::Checkpoint => {
             let checkpoint = f.store.checkpoint(CheckpointId(id)).await.unwrap();
             (checkpoint.name, checkpoint.note, checkpoint.tags, checkpoint.job_tags)
         }
@@ -44,31 +44,31 @@ async fn shown(f: &Fixture, thing: Thing, id: i64) -> Shown {
 }
 
 /// Makes a training with a checkpoint and a simulation, and gives the ids of their things.
-pub async fn one_of_each(f: &Fixture) -> [(Thing, i64); 4] {
+pub async fn one_of_each(f: &Fixture) -> [(ItemKind, i64); 4] {
     let training = f.submit_one(train(&simulate(1), vec![])).await;
     let checkpoint = commit(f, &f.must_claim().await, 100, false).await;
     let dataset = f.submit_one(simulate(1)).await;
     let run = f.store.run_of_job(training).await.unwrap().id;
     let dataset = f.store.job(dataset).await.unwrap().dataset.unwrap();
     [
-        (Thing::Job, training.0),
-        (Thing::Run, run.0),
-        (Thing::Dataset, dataset.0),
-        (Thing::Checkpoint, checkpoint.0),
+        (ItemKind::Job, training.0),
+        (ItemKind::Run, run.0),
+        (ItemKind::Dataset, dataset.0),
+        (ItemKind::Checkpoint, checkpoint.0),
     ]
 }
 
 pub async fn labels_are_given_changed_and_taken_away(f: Fixture) {
-    for (thing, id) in one_of_each(&f).await {
-        let before = shown(&f, thing, id).await;
+    for (item, id) in one_of_each(&f).await {
+        let before = shown(&f, item, id).await;
         let given = LabelChange {
             note: TextChange::Set("# What\n\n- 50 % \"ä\" $1\n".to_owned()),
             tags: Some(vec!["b".to_owned(), "a/1".to_owned(), "B".to_owned(), "b".to_owned()]),
             ..naming("A näme")
         };
-        f.store.change_labels(thing, id, &given).await.unwrap();
-        let after = shown(&f, thing, id).await;
-        assert_eq!(after.0.as_deref(), Some("A näme"), "{thing:?}");
+        f.store.change_labels(item, id, &given).await.unwrap();
+        let after = shown(&f, item, id).await;
+        assert_eq!(after.0.as_deref(), Some("A näme"), "{item:?}");
         assert_eq!(after.1.as_deref(), Some("# What\n\n- 50 % \"ä\" $1\n"));
         assert_eq!(after.2, ["B", "a/1", "b"]);
 
@@ -76,8 +76,8 @@ pub async fn labels_are_given_changed_and_taken_away(f: Fixture) {
             remove_tags: vec!["b".to_owned(), "absent".to_owned()],
             ..tagging(&["c", "B"])
         };
-        f.store.change_labels(thing, id, &tags).await.unwrap();
-        let changed = shown(&f, thing, id).await;
+        f.store.change_labels(item, id, &tags).await.unwrap();
+        let changed = shown(&f, item, id).await;
         assert_eq!(changed.2, ["B", "a/1", "c"]);
         assert_eq!((changed.0, changed.1), (after.0, after.1), "the others stay");
 
@@ -87,38 +87,38 @@ pub async fn labels_are_given_changed_and_taken_away(f: Fixture) {
             tags: Some(vec![]),
             ..LabelChange::default()
         };
-        f.store.change_labels(thing, id, &gone).await.unwrap();
-        assert_eq!(shown(&f, thing, id).await, before);
-        let error = f.store.change_labels(thing, 77, &naming("x")).await.unwrap_err();
-        assert_eq!(error.to_string(), format!("there is no {} 77", thing.as_str()));
+        f.store.change_labels(item, id, &gone).await.unwrap();
+        assert_eq!(shown(&f, item, id).await, before);
+        let error = f.store.change_labels(item, 77, &naming("x")).await.unwrap_err();
+        assert_eq!(error.to_string(), format!("there is no {} 77", item.as_str()));
     }
 }
 
 pub async fn a_run_and_a_dataset_have_the_name_and_show_the_tags_of_their_job(f: Fixture) {
     let [(_, job), run, dataset, checkpoint] = one_of_each(&f).await;
-    f.store.change_labels(Thing::Job, job, &naming("the training")).await.unwrap();
-    f.store.change_labels(Thing::Job, job, &tagging(&["x"])).await.unwrap();
+    f.store.change_labels(ItemKind::Job, job, &naming("the training")).await.unwrap();
+    f.store.change_labels(ItemKind::Job, job, &tagging(&["x"])).await.unwrap();
     let (name, _, own, of_job) = shown(&f, run.0, run.1).await;
     assert_eq!((name.as_deref(), own, of_job), (Some("the training"), vec![], vec!["x".into()]));
     assert_eq!(shown(&f, dataset.0, dataset.1).await.0.as_deref(), Some("train-set"));
     assert_eq!(shown(&f, checkpoint.0, checkpoint.1).await.0, None);
     f.store.change_labels(run.0, run.1, &naming("its own")).await.unwrap();
     assert_eq!(shown(&f, run.0, run.1).await.0.as_deref(), Some("its own"));
-    assert_eq!(shown(&f, Thing::Job, job).await.0.as_deref(), Some("the training"));
+    assert_eq!(shown(&f, ItemKind::Job, job).await.0.as_deref(), Some("the training"));
 }
 
 pub async fn a_thing_has_so_many_tags_and_no_more(f: Fixture) {
     let job = f.submit_one(simulate(1)).await;
     let many: Vec<String> = (0..MAX_TAGS).map(|i| format!("t{i:02}")).collect();
     let all = LabelChange { tags: Some(many.clone()), ..LabelChange::default() };
-    f.store.change_labels(Thing::Job, job.0, &all).await.unwrap();
-    let error = f.store.change_labels(Thing::Job, job.0, &tagging(&["more"])).await.unwrap_err();
+    f.store.change_labels(ItemKind::Job, job.0, &all).await.unwrap();
+    let error = f.store.change_labels(ItemKind::Job, job.0, &tagging(&["more"])).await.unwrap_err();
     assert!(matches!(error, StoreError::TooManyTags { tags: 33, .. }), "{error}");
     assert_eq!(f.store.job(job).await.unwrap().tags, many);
     // A tag may be added that exists already, or that replaces another.
-    f.store.change_labels(Thing::Job, job.0, &tagging(&["t00"])).await.unwrap();
+    f.store.change_labels(ItemKind::Job, job.0, &tagging(&["t00"])).await.unwrap();
     let change = LabelChange { remove_tags: vec!["t00".to_owned()], ..tagging(&["more"]) };
-    f.store.change_labels(Thing::Job, job.0, &change).await.unwrap();
+    f.store.change_labels(ItemKind::Job, job.0, &change).await.unwrap();
 }
 
 pub async fn a_submission_brings_labels_that_no_digest_knows(f: Fixture) {
@@ -167,14 +167,14 @@ pub async fn a_pruned_checkpoint_takes_its_labels_along(f: Fixture) {
     f.submit_one(train(&simulate(1), vec![])).await;
     let task = f.must_claim().await;
     let pruned = commit(&f, &task, 100, false).await;
-    f.store.change_labels(Thing::Checkpoint, pruned.0, &tagging(&["kept?"])).await.unwrap();
+    f.store.change_labels(ItemKind::Checkpoint, pruned.0, &tagging(&["kept?"])).await.unwrap();
     commit(&f, &task, 200, false).await;
     f.store.prune_checkpoints(task.fence, 1).await.unwrap();
     let tagged = Listing { tags: vec!["kept?".to_owned()], ..Listing::default() };
     assert!(f.store.list_checkpoints(&tagged).await.unwrap().items.is_empty());
     // A checkpoint of the same step keeps its labels.
     let kept = commit(&f, &task, 300, false).await;
-    f.store.change_labels(Thing::Checkpoint, kept.0, &naming("good")).await.unwrap();
+    f.store.change_labels(ItemKind::Checkpoint, kept.0, &naming("good")).await.unwrap();
     assert_eq!(commit(&f, &task, 300, true).await, kept);
     assert_eq!(f.store.checkpoint(kept).await.unwrap().name.as_deref(), Some("good"));
 }

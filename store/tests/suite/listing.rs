@@ -2,8 +2,8 @@ use std::time::Duration;
 
 use serde_json::json;
 use store::{
-    Direction, JobId, LabelChange, Labels, Listing, Metric, NewJob, Position, Retry, Sort,
-    Submission, TextChange, Thing, Timestamp,
+    Direction, ItemKind, JobId, LabelChange, Labels, Listing, Metric, NewJob, Position, Retry,
+    Sort, Submission, TextChange, Timestamp,
 };
 use wire::Listed as _;
 
@@ -12,21 +12,21 @@ use super::labels::{labels, naming, one_of_each, tagging};
 use super::{Fixture, alone, evaluate, pipeline, simulate, train, with_execution};
 
 /// The ids of a page, and the position of its end.
-async fn page(f: &Fixture, thing: Thing, listing: &Listing) -> (Vec<i64>, Option<Position>) {
-    match thing {
-        Thing::Job => {
+async fn page(f: &Fixture, item: ItemKind, listing: &Listing) -> (Vec<i64>, Option<Position>) {
+    match item {
+        ItemKind::Job => {
             let page = f.store.list_jobs(listing).await.unwrap();
             (page.items.iter().map(|item| item.id.0).collect(), page.end)
         }
-        Thing::Run => {
+        ItemKind::Run => {
             let page = f.store.list_runs(listing).await.unwrap();
             (page.items.iter().map(|item| item.id.0).collect(), page.end)
         }
-        Thing::Dataset => {
+        ItemKind::Dataset => {
             let page = f.store.list_datasets(listing).await.unwrap();
             (page.items.iter().map(|item| item.id.0).collect(), page.end)
         }
-        Thing::Checkpoint => {
+        ItemKind::Checkpoint => {
             let page = f.store.list_checkpoints(listing).await.unwrap();
             (page.items.iter().map(|item| item.id.0).collect(), page.end)
         }
@@ -34,14 +34,14 @@ async fn page(f: &Fixture, thing: Thing, listing: &Listing) -> (Vec<i64>, Option
 }
 
 async fn jobs(f: &Fixture, listing: Listing) -> Vec<i64> {
-    page(f, Thing::Job, &Listing { direction: Direction::Ascending, ..listing }).await.0
+    page(f, ItemKind::Job, &Listing { direction: Direction::Ascending, ..listing }).await.0
 }
 
 /// All ids, page by page.
-async fn read_through(f: &Fixture, thing: Thing, listing: &Listing) -> Vec<i64> {
+async fn read_through(f: &Fixture, item: ItemKind, listing: &Listing) -> Vec<i64> {
     let (mut all, mut listing) = (Vec::new(), listing.clone());
     loop {
-        let (ids, end) = page(f, thing, &listing).await;
+        let (ids, end) = page(f, item, &listing).await;
         assert!(end.is_none() || ids.len() == listing.limit as usize, "a page within is full");
         all.extend(ids);
         match end {
@@ -80,7 +80,7 @@ pub async fn all_filters_hold_together(f: Fixture) {
     assert_eq!(jobs(&f, Listing { before: Some(second), ..all() }).await, [first]);
 
     let change = LabelChange { remove_tags: tags(&["x"]), ..LabelChange::default() };
-    f.store.change_labels(Thing::Job, third, &change).await.unwrap();
+    f.store.change_labels(ItemKind::Job, third, &change).await.unwrap();
     assert_eq!(jobs(&f, Listing { tags: tags(&["x"]), ..all() }).await, [first, second]);
 }
 
@@ -99,7 +99,10 @@ pub async fn a_list_is_limited_to_a_span_of_time(f: Fixture) {
         [first.0, second.0]
     );
     assert!(jobs(&f, Listing { since: after(later), ..all() }).await.is_empty());
-    assert_eq!(page(&f, Thing::Dataset, &Listing { until: Some(later), ..all() }).await.0.len(), 1);
+    assert_eq!(
+        page(&f, ItemKind::Dataset, &Listing { until: Some(later), ..all() }).await.0.len(),
+        1
+    );
 }
 
 pub async fn words_are_found_in_any_case_and_no_character_stands_for_others(f: Fixture) {
@@ -110,7 +113,7 @@ pub async fn words_are_found_in_any_case_and_no_character_stands_for_others(f: F
     }
     let note = TextChange::Set("Line one\nLine TWO über alles".to_owned());
     let change = LabelChange { note, ..LabelChange::default() };
-    f.store.change_labels(Thing::Job, ids[2], &change).await.unwrap();
+    f.store.change_labels(ItemKind::Job, ids[2], &change).await.unwrap();
     for (text, expected) in [
         ("ärger", &ids[..2]),
         ("ÄRGER", &ids[..2]),
@@ -131,30 +134,30 @@ pub async fn words_are_found_in_any_case_and_no_character_stands_for_others(f: F
     let of_spec = Listing { text: Some("train-set".to_owned()), ..Listing::default() };
     assert!(jobs(&f, of_spec.clone()).await.is_empty());
     let change = LabelChange { name: TextChange::Remove, ..LabelChange::default() };
-    f.store.change_labels(Thing::Job, ids[0], &change).await.unwrap();
+    f.store.change_labels(ItemKind::Job, ids[0], &change).await.unwrap();
     assert_eq!(jobs(&f, of_spec).await, ids[..1]);
 }
 
 pub async fn a_run_a_dataset_and_a_checkpoint_are_found_by_what_their_job_is_called(f: Fixture) {
     let things = one_of_each(&f).await;
     let of_training = [things[1], things[3]];
-    f.store.change_labels(Thing::Job, things[0].1, &naming("Big sweep")).await.unwrap();
-    f.store.change_labels(Thing::Job, things[0].1, &tagging(&["sweep"])).await.unwrap();
+    f.store.change_labels(ItemKind::Job, things[0].1, &naming("Big sweep")).await.unwrap();
+    f.store.change_labels(ItemKind::Job, things[0].1, &tagging(&["sweep"])).await.unwrap();
     let tagged = Listing { tags: vec!["sweep".to_owned()], ..Listing::default() };
     let worded = Listing { text: Some("big SWEEP".to_owned()), ..Listing::default() };
-    for (thing, id) in of_training {
-        assert_eq!(page(&f, thing, &tagged).await.0, [id], "{thing:?}");
-        assert_eq!(page(&f, thing, &worded).await.0, [id], "{thing:?}");
+    for (item, id) in of_training {
+        assert_eq!(page(&f, item, &tagged).await.0, [id], "{item:?}");
+        assert_eq!(page(&f, item, &worded).await.0, [id], "{item:?}");
     }
-    assert!(page(&f, Thing::Dataset, &tagged).await.0.is_empty());
-    for (thing, id) in things {
-        f.store.change_labels(thing, id, &tagging(&["own"])).await.unwrap();
+    assert!(page(&f, ItemKind::Dataset, &tagged).await.0.is_empty());
+    for (item, id) in things {
+        f.store.change_labels(item, id, &tagging(&["own"])).await.unwrap();
         let own = Listing { tags: vec!["own".to_owned()], ..Listing::default() };
-        assert_eq!(page(&f, thing, &own).await.0, [id], "{thing:?}");
+        assert_eq!(page(&f, item, &own).await.0, [id], "{item:?}");
     }
     let both = Listing { tags: vec!["own".to_owned(), "sweep".to_owned()], ..Listing::default() };
-    assert_eq!(page(&f, Thing::Run, &both).await.0.len(), 1);
-    assert!(page(&f, Thing::Dataset, &both).await.0.is_empty());
+    assert_eq!(page(&f, ItemKind::Run, &both).await.0.len(), 1);
+    assert!(page(&f, ItemKind::Dataset, &both).await.0.is_empty());
 }
 
 pub async fn every_order_reads_all_of_a_list_once_in_both_directions(f: Fixture) {
@@ -182,34 +185,34 @@ pub async fn every_order_reads_all_of_a_list_once_in_both_directions(f: Fixture)
         }
     }
     let orders = [
-        (Thing::Job, wire::Evaluation::LIST.sorts),
-        (Thing::Run, wire::Run::LIST.sorts),
-        (Thing::Dataset, wire::Dataset::LIST.sorts),
-        (Thing::Checkpoint, wire::Checkpoint::LIST.sorts),
+        (ItemKind::Job, wire::Evaluation::LIST.sorts),
+        (ItemKind::Run, wire::Run::LIST.sorts),
+        (ItemKind::Dataset, wire::Dataset::LIST.sorts),
+        (ItemKind::Checkpoint, wire::Checkpoint::LIST.sorts),
     ];
-    for (thing, sorts) in orders {
-        let mut all = page(&f, thing, &Listing { limit: 500, ..Listing::default() }).await.0;
-        assert!(all.len() >= 4, "{thing:?}: {all:?}");
+    for (item, sorts) in orders {
+        let mut all = page(&f, item, &Listing { limit: 500, ..Listing::default() }).await.0;
+        assert!(all.len() >= 4, "{item:?}: {all:?}");
         all.sort_unstable();
         for sort in sorts {
             let mut readings = Vec::new();
             for direction in [Direction::Ascending, Direction::Descending] {
                 let whole = Listing { sort: *sort, direction, limit: 500, ..Listing::default() };
-                let expected = page(&f, thing, &whole).await.0;
+                let expected = page(&f, item, &whole).await.0;
                 for limit in [1, 2, 3] {
                     let listing = Listing { limit, ..whole.clone() };
                     assert_eq!(
-                        read_through(&f, thing, &listing).await,
+                        read_through(&f, item, &listing).await,
                         expected,
-                        "{thing:?} {sort:?} {limit}"
+                        "{item:?} {sort:?} {limit}"
                     );
                 }
                 readings.push(expected);
             }
             readings[1].reverse();
-            assert_eq!(readings[0], readings[1], "{thing:?} {sort:?}: the other way round");
+            assert_eq!(readings[0], readings[1], "{item:?} {sort:?}: the other way round");
             readings[1].sort_unstable();
-            assert_eq!(readings[1], all, "{thing:?} {sort:?}: each once");
+            assert_eq!(readings[1], all, "{item:?} {sort:?}: each once");
         }
     }
 }
@@ -232,16 +235,16 @@ pub async fn orders_are_those_of_their_fields(f: Fixture) {
 }
 
 /// The ids in the order of their errors, ascending and descending, as pages of every length give them.
-async fn by_error(f: &Fixture, thing: Thing, kind: &str) -> [Vec<i64>; 2] {
+async fn by_error(f: &Fixture, item: ItemKind, kind: &str) -> [Vec<i64>; 2] {
     let mut orders = [Vec::new(), Vec::new()];
     let directions = [Direction::Ascending, Direction::Descending];
     for (order, direction) in orders.iter_mut().zip(directions) {
         let kind = Some(kind.to_owned());
         let whole = Listing { kind, sort: Sort::Rmse, direction, ..Listing::default() };
-        *order = page(f, thing, &whole).await.0;
+        *order = page(f, item, &whole).await.0;
         for limit in [1, 2, 3] {
             let listing = Listing { limit, ..whole.clone() };
-            assert_eq!(read_through(f, thing, &listing).await, *order, "{thing:?} {limit}");
+            assert_eq!(read_through(f, item, &listing).await, *order, "{item:?} {limit}");
         }
     }
     orders
@@ -274,15 +277,15 @@ pub async fn things_are_sorted_by_their_errors_and_those_without_one_come_last(f
         }
     }
     let things = [
-        (Thing::Run, "train", runs),
-        (Thing::Checkpoint, "train", checkpoints),
-        (Thing::Job, "evaluate", evaluations),
+        (ItemKind::Run, "train", runs),
+        (ItemKind::Checkpoint, "train", checkpoints),
+        (ItemKind::Job, "evaluate", evaluations),
     ];
-    for (thing, kind, ids) in things {
-        let [ascending, descending] = by_error(&f, thing, kind).await;
+    for (item, kind, ids) in things {
+        let [ascending, descending] = by_error(&f, item, kind).await;
         let at = |places: [usize; 6]| places.map(|place| ids[place]).to_vec();
-        assert_eq!(ascending, at([5, 1, 3, 0, 2, 4]), "{thing:?}");
-        assert_eq!(descending, at([0, 3, 1, 5, 4, 2]), "{thing:?}");
+        assert_eq!(ascending, at([5, 1, 3, 0, 2, 4]), "{item:?}");
+        assert_eq!(descending, at([0, 3, 1, 5, 4, 2]), "{item:?}");
     }
 }
 
@@ -296,11 +299,11 @@ pub async fn rows_that_appear_meanwhile_change_no_page_behind(f: Fixture) {
     for sort in [Sort::Created, Sort::Name, Sort::Priority, Sort::Finished] {
         for direction in [Direction::Ascending, Direction::Descending] {
             let whole = Listing { sort, direction, limit: 500, ..Listing::default() };
-            let before = page(&f, Thing::Job, &whole).await.0;
+            let before = page(&f, ItemKind::Job, &whole).await.0;
             let (mut seen, mut added) = (Vec::new(), 0);
             let mut listing = Listing { limit: 2, ..whole };
             loop {
-                let (ids, end) = page(&f, Thing::Job, &listing).await;
+                let (ids, end) = page(&f, ItemKind::Job, &listing).await;
                 seen.extend(ids);
                 seed += 1;
                 let (name, priority) = if seed % 2 == 0 { ("a", -5) } else { ("z", 5) };

@@ -68,7 +68,7 @@ pub async fn old_checkpoints_go_unless_somebody_uses_them(f: Fixture) {
     let reading = f.submit_one(reader).await;
     let checkpoints = f.store.checkpoints_of_job(trained).await.unwrap();
     let change = store::LabelChange { tags: Some(vec!["keep".to_owned()]), ..Default::default() };
-    f.store.change_labels(store::Thing::Checkpoint, checkpoints[2].id.0, &change).await.unwrap();
+    f.store.change_labels(store::ItemKind::Checkpoint, checkpoints[2].id.0, &change).await.unwrap();
     assert_eq!(f.store.outdated(keep(2)).await.unwrap(), [], "an open job reads the training");
     work(&f).await;
     assert_eq!(f.state(reading).await, JobState::Succeeded);

@@ -6,10 +6,10 @@ use bytes::Bytes;
 use serde_json::json;
 use spec::{Digest, Resources};
 use store::{
-    Access, AuditEntry, CheckpointFile, ClaimedTask, DeletionOrder, Idempotency, JobFilter,
-    JobState, LabelChange, Metric, NewArtifact, NewCheckpoint, NewJob, NewLogChunk, NewTask,
-    NewToken, NewTrackedRun, Output, Page, Progress, Respect, Retry, Reuse, Ripe, Scope, Store,
-    Submission, TextChange, Thing, Timestamp, TrackedBatch, TrackedMetric, TrackedRunChange,
+    Access, AuditEntry, CheckpointFile, ClaimedTask, DeletionOrder, Idempotency, ItemKind,
+    JobFilter, JobState, LabelChange, Metric, NewArtifact, NewCheckpoint, NewJob, NewLogChunk,
+    NewTask, NewToken, NewTrackedRun, Output, Page, Progress, Respect, Retry, Reuse, Ripe, Scope,
+    Store, Submission, TextChange, Timestamp, TrackedBatch, TrackedMetric, TrackedRunChange,
     object_path,
 };
 use tempfile::TempDir;
@@ -169,13 +169,13 @@ async fn labels_of_everything(f: &Fixture) {
     let text = || TextChange::Set(UNUSUAL.to_owned());
     let tags = Some(vec!["baseline".to_owned(), "sweep/3".to_owned()]);
     let change = LabelChange { name: text(), note: text(), tags, ..LabelChange::default() };
-    for (thing, id) in [
-        (Thing::Job, job),
-        (Thing::Run, run),
-        (Thing::Dataset, dataset),
-        (Thing::Checkpoint, checkpoint),
+    for (item, id) in [
+        (ItemKind::Job, job),
+        (ItemKind::Run, run),
+        (ItemKind::Dataset, dataset),
+        (ItemKind::Checkpoint, checkpoint),
     ] {
-        f.store.change_labels(thing, id, &change).await.unwrap();
+        f.store.change_labels(item, id, &change).await.unwrap();
     }
 }
 

@@ -30,10 +30,8 @@ pub(super) fn fragment(words: &[&str]) -> Option<String> {
             let steps = path.join(",");
             format!("CAST(CAST({column} AS json) #>> '{{{steps}}}' AS DOUBLE PRECISION)")
         }
-        ["tags", table, thing, id] => {
-            format!(
-                "(SELECT CAST(json_agg(tag) AS TEXT) FROM {table} WHERE {table}.{thing} = {id})"
-            )
+        ["tags", table, item, id] => {
+            format!("(SELECT CAST(json_agg(tag) AS TEXT) FROM {table} WHERE {table}.{item} = {id})")
         }
         ["unique"] => "replace(CAST(gen_random_uuid() AS TEXT), '-', '')".to_owned(),
         ["chance"] => "CAST(floor(random() * 251) AS BIGINT)".to_owned(),

@@ -26,8 +26,8 @@ pub(super) fn fragment(words: &[&str]) -> Option<String> {
             });
             format!("CAST({column} ->> '${}' AS REAL)", steps.collect::<String>())
         }
-        ["tags", table, thing, id] => {
-            format!("(SELECT json_group_array(tag) FROM {table} WHERE {table}.{thing} = {id})")
+        ["tags", table, item, id] => {
+            format!("(SELECT json_group_array(tag) FROM {table} WHERE {table}.{item} = {id})")
         }
         ["unique"] => "lower(hex(randomblob(16)))".to_owned(),
         ["chance"] => "abs(random() % 251)".to_owned(),

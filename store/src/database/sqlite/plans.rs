@@ -7,7 +7,7 @@ use crate::database::query::sql;
 use crate::database::{Database, Scope};
 use crate::lists::statements::listing::page;
 use crate::place::data_dir::DataDir;
-use crate::{Access, Direction, Key, Listing, Position, Sort, Thing};
+use crate::{Access, Direction, ItemKind, Key, Listing, Position, Sort};
 
 /// The cost does not grow with the number of jobs that pipelines made.
 #[tokio::test]
@@ -19,38 +19,38 @@ async fn experiments_are_read_from_an_index_that_holds_nothing_else() {
     for (state, index) in [(None, "experiment"), (Some(JobState::Failed), "experiment_by_state")] {
         let state = state.map(|state| state.as_str().to_owned());
         let listing = Listing { state, experiments_alone: true, ..Listing::default() };
-        let steps = steps(&database, Thing::Job, &listing).await;
+        let steps = steps(&database, ItemKind::Job, &listing).await;
         assert!(steps[0].contains(&format!("INDEX {index}")), "{steps:?}");
         assert!(!steps.iter().any(|step| step.contains("B-TREE")), "nothing is sorted: {steps:?}");
     }
 }
 
 /// The steps of the plan that finds a page of a list.
-async fn steps(database: &Database, thing: Thing, listing: &Listing) -> Vec<String> {
-    let query = page("EXPLAIN QUERY PLAN ", thing, listing);
+async fn steps(database: &Database, item: ItemKind, listing: &Listing) -> Vec<String> {
+    let query = page("EXPLAIN QUERY PLAN ", item, listing);
     let plan = query.rows(&mut database.read("testing")).await.unwrap();
     plan.iter().map(|row| row.get("detail").unwrap()).collect()
 }
 
-/// The errors of things are not in an index, but nothing but the things themselves is read for them.
+/// The errors of items are not in an index, but nothing but the items themselves is read for them.
 #[tokio::test]
 async fn an_order_by_error_looks_up_one_row_per_thing() {
     let folder = tempfile::tempdir().unwrap();
     let dir = DataDir::new(folder.path());
     dir.create().unwrap();
     let database = Database::open(&dir, None, Access::Server).await.unwrap();
-    for (thing, found, looked_up) in [
+    for (item, found, looked_up) in [
         (
-            Thing::Job,
+            ItemKind::Job,
             "SEARCH job USING INDEX job_by_kind",
             "SEARCH task USING INDEX sqlite_autoindex_task_1 (job=?)",
         ),
-        (Thing::Run, "SCAN run", "SEARCH metric_latest USING PRIMARY KEY (run=? AND key=?)"),
-        (Thing::Checkpoint, "SCAN checkpoint", "SEARCH job USING INTEGER PRIMARY KEY"),
+        (ItemKind::Run, "SCAN run", "SEARCH metric_latest USING PRIMARY KEY (run=? AND key=?)"),
+        (ItemKind::Checkpoint, "SCAN checkpoint", "SEARCH job USING INTEGER PRIMARY KEY"),
     ] {
-        let kind = (thing == Thing::Job).then(|| "evaluate".to_owned());
+        let kind = (item == ItemKind::Job).then(|| "evaluate".to_owned());
         let listing = Listing { kind, sort: Sort::Rmse, ..Listing::default() };
-        let steps = steps(&database, thing, &listing).await;
+        let steps = steps(&database, item, &listing).await;
         assert!(steps[0].starts_with(found), "{steps:?}");
         assert!(steps.iter().any(|step| step.starts_with(looked_up)), "{steps:?}");
     }
@@ -64,23 +64,23 @@ async fn a_page_behind_another_is_read_from_an_index_of_its_order() {
     dir.create().unwrap();
     let database = Database::open(&dir, None, Access::Server).await.unwrap();
     let orders = [
-        (Thing::Job, Sort::Created, "INTEGER PRIMARY KEY"),
-        (Thing::Job, Sort::Finished, "INDEX job_by_finish"),
-        (Thing::Job, Sort::Name, "INDEX job_by_name"),
-        (Thing::Job, Sort::Priority, "INDEX job_by_priority"),
-        (Thing::Run, Sort::Created, "INTEGER PRIMARY KEY"),
-        (Thing::Dataset, Sort::Created, "INTEGER PRIMARY KEY"),
-        (Thing::Dataset, Sort::Trajectories, "INDEX dataset_by_trajectories"),
-        (Thing::Checkpoint, Sort::Created, "INTEGER PRIMARY KEY"),
-        (Thing::Checkpoint, Sort::Step, "INDEX checkpoint_by_step"),
+        (ItemKind::Job, Sort::Created, "INTEGER PRIMARY KEY"),
+        (ItemKind::Job, Sort::Finished, "INDEX job_by_finish"),
+        (ItemKind::Job, Sort::Name, "INDEX job_by_name"),
+        (ItemKind::Job, Sort::Priority, "INDEX job_by_priority"),
+        (ItemKind::Run, Sort::Created, "INTEGER PRIMARY KEY"),
+        (ItemKind::Dataset, Sort::Created, "INTEGER PRIMARY KEY"),
+        (ItemKind::Dataset, Sort::Trajectories, "INDEX dataset_by_trajectories"),
+        (ItemKind::Checkpoint, Sort::Created, "INTEGER PRIMARY KEY"),
+        (ItemKind::Checkpoint, Sort::Step, "INDEX checkpoint_by_step"),
     ];
-    for (thing, sort, index) in orders {
+    for (item, sort, index) in orders {
         let key = if sort == Sort::Name { Key::Text("n".into()) } else { Key::Integer(7) };
         for direction in [Direction::Ascending, Direction::Descending] {
             let after = Some(Position { key: key.clone(), id: 7 });
             let listing = Listing { sort, direction, after, ..Listing::default() };
-            let steps = steps(&database, thing, &listing).await;
-            let expected = format!("SEARCH {} USING ", thing.as_str());
+            let steps = steps(&database, item, &listing).await;
+            let expected = format!("SEARCH {} USING ", item.as_str());
             assert!(steps[0].starts_with(&expected) && steps[0].contains(index), "{steps:?}");
             assert!(
                 !steps.iter().any(|step| step.contains("B-TREE")),

@@ -6,16 +6,16 @@ use spec::ValidationMetric;
 use crate::database::Reading;
 use crate::database::query::{Query, Row, sql};
 use crate::results::datasets::standing;
-use crate::{Direction, Key, Listing, Position, Sort, Thing};
+use crate::{Direction, ItemKind, Key, Listing, Position, Sort};
 
 impl Reading<'_> {
     /// The positions of the rows of a page, and of one more row if there is one.
     pub async fn places(
         &mut self,
-        thing: Thing,
+        item: ItemKind,
         listing: &Listing,
     ) -> Result<Vec<Position>, StoreError> {
-        let rows = page("", thing, listing).rows(self).await?;
+        let rows = page("", item, listing).rows(self).await?;
         let place = |row: &Row| {
             let key = match listing.sort {
                 Sort::Name => Key::Text(row.get("sort_key")?),
@@ -29,20 +29,20 @@ impl Reading<'_> {
 }
 
 /// The statement that finds a page. `start` may put EXPLAIN before it.
-pub(crate) fn page(start: &str, thing: Thing, listing: &Listing) -> Query {
-    let table = thing.as_str();
-    let source = match thing {
-        Thing::Job => "job",
-        Thing::Run => "run JOIN job ON job.id = run.job",
-        Thing::Dataset => "dataset JOIN job ON job.id = dataset.job",
-        Thing::Checkpoint => "checkpoint JOIN job ON job.id = checkpoint.job",
+pub(crate) fn page(start: &str, item: ItemKind, listing: &Listing) -> Query {
+    let table = item.as_str();
+    let source = match item {
+        ItemKind::Job => "job",
+        ItemKind::Run => "run JOIN job ON job.id = run.job",
+        ItemKind::Dataset => "dataset JOIN job ON job.id = dataset.job",
+        ItemKind::Checkpoint => "checkpoint JOIN job ON job.id = checkpoint.job",
     };
-    let key = key(thing, listing);
+    let key = key(item, listing);
     let select = format!(
         "{start}SELECT {table}.id AS id, {key} AS sort_key FROM {source} WHERE {table}.deleted_at IS NULL"
     );
     let mut query = sql(select);
-    filter(&mut query, thing, listing);
+    filter(&mut query, item, listing);
     let (beyond, direction) = match listing.direction {
         Direction::Ascending => (">", "ASC"),
         Direction::Descending => ("<", "DESC"),
@@ -65,37 +65,37 @@ pub(crate) fn page(start: &str, thing: Thing, listing: &Listing) -> Query {
 }
 
 /// The SQL expression of a sort key. If there is an index of the key, it must be the same.
-fn key(thing: Thing, listing: &Listing) -> String {
-    let table = thing.as_str();
-    match (listing.sort, thing) {
+fn key(item: ItemKind, listing: &Listing) -> String {
+    let table = item.as_str();
+    match (listing.sort, item) {
         (Sort::Created, _) => format!("{table}.id"),
         (Sort::Finished, _) => "COALESCE(job.finished_at, 9223372036854775807)".to_owned(),
-        (Sort::Name, Thing::Job) => "COALESCE(job.given_name, job.name){by_bytes}".to_owned(),
+        (Sort::Name, ItemKind::Job) => "COALESCE(job.given_name, job.name){by_bytes}".to_owned(),
         (Sort::Name, _) => {
             format!("COALESCE({table}.given_name, job.given_name, job.name){{by_bytes}}")
         }
         (Sort::Priority, _) => "job.priority".to_owned(),
-        (Sort::Trajectories, Thing::Dataset) => "dataset.trajectories".to_owned(),
-        (Sort::Step, Thing::Checkpoint) => "checkpoint.step".to_owned(),
+        (Sort::Trajectories, ItemKind::Dataset) => "dataset.trajectories".to_owned(),
+        (Sort::Step, ItemKind::Checkpoint) => "checkpoint.step".to_owned(),
         (Sort::Trajectories | Sort::Step, _) => format!("{table}.id"),
-        (Sort::Rmse, _) => missing_last(&rmse(thing), listing.direction),
+        (Sort::Rmse, _) => missing_last(&rmse(item), listing.direction),
     }
 }
 
-/// The error of a thing in degrees; `NULL` if it has none. No index has it: a page reads the error
-/// of every thing that the filters leave.
-fn rmse(thing: Thing) -> String {
+/// The error of an item in degrees; `NULL` if it has none. No index has it: a page reads the error
+/// of every item that the filters leave.
+fn rmse(item: ItemKind) -> String {
     let validation = ValidationMetric::RmseDeg.key();
-    match thing {
+    match item {
         // The result of an evaluation's last task is a `wire::EvaluationResult`.
-        Thing::Job => "(SELECT {number result headline best 0 rmse_deg} FROM task \
+        ItemKind::Job => "(SELECT {number result headline best 0 rmse_deg} FROM task \
                         WHERE task.job = job.id ORDER BY stage DESC, ordinal DESC LIMIT 1)"
             .to_owned(),
-        Thing::Run => format!(
+        ItemKind::Run => format!(
             "(SELECT value FROM metric_latest WHERE metric_latest.run = run.id AND key = '{validation}')"
         ),
-        Thing::Checkpoint => format!("{{number checkpoint.metrics {validation}}}"),
-        Thing::Dataset => "NULL".to_owned(),
+        ItemKind::Checkpoint => format!("{{number checkpoint.metrics {validation}}}"),
+        ItemKind::Dataset => "NULL".to_owned(),
     }
 }
 
@@ -119,8 +119,8 @@ fn push_key(query: &mut Query, key: &Key) {
     };
 }
 
-fn filter(query: &mut Query, thing: Thing, listing: &Listing) {
-    let table = thing.as_str();
+fn filter(query: &mut Query, item: ItemKind, listing: &Listing) {
+    let table = item.as_str();
     if listing.experiments_alone {
         query.push(" AND ").push("{is_experiment}");
     }
@@ -128,13 +128,13 @@ fn filter(query: &mut Query, thing: Thing, listing: &Listing) {
         query.push(" AND job.kind = ").push_bind(kind.clone());
     }
     if let Some(state) = &listing.state {
-        let of_thing = if thing == Thing::Dataset { standing!() } else { "job.state" };
-        query.push(format!(" AND {of_thing} = ")).push_bind(state.clone());
+        let of_item = if item == ItemKind::Dataset { standing!() } else { "job.state" };
+        query.push(format!(" AND {of_item} = ")).push_bind(state.clone());
     }
     for tag in &listing.tags {
         let having = format!(" AND ({table}.id IN (SELECT {table} FROM {table}_tag WHERE tag = ");
         query.push(having).push_bind(tag.clone()).push(")");
-        if thing != Thing::Job {
+        if item != ItemKind::Job {
             query.push(format!(" OR {table}.job IN (SELECT job FROM job_tag WHERE tag = "));
             query.push_bind(tag.clone()).push(")");
         }
@@ -143,7 +143,7 @@ fn filter(query: &mut Query, thing: Thing, listing: &Listing) {
     if let Some(words) = listing.words() {
         query.push(format!(" AND ({{find}}({table}.searched, "));
         query.push_bind(words.clone()).push(") > 0");
-        if thing != Thing::Job {
+        if item != ItemKind::Job {
             query.push(" OR {find}(job.searched, ").push_bind(words).push(") > 0");
         }
         query.push(")");
