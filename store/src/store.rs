@@ -13,7 +13,35 @@ use crate::place::disk::FileIdentity;
 use crate::place::new_place;
 use crate::{Access, Location, RemoteObjects, S3Options, StoreError, Timestamp};
 
-/// An open data folder. Clones share it, and several processes may have the same folder open.
+/// An open store: the one door to everything that lasts. Clones share it, and several processes may
+/// have the same store open.
+///
+/// ```
+/// use std::time::Duration;
+///
+/// use serde_json::json;
+/// use spec::Resources;
+/// use store::{Access, JobState, NewJob, NewTask, Store, Submission};
+///
+/// # #[tokio::main(flavor = "current_thread")]
+/// # async fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// let folder = tempfile::tempdir()?;
+/// let store = Store::open(folder.path(), Access::Server).await?;
+/// let payload = json!({"from": 1});
+/// let task = NewTask { stage: 0, ordinal: 0, label: "count".to_owned(), payload, total: 3 };
+/// let job = NewJob { tasks: vec![task], ..NewJob::new("count", json!({"to": 3})) };
+/// let id = store.submit(Submission::of(job)).await?.job;
+/// let job = store.job(id).await?;
+/// assert_eq!((job.kind.as_str(), job.state), ("count", JobState::Queued));
+///
+/// // A worker leases the task for ten seconds, does it, and completes it.
+/// let claimed = store.claim("worker-1", &Resources::default(), Duration::from_secs(10)).await?;
+/// let claimed = claimed.expect("a queued task");
+/// store.complete(claimed.fence, Some(&json!({"counted": 3}))).await?;
+/// assert_eq!(store.job(id).await?.state, JobState::Succeeded);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Clone, Debug)]
 pub struct Store {
     inner: Arc<Inner>,

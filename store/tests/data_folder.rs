@@ -10,8 +10,8 @@ use spec::{Digest, Resources};
 use sqlx::sqlite::SqliteConnectOptions;
 use sqlx::{ConnectOptions, Connection};
 use store::{
-    Access, ClaimedTask, Idempotency, JobFilter, JobId, JobReuse, JobState, Labels, Listing,
-    NewJob, NewTask, Output, Page, PartReuse, Reuse, Store, StoreError, Submission, TaskState,
+    Access, ClaimedTask, Idempotency, JobFilter, JobId, JobState, Listing, NewJob, NewTask, Output,
+    Page, Reuse, Store, StoreError, Submission, TaskState,
 };
 
 /// The number of the newest file in `migrations/sqlite`.
@@ -55,31 +55,11 @@ fn simulation(seed: u64, tasks: u32, reuse: Reuse) -> Submission {
         total: 1,
     };
     let job = NewJob {
-        name: "simulate".into(),
-        kind: "simulate".into(),
-        digest: Digest::of_json(&spec),
-        spec,
-        unit: "trajectories".into(),
-        priority: 0,
-        max_attempts: 3,
-        time_limit_s: None,
-        resources: Resources::default(),
-        not_before: None,
         output: Output::Dataset { trajectories: 4, samples: 4 },
-        reuse: JobReuse { whole: true, parts: PartReuse::Nothing },
         tasks: (0..tasks).map(task).collect(),
-        needs: vec![],
-        reads: vec![],
-        checkpoints: vec![],
-        files: vec![],
+        ..NewJob::new("simulate", spec)
     };
-    Submission {
-        jobs: vec![job],
-        pipeline: None,
-        reuse,
-        idempotency: None,
-        labels: Labels::default(),
-    }
+    Submission { reuse, ..Submission::of(job) }
 }
 
 #[tokio::test]
@@ -328,7 +308,7 @@ async fn change(dir: &Path, sql: &'static str) {
 
 fn of_priority(seed: u64, priority: i32) -> Submission {
     let mut submission = simulation(seed, 1, Reuse::Never);
-    submission.jobs[0].priority = priority;
+    submission.jobs[0].execution.priority = priority;
     submission
 }
 

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 use serde_json::Value;
-use spec::{JobKind, Product};
+use spec::{Execution, JobKind, Product};
 use store::{JobId, Listed, Listing, Store, StoreError, Timestamp};
 use wire::{Job, JobProgress, JobState, Member, Progress};
 
@@ -157,8 +157,11 @@ impl Known {
             (JobKind::Verify, Some(need)) => self.datasets.get(need).copied(),
             _ => None,
         };
+        let duration_seconds = duration_seconds(&row);
+        let Execution { priority, max_attempts, time_limit_s, resources, not_before } =
+            row.execution;
         Ok(Job {
-            duration_seconds: duration_seconds(&row),
+            duration_seconds,
             id: row.id.0,
             kind,
             name: row.name,
@@ -176,11 +179,11 @@ impl Known {
             verifies,
             run: row.run.map(|id| id.0),
             checkpoints: self.checkpoints.remove(&row.id).unwrap_or_default(),
-            priority: row.priority,
-            max_attempts: row.max_attempts,
-            time_limit_s: row.time_limit_s,
-            resources: row.resources,
-            not_before: row.not_before.map(|moment| moment.to_string()),
+            priority,
+            max_attempts,
+            time_limit_s,
+            resources,
+            not_before: not_before.map(|moment| moment.to_string()),
             waits_for: self.waits.get(&row.id).cloned(),
             cancel_requested: row.cancel_requested,
             created_at: row.created_at.to_string(),

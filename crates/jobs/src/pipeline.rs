@@ -1,6 +1,6 @@
 //! Pipelines: jobs that are resolved one after the other. Each may refer to those before it.
 
-use spec::{JobSpec, PipelineMember, PipelineSpec, SpecError};
+use spec::{Execution, JobSpec, PipelineMember, PipelineSpec, SpecError};
 use store::{Need, NewJob, NewMember, NewPipeline};
 
 use crate::SubmissionError;
@@ -36,17 +36,16 @@ pub(crate) async fn plan_pipeline(
         jobs.push(job);
     }
     let spec = JobSpec::Pipeline(resolved_pipeline);
-    let execution = spec.execution();
-    let pipeline = NewPipeline {
+    // The rest of its execution is that of its members.
+    let Execution { priority, max_attempts, .. } = spec.execution();
+    let job = NewJob {
         name: pipeline.name.clone(),
-        kind: spec.kind().to_string(),
-        spec: spec.to_json(),
         digest: spec.digest(),
-        priority: execution.priority,
-        max_attempts: execution.max_attempts,
-        members,
+        unit: "jobs".to_owned(),
+        execution: Execution { priority, max_attempts, ..Execution::default() },
+        ..NewJob::new(spec.kind().as_str(), spec.to_json())
     };
-    Ok((jobs, pipeline))
+    Ok((jobs, NewPipeline { job, members }))
 }
 
 fn too_many_tasks(name: &str, tasks: usize) -> SpecError {

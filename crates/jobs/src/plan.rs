@@ -1,6 +1,6 @@
 //! Plans a job: turns a spec with resolved references into a job with tasks.
 
-use spec::SpecError;
+use spec::{Execution, SpecError};
 use store::NewJob;
 
 use crate::kind::{Limits, kind};
@@ -20,7 +20,8 @@ pub(crate) fn plan(
         .ok_or_else(|| SpecError::one("kind", spec.kind().as_str(), "any other kind of job"))?;
     kind.check_inputs(inputs)?;
     let digest = spec.digest();
-    let execution = spec.execution();
+    let asked = spec.execution();
+    let time_limit_s = asked.time_limit_s.or(limits.time_limits_s.get(&spec.kind()).copied());
     let name = name.map(str::to_owned).or_else(|| kind.name(inputs));
     Ok(NewJob {
         name: name.unwrap_or_else(|| format!("{}-{}", spec.kind(), digest.short())),
@@ -28,11 +29,7 @@ pub(crate) fn plan(
         spec: spec.to_json(),
         digest,
         unit: kind.unit().to_owned(),
-        priority: execution.priority,
-        max_attempts: execution.max_attempts,
-        time_limit_s: execution.time_limit_s.or(limits.time_limits_s.get(&spec.kind()).copied()),
-        resources: execution.resources,
-        not_before: execution.not_before,
+        execution: Execution { time_limit_s, ..asked },
         output: kind.output(),
         reuse: kind.reuse(),
         tasks: kind.tasks(inputs)?,

@@ -58,6 +58,9 @@ async fn data_of<'a>(
             }
         }
     }
+    if digests.is_empty() {
+        return Ok(HashMap::new());
+    }
     let digests: Vec<Digest> = digests.into_iter().collect();
     let known = |(digest, spec): (Digest, Value)| {
         let spec: JobSpec = serde_json::from_value(spec).ok()?;

@@ -3,11 +3,7 @@
 use std::time::Duration;
 
 use serde_json::{Value, json};
-use spec::{Digest, Resources};
-use store::{
-    Access, JobReuse, Labels, Location, NewJob, NewTask, Output, PartReuse, Reuse, Store,
-    StoreError, Submission,
-};
+use store::{Access, Location, NewJob, NewTask, Reuse, Store, StoreError, Submission};
 
 use crate::{Outcome, now_us};
 
@@ -60,13 +56,7 @@ async fn open(place: &Location) -> Result<Store, StoreError> {
 }
 
 pub async fn submit(store: &Store, job: NewJob) -> Result<(), StoreError> {
-    let submission = Submission {
-        jobs: vec![job],
-        pipeline: None,
-        reuse: Reuse::Never,
-        idempotency: None,
-        labels: Labels::default(),
-    };
+    let submission = Submission { reuse: Reuse::Never, ..Submission::of(job) };
     store.submit(submission).await.map(|_| ())
 }
 
@@ -74,25 +64,8 @@ pub async fn submit(store: &Store, job: NewJob) -> Result<(), StoreError> {
 pub fn nothing(tasks: u32) -> NewJob {
     let called_at = now_us();
     let spec = json!({"kind": "nothing", "called_at_us": called_at});
-    NewJob {
-        name: "nothing".to_owned(),
-        kind: "nothing".to_owned(),
-        digest: Digest::of_json(&spec),
-        spec,
-        unit: "tasks".to_owned(),
-        priority: 0,
-        max_attempts: 3,
-        time_limit_s: None,
-        resources: Resources::default(),
-        not_before: None,
-        output: Output::Nothing,
-        reuse: JobReuse { whole: false, parts: PartReuse::Nothing },
-        tasks: (0..tasks).map(|ordinal| task(ordinal, &json!(called_at))).collect(),
-        needs: vec![],
-        reads: vec![],
-        checkpoints: vec![],
-        files: vec![],
-    }
+    let tasks = (0..tasks).map(|ordinal| task(ordinal, &json!(called_at))).collect();
+    NewJob { tasks, ..NewJob::new("nothing", spec) }
 }
 
 fn task(ordinal: u32, payload: &Value) -> NewTask {

@@ -1,6 +1,6 @@
 //! Values of several columns, and of columns with a form of their own.
 
-use spec::{Moment, Resources};
+use spec::{Execution, Moment, Resources};
 
 use super::query::{FromRow, Row};
 use crate::{Deletion, StoreError, StoredObject, Timestamp};
@@ -27,6 +27,19 @@ pub(crate) fn resources(row: &Row) -> Result<Resources, StoreError> {
         memory_gb: Resources::gigabytes(row.get("memory_mb")?),
         tags: row.json("tags")?,
     })
+}
+
+/// Reads the columns of a job, with those of its resources.
+impl FromRow for Execution {
+    fn from_row(row: &Row) -> Result<Self, StoreError> {
+        Ok(Self {
+            priority: row.get("priority")?,
+            max_attempts: row.get("max_attempts")?,
+            time_limit_s: row.get("time_limit_s")?,
+            resources: resources(row)?,
+            not_before: moment(row, "not_before")?,
+        })
+    }
 }
 
 /// Names as a sorted JSON list.

@@ -3,12 +3,12 @@
 use std::collections::HashMap;
 
 use serde_json::Value;
-use spec::{Digest, Moment, Resources};
+use spec::{Digest, Execution};
 use wire::JobState;
 
 use crate::database::column::json;
 use crate::database::query::{FromRow, Query, Row, from_row, sql};
-use crate::database::rows::{deletion, moment, resources, tags};
+use crate::database::rows::{deletion, tags};
 use crate::database::{Reading, Transaction};
 use crate::lists::listing::Listed;
 use crate::trash::refuse_deleted;
@@ -34,14 +34,8 @@ pub struct Job {
     pub state: JobState,
     /// Why it failed or was cancelled.
     pub error: Option<String>,
-    pub priority: i32,
-    pub max_attempts: u32,
-    /// Time limit of an attempt at a task, in seconds.
-    pub time_limit_s: Option<u32>,
-    /// The resources that a worker must offer to take one of its tasks.
-    pub resources: Resources,
-    /// None of its tasks is claimed before this moment.
-    pub not_before: Option<Moment>,
+    /// The place in line, the attempts and the needed resources of its tasks.
+    pub execution: Execution,
     pub cancel_requested: bool,
     pub progress: JobProgress,
     /// The dataset that it fills, if it fills one.
@@ -414,11 +408,7 @@ impl FromRow for Job {
             digest: row.get("digest")?,
             state: row.get("state")?,
             error: row.get("error")?,
-            priority: row.get("priority")?,
-            max_attempts: row.get("max_attempts")?,
-            time_limit_s: row.get("time_limit_s")?,
-            resources: resources(row)?,
-            not_before: moment(row, "not_before")?,
+            execution: Execution::from_row(row)?,
             cancel_requested: row.get("cancel_requested")?,
             progress: JobProgress { unit: row.get("unit")?, ..JobProgress::default() },
             dataset: row.get("dataset")?,

@@ -1,7 +1,7 @@
 //! Submissions: jobs with their tasks, and perhaps the pipeline that they form, in one transaction.
 
 use serde_json::{Value, json};
-use spec::{Digest, Moment, Resources};
+use spec::{Digest, Execution};
 use wire::JobState;
 
 use crate::boxed;
@@ -30,29 +30,41 @@ pub struct Submission {
     pub labels: Labels,
 }
 
+impl Submission {
+    /// Submits one job, or finds the earlier one that stands in for it.
+    pub fn of(job: NewJob) -> Self {
+        Self {
+            jobs: vec![job],
+            pipeline: None,
+            reuse: Reuse::SameDigest,
+            idempotency: None,
+            labels: Labels::default(),
+        }
+    }
+}
+
+/// A job to submit. [`NewJob::new`] has a value for each field.
 #[derive(Clone, Debug)]
 pub struct NewJob {
+    /// The name that lists show, until users give it another one.
     pub name: String,
-    /// The store does not interpret it.
+    /// The kind of its spec. The store does not interpret it.
     pub kind: String,
     /// The spec, with every reference resolved to a digest.
     pub spec: Value,
+    /// The digest of what the job computes. Jobs with the same digest have the same results.
     pub digest: Digest,
     /// The unit of progress, e.g. `trajectories`.
     pub unit: String,
-    /// Higher goes first. One point is worth one hour of waiting.
-    pub priority: i32,
-    /// Number of times that a task may be claimed before it fails.
-    pub max_attempts: u32,
-    /// Time limit of an attempt at a task, in seconds.
-    pub time_limit_s: Option<u32>,
-    /// The resources that a worker must offer to take a task.
-    pub resources: Resources,
-    /// No task is claimed before this moment.
-    pub not_before: Option<Moment>,
+    /// The place in line, the attempts and the needed resources of its tasks.
+    pub execution: Execution,
+    /// The result that it leaves.
     pub output: Output,
+    /// How far it can use earlier work.
     pub reuse: JobReuse,
+    /// Its tasks: at least one, but none for the job of a pipeline.
     pub tasks: Vec<NewTask>,
+    /// The jobs that must succeed first.
     pub needs: Vec<Need>,
     /// The digests of the jobs whose data and checkpoints it reads.
     pub reads: Vec<Digest>,
@@ -60,6 +72,28 @@ pub struct NewJob {
     pub checkpoints: Vec<CheckpointId>,
     /// The sent files that it reads.
     pub files: Vec<Digest>,
+}
+
+impl NewJob {
+    /// A job named after its kind, without tasks, inputs and results, that an earlier job with the
+    /// same spec stands in for.
+    pub fn new(kind: &str, spec: Value) -> Self {
+        Self {
+            name: kind.to_owned(),
+            kind: kind.to_owned(),
+            digest: Digest::of_json(&spec),
+            spec,
+            unit: "tasks".to_owned(),
+            execution: Execution::default(),
+            output: Output::Nothing,
+            reuse: JobReuse { whole: true, parts: PartReuse::Nothing },
+            tasks: Vec::new(),
+            needs: Vec::new(),
+            reads: Vec::new(),
+            checkpoints: Vec::new(),
+            files: Vec::new(),
+        }
+    }
 }
 
 /// The result of a job, besides the results of its tasks.
@@ -118,15 +152,12 @@ pub struct NewTask {
     pub total: u64,
 }
 
+/// The pipeline that the jobs of a submission form.
 #[derive(Clone, Debug)]
 pub struct NewPipeline {
-    pub name: String,
-    /// The store does not interpret it; it recognizes a pipeline by its members.
-    pub kind: String,
-    pub spec: Value,
-    pub digest: Digest,
-    pub priority: i32,
-    pub max_attempts: u32,
+    /// The pipeline itself, which is a job without tasks.
+    pub job: NewJob,
+    /// Its members, in the order in which they are shown.
     pub members: Vec<NewMember>,
 }
 
@@ -218,7 +249,7 @@ async fn submit_pipeline(
     new: &NewPipeline,
 ) -> Result<Submitted, StoreError> {
     if submission.reuse == Reuse::SameDigest
-        && let Some(job) = stand_in(&tx.earlier_jobs(new.digest).await?)
+        && let Some(job) = stand_in(&tx.earlier_jobs(new.job.digest).await?)
     {
         return Ok(Submitted { job, reused: true });
     }
@@ -228,21 +259,13 @@ async fn submit_pipeline(
         jobs.push(submitted);
     }
     let row = JobRow {
-        kind: &new.kind,
-        name: &new.name,
-        spec: &new.spec,
-        digest: new.digest,
-        unit: "jobs",
-        priority: new.priority,
-        max_attempts: new.max_attempts,
-        time_limit_s: None,
-        resources: tx.resources_id(&Resources::default()).await?,
-        not_before: None,
+        new: &new.job,
+        state: JobState::Queued,
         waits_since: tx.waits_since().await?,
         is_part: false,
         takes_over: false,
     };
-    let pipeline = insert_job(tx, &row, JobState::Queued).await?;
+    let pipeline = insert_job(tx, &row).await?;
     for (ordinal, member) in (0u32..).zip(&new.members) {
         let Submitted { job, reused } = jobs[member.job];
         tx.insert_member(pipeline, ordinal, &member.name, job, reused).await?;
@@ -253,14 +276,11 @@ async fn submit_pipeline(
 }
 
 /// Inserts a job, and writes its event.
-async fn insert_job(
-    tx: &mut Transaction,
-    row: &JobRow<'_>,
-    state: JobState,
-) -> Result<JobId, StoreError> {
-    let job = tx.insert_job(row, state).await?;
+async fn insert_job(tx: &mut Transaction, row: &JobRow<'_>) -> Result<JobId, StoreError> {
+    let job = tx.insert_job(row).await?;
     let data = json!({
-        "kind": row.kind, "name": row.name, "state": state, "error": null, "cancel_requested": false,
+        "kind": row.new.kind, "name": row.new.name, "state": row.state, "error": null,
+        "cancel_requested": false,
     });
     tell(tx, EventKind::Job, job, &data).await?;
     Ok(job)
@@ -306,27 +326,13 @@ async fn submit_job(
     }
     let state = before_start(states);
     let waits_since = tx.waits_since().await?;
-    let row = JobRow {
-        kind: &new.kind,
-        name: &new.name,
-        spec: &new.spec,
-        digest: new.digest,
-        unit: &new.unit,
-        priority: new.priority,
-        max_attempts: new.max_attempts,
-        time_limit_s: new.time_limit_s,
-        resources: tx.resources_id(&new.resources).await?,
-        not_before: new.not_before,
-        waits_since,
-        is_part,
-        takes_over: may_reuse && new.reuse.parts == PartReuse::Objects,
-    };
-    let job = insert_job(tx, &row, state).await?;
+    let takes_over = may_reuse && new.reuse.parts == PartReuse::Objects;
+    let job = insert_job(tx, &JobRow { new, state, waits_since, is_part, takes_over }).await?;
     for need in needs {
         tx.insert_need(job, need).await?;
     }
     tx.insert_inputs(job, &[&new.reads[..], &new.files].concat()).await?;
-    let turn = turn(waits_since, new.not_before, new.priority);
+    let turn = turn(waits_since, new.execution.not_before, new.execution.priority);
     tx.insert_tasks(job, turn, &new.tasks).await?;
     match new.output {
         Output::Dataset { trajectories, samples } => {

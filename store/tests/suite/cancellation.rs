@@ -79,7 +79,7 @@ pub async fn a_cancelled_pipeline_spares_what_others_need(f: Fixture) {
     let asked_alone = f.submit_one(simulate(1)).await;
     let first = f.submit(pipeline(1)).await;
     let mut renamed = pipeline(1);
-    renamed.pipeline.as_mut().unwrap().digest = Digest::of(b"renamed");
+    renamed.pipeline.as_mut().unwrap().job.digest = Digest::of(b"renamed");
     renamed.jobs.pop();
     renamed.pipeline.as_mut().unwrap().members.pop();
     let second = f.submit(renamed).await;

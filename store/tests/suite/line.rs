@@ -1,6 +1,6 @@
 //! The order of waiting tasks, and the time from which they may run.
 
-use spec::Resources;
+use spec::{Execution, Resources};
 use store::{JobId, JobState, Need, Retry, StoreError, Wait};
 
 use super::workers::worker;
@@ -16,11 +16,11 @@ async fn order(f: &Fixture) -> Vec<JobId> {
 pub async fn a_job_is_not_begun_before_its_moment(f: Fixture) {
     let now = f.store.now().await.unwrap();
     let later = beginning(simulate(1), now, 24);
-    let moment = later.not_before.unwrap();
+    let moment = later.execution.not_before.unwrap();
     let later = f.submit_one(later).await;
     let passed = f.submit_one(beginning(simulate(2), now, -24)).await;
     let anytime = f.submit_one(simulate(3)).await;
-    assert_eq!(f.store.job(later).await.unwrap().not_before, Some(moment));
+    assert_eq!(f.store.job(later).await.unwrap().execution.not_before, Some(moment));
     assert_eq!(f.state(later).await, JobState::Queued);
     assert_eq!(order(&f).await, [passed, anytime]);
     assert!(f.claim().await.is_none());
@@ -95,11 +95,12 @@ pub async fn a_drained_worker_ends_its_task_and_claims_no_other(f: Fixture) {
 }
 
 pub async fn a_task_carries_the_time_limit_of_its_job(f: Fixture) {
-    let limited = store::NewJob { time_limit_s: Some(90), ..train(&simulate(1), vec![]) };
+    let execution = Execution { time_limit_s: Some(90), ..Execution::default() };
+    let limited = store::NewJob { execution, ..train(&simulate(1), vec![]) };
     let job = f.submit_one(limited).await;
     let second = std::time::Duration::from_secs(1);
     assert_eq!(f.must_claim().await.time_limit, Some(90 * second));
-    assert_eq!(f.store.job(job).await.unwrap().time_limit_s, Some(90));
+    assert_eq!(f.store.job(job).await.unwrap().execution.time_limit_s, Some(90));
     f.submit_one(train(&simulate(2), vec![])).await;
     assert_eq!(f.must_claim().await.time_limit, None);
 }

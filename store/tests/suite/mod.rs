@@ -41,7 +41,7 @@ use bytes::Bytes;
 use object_store::local::LocalFileSystem;
 use object_store::{ObjectStore, ObjectStoreExt};
 use serde_json::{Value, json};
-use spec::{Digest, Moment, Resources};
+use spec::{Digest, Execution, Moment, Resources};
 use store::{
     ClaimedTask, Fence, FileContent, JobId, JobReuse, JobState, Labels, Need, NewJob, NewMember,
     NewPipeline, NewTask, Output, PartReuse, Reaped, Reaper, Reuse, ShardContents, Store,
@@ -70,25 +70,7 @@ pub fn files_of(dir: &TempDir) -> Arc<dyn ObjectStore> {
 }
 
 fn job(kind: &str, spec: Value, output: Output, tasks: Vec<NewTask>) -> NewJob {
-    NewJob {
-        name: kind.to_owned(),
-        kind: kind.to_owned(),
-        digest: Digest::of_json(&spec),
-        spec,
-        unit: "pieces".to_owned(),
-        priority: 0,
-        max_attempts: 3,
-        time_limit_s: None,
-        resources: Resources::default(),
-        not_before: None,
-        output,
-        reuse: JobReuse { whole: true, parts: PartReuse::Nothing },
-        tasks,
-        needs: vec![],
-        reads: vec![],
-        checkpoints: vec![],
-        files: vec![],
-    }
+    NewJob { unit: "pieces".to_owned(), output, tasks, ..NewJob::new(kind, spec) }
 }
 
 /// A simulation of 6 trajectories of 4 samples in 3 shards.
@@ -138,17 +120,17 @@ pub fn task(stage: u32, ordinal: u32, total: u64) -> NewTask {
 }
 
 pub fn with_execution(job: NewJob, priority: i32, max_attempts: u32) -> NewJob {
-    NewJob { priority, max_attempts, ..job }
+    NewJob { execution: Execution { priority, max_attempts, ..job.execution }, ..job }
 }
 
 pub fn asking(job: NewJob, resources: Resources) -> NewJob {
-    NewJob { resources, ..job }
+    NewJob { execution: Execution { resources, ..job.execution }, ..job }
 }
 
 /// A job that may not begin before `hours` hours from now. Negative hours lie in the past.
 pub fn beginning(job: NewJob, now: Timestamp, hours: i64) -> NewJob {
     let moment = Moment::from_milliseconds(now.milliseconds() + hours * 3_600_000);
-    NewJob { not_before: Some(moment), ..job }
+    NewJob { execution: Execution { not_before: Some(moment), ..job.execution }, ..job }
 }
 
 /// Resources of processors, GPUs and tags.
@@ -170,15 +152,8 @@ pub fn pipeline_of(jobs: Vec<NewJob>) -> Submission {
     let spec = json!({"kind": "pipeline", "jobs": digests});
     let members =
         jobs.iter().enumerate().map(|(i, job)| NewMember { name: job.name.clone(), job: i });
-    let pipeline = NewPipeline {
-        name: "pipeline".into(),
-        kind: "pipeline".into(),
-        digest: Digest::of_json(&spec),
-        spec,
-        priority: 0,
-        max_attempts: 3,
-        members: members.collect(),
-    };
+    let job = NewJob { unit: "jobs".into(), ..NewJob::new("pipeline", spec) };
+    let pipeline = NewPipeline { job, members: members.collect() };
     Submission {
         pipeline: Some(pipeline),
         jobs,
@@ -189,13 +164,7 @@ pub fn pipeline_of(jobs: Vec<NewJob>) -> Submission {
 }
 
 pub fn alone(job: NewJob) -> Submission {
-    Submission {
-        jobs: vec![job],
-        pipeline: None,
-        reuse: Reuse::SameDigest,
-        idempotency: None,
-        labels: Labels::default(),
-    }
+    Submission::of(job)
 }
 
 impl Fixture {

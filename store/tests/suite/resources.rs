@@ -38,7 +38,7 @@ pub async fn a_worker_takes_the_first_in_line_of_all_that_it_can_take(f: Fixture
 pub async fn a_task_that_was_given_back_asks_for_the_same(f: Fixture) {
     let gpu = resources(0, 1, &[]);
     let job = f.submit_one(asking(simulate(1), gpu.clone())).await;
-    assert_eq!(f.store.job(job).await.unwrap().resources, gpu);
+    assert_eq!(f.store.job(job).await.unwrap().execution.resources, gpu);
     assert!(f.claim().await.is_none());
     for _ in 0..3 {
         let task = f.claim_with(&gpu).await.unwrap();

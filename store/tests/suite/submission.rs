@@ -116,7 +116,7 @@ pub async fn a_pipeline_is_reused_whole_or_job_by_job(f: Fixture) {
 
     // The same jobs under another name are another pipeline, which has nothing left to do.
     let mut renamed = pipeline(1);
-    renamed.pipeline.as_mut().unwrap().digest = Digest::of(b"renamed");
+    renamed.pipeline.as_mut().unwrap().job.digest = Digest::of(b"renamed");
     let second = f.submit(renamed).await;
     assert!(!second.reused);
     assert_eq!(f.state(second.job).await, JobState::Succeeded);

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use bytes::Bytes;
 use serde_json::json;
-use spec::{Digest, Resources};
+use spec::{Digest, Execution, Resources};
 use store::{
     Access, AuditEntry, CheckpointFile, ClaimedTask, DeletionOrder, Idempotency, ItemKind,
     JobFilter, JobState, LabelChange, Metric, NewArtifact, NewCheckpoint, NewJob, NewLogChunk,
@@ -256,7 +256,7 @@ async fn jobs_to_do(f: &Fixture) {
         spec,
         output: Output::Nothing,
         tasks: tasks.collect(),
-        time_limit_s: Some(3600),
+        execution: Execution { time_limit_s: Some(3600), ..Execution::default() },
         ..simulate(4)
     };
     let asked = asking(new, resources(8, 1, &["a100", "lab-3"]));

@@ -4,10 +4,10 @@ use std::time::Duration;
 
 use executors::{Autoscaler, Bounds, Engine, Kubernetes, Settings, WorkerCommand};
 use serde_json::{Value, json};
-use spec::{Digest, Resources};
+use spec::{Execution, Resources};
 use store::{
-    Access, ClaimedTask, JobId, JobReuse, Labels, Location, NewJob, NewTask, Output, PartReuse,
-    Placed, Reuse, Store, Submission,
+    Access, ClaimedTask, JobId, JobReuse, Location, NewJob, NewTask, PartReuse, Placed, Store,
+    Submission,
 };
 
 use crate::api_server::ApiServer;
@@ -91,32 +91,12 @@ impl Lab {
             total: 1,
         };
         let job = NewJob {
-            name: "count".to_owned(),
-            kind: "count".to_owned(),
-            digest: Digest::of_json(&spec),
-            spec,
-            unit: "pieces".to_owned(),
-            priority: 0,
-            max_attempts: 3,
-            time_limit_s: None,
-            resources,
-            not_before: None,
-            output: Output::Nothing,
+            execution: Execution { resources, ..Execution::default() },
             reuse: JobReuse { whole: false, parts: PartReuse::Nothing },
             tasks: (0..tasks).map(task).collect(),
-            needs: Vec::new(),
-            reads: Vec::new(),
-            checkpoints: Vec::new(),
-            files: Vec::new(),
+            ..NewJob::new("count", spec)
         };
-        let submission = Submission {
-            jobs: vec![job],
-            pipeline: None,
-            reuse: Reuse::SameDigest,
-            idempotency: None,
-            labels: Labels::default(),
-        };
-        self.store.submit(submission).await.unwrap().job
+        self.store.submit(Submission::of(job)).await.unwrap().job
     }
 
     /// A requested worker that has the only task.

@@ -2,30 +2,20 @@
 
 use std::collections::BTreeMap;
 
-use serde_json::Value;
-use spec::{Digest, Moment};
+use spec::{Digest, Execution, Moment};
 use wire::JobState;
 
 use crate::database::column::json;
 use crate::database::query::{Row, sql};
 use crate::database::{Reading, Transaction};
-use crate::identifiers::ResourcesId;
 use crate::lists::labels::searched;
 use crate::queue::rules::reuse::{Earlier, TaskPlace};
-use crate::{JobId, Labels, NewTask, StoreError, Submitted, TaskId, Timestamp};
+use crate::{JobId, Labels, NewJob, NewTask, StoreError, Submitted, TaskId, Timestamp};
 
-/// The values of a job's row.
+/// The row of a new job.
 pub(crate) struct JobRow<'a> {
-    pub kind: &'a str,
-    pub name: &'a str,
-    pub spec: &'a Value,
-    pub digest: Digest,
-    pub unit: &'a str,
-    pub priority: i32,
-    pub max_attempts: u32,
-    pub time_limit_s: Option<u32>,
-    pub resources: ResourcesId,
-    pub not_before: Option<Moment>,
+    pub new: &'a NewJob,
+    pub state: JobState,
     /// The moment since when it has waited.
     pub waits_since: Timestamp,
     /// Whether it was made for a pipeline.
@@ -119,31 +109,31 @@ impl Transaction {
         rows.iter().map(earlier).collect()
     }
 
-    pub async fn insert_job(
-        &mut self,
-        row: &JobRow<'_>,
-        state: JobState,
-    ) -> Result<JobId, StoreError> {
+    pub async fn insert_job(&mut self, row: &JobRow<'_>) -> Result<JobId, StoreError> {
+        let JobRow { new, state, waits_since, is_part, takes_over } = *row;
+        let Execution { priority, max_attempts, time_limit_s, resources, not_before } =
+            &new.execution;
+        let resources = self.resources_id(resources).await?;
         sql("INSERT INTO job (kind, name, spec, digest, state, unit, priority, max_attempts, \
              time_limit_s, resources, not_before, waits_since, is_part, asked_alone, takes_over, \
              searched, created_at) VALUES ($1, $2, $3, $4, $5, $6, $7, $8, $9, $10, $11, $12, \
              $13, $14, $15, $16, {now}) RETURNING id")
-        .bind(row.kind)
-        .bind(row.name)
-        .bind(row.spec.to_string())
-        .bind(row.digest.to_string())
+        .bind(new.kind.as_str())
+        .bind(new.name.as_str())
+        .bind(new.spec.to_string())
+        .bind(new.digest.to_string())
         .bind(state)
-        .bind(row.unit)
-        .bind(row.priority)
-        .bind(row.max_attempts)
-        .bind(row.time_limit_s)
-        .bind(row.resources)
-        .bind(row.not_before.map_or(0, Moment::milliseconds))
-        .bind(row.waits_since)
-        .bind(row.is_part)
-        .bind(!row.is_part)
-        .bind(row.takes_over)
-        .bind(searched(Some(row.name), &Labels::default()))
+        .bind(new.unit.as_str())
+        .bind(*priority)
+        .bind(*max_attempts)
+        .bind(*time_limit_s)
+        .bind(resources)
+        .bind(not_before.map_or(0, Moment::milliseconds))
+        .bind(waits_since)
+        .bind(is_part)
+        .bind(!is_part)
+        .bind(takes_over)
+        .bind(searched(Some(&new.name), &Labels::default()))
         .one(self)
         .await
     }

@@ -3,14 +3,14 @@
 use std::time::Duration;
 
 use serde_json::json;
-use spec::{Digest, Moment, Resources};
+use spec::{Execution, Moment, Resources};
 use wire::JobState;
 
 use super::{Action, Dice, HOUR, Queue};
 use crate::queue::rules::task::Ending;
 use crate::{
-    Access, ClaimedTask, JobId, JobReuse, Labels, NewJob, NewMember, NewPipeline, NewTask, Output,
-    Page, PartReuse, Reaper, Retry, Reuse, Store, Submission,
+    Access, ClaimedTask, JobId, Labels, NewJob, NewMember, NewPipeline, NewTask, Page, Reaper,
+    Retry, Reuse, Store, Submission,
 };
 
 const WALKS: u64 = 8;
@@ -51,36 +51,26 @@ impl Twin {
                 payload: json!({}),
                 total: 1,
             };
-            NewJob {
-                name: format!("job {position}"),
-                kind: "any".to_owned(),
-                digest: Digest::of_json(&spec),
-                spec,
-                unit: "pieces".to_owned(),
+            let execution = Execution {
                 priority: job.how.priority,
                 max_attempts: job.max_attempts,
                 time_limit_s: None,
                 resources: offer(job.how.gpus),
                 not_before: job.how.not_before.map(|moment| self.moment(moment)),
-                output: Output::Nothing,
-                reuse: JobReuse { whole: false, parts: PartReuse::Nothing },
+            };
+            NewJob {
+                name: format!("job {position}"),
+                execution,
                 tasks: (0u32..).zip(&job.stages).map(task).collect(),
                 needs: job.needs.iter().map(need).collect(),
-                reads: Vec::new(),
-                checkpoints: Vec::new(),
-                files: Vec::new(),
+                ..NewJob::new("any", spec)
             }
         };
         let new: Vec<NewJob> = jobs.iter().enumerate().map(new_job).collect();
         let spec = json!({"pipeline": self.submissions});
         let member = |job: usize| NewMember { name: format!("member {job}"), job };
         let pipeline = (jobs.len() > 1).then(|| NewPipeline {
-            name: "pipeline".to_owned(),
-            kind: "pipeline".to_owned(),
-            digest: Digest::of_json(&spec),
-            spec,
-            priority: 0,
-            max_attempts: 1,
+            job: NewJob::new("pipeline", spec),
             members: (0..jobs.len()).map(member).collect(),
         });
         let submission = Submission {
