@@ -17,6 +17,7 @@ impl Timestamp {
         self.0
     }
 
+    /// A moment in milliseconds since 1970.
     pub const fn from_milliseconds(milliseconds: i64) -> Self {
         Self(milliseconds)
     }

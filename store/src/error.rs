@@ -12,8 +12,11 @@ use wire::{JobState, Relation, Scope};
 use crate::objects::trouble::{Trouble, advice, in_short};
 use crate::{Dependent, Epoch, Fingerprint, Item, JobId, TaskId, Timestamp};
 
+/// Why the store refused an operation, or could not do it. The message says what was wrong, where,
+/// and what to do.
 #[derive(Debug, Error)]
 #[non_exhaustive]
+#[expect(missing_docs, reason = "the message of each variant says what it and its fields mean")]
 pub enum StoreError {
     #[error("data folder {} cannot be used: {reason}", dir.display())]
     Unusable { dir: PathBuf, reason: io::Error },

@@ -25,17 +25,38 @@ macro_rules! identifier {
     };
 }
 
-identifier!(JobId);
-identifier!(TaskId);
-identifier!(RunId);
-identifier!(DatasetId);
-identifier!(CheckpointId);
-identifier!(TokenId);
+identifier!(
+    /// A job.
+    JobId
+);
+identifier!(
+    /// A task of a job.
+    TaskId
+);
+identifier!(
+    /// The record of a training or an evaluation.
+    RunId
+);
+identifier!(
+    /// A dataset.
+    DatasetId
+);
+identifier!(
+    /// A checkpoint.
+    CheckpointId
+);
+identifier!(
+    /// A token.
+    TokenId
+);
 identifier!(
     /// An experiment of tracked runs.
     ExperimentId
 );
-identifier!(TrackedRunId);
+identifier!(
+    /// A run that a client of MLflow has logged.
+    TrackedRunId
+);
 identifier!(
     /// A combination of resources that tasks ask for.
     ResourcesId
@@ -48,6 +69,8 @@ identifier!(
 /// A task and the epoch at which it was claimed. It gives a worker the right to write.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Fence {
+    /// The leased task.
     pub task: TaskId,
+    /// The number of the lease: one more at every claim of the task.
     pub epoch: Epoch,
 }

@@ -33,6 +33,8 @@
 //! million steps checks the laws of the rules on a queue in memory, and repeats the walk through a
 //! store.
 
+#![warn(missing_docs)]
+
 mod access;
 mod clock;
 mod database;

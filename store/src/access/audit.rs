@@ -14,6 +14,7 @@ pub struct AuditEntry {
     pub actor: String,
     /// The address that the request came from.
     pub address: String,
+    /// The method of HTTP.
     pub method: String,
     /// The path and the query.
     pub path: String,
@@ -26,8 +27,11 @@ pub struct AuditEntry {
 /// An entry with its id and its time.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AuditRecord {
+    /// Its place in the log. Ids grow with time.
     pub id: i64,
+    /// When the request was answered.
     pub at: Timestamp,
+    /// The request.
     pub entry: AuditEntry,
 }
 

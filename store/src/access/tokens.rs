@@ -26,15 +26,21 @@ const MAX_SESSIONS: u32 = 10_000;
 /// A token's record, without the token itself.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Token {
+    /// Its id, which never changes.
     pub id: TokenId,
+    /// Its name, which no other token has until it is revoked.
     pub name: String,
     /// SHA-256 of the token.
     pub digest: Digest,
+    /// The largest scope of requests that it permits.
     pub scope: Scope,
+    /// When it was created.
     pub created_at: Timestamp,
+    /// When it stops to permit anything; never without a value.
     pub expires_at: Option<Timestamp>,
     /// Precise to the minute.
     pub last_used_at: Option<Timestamp>,
+    /// When it was revoked.
     pub revoked_at: Option<Timestamp>,
     /// Whether it was neither revoked nor expired when it was read.
     pub is_valid: bool,
@@ -43,8 +49,11 @@ pub struct Token {
 /// A token to be created.
 #[derive(Clone, Copy, Debug)]
 pub struct NewToken<'a> {
+    /// A name that no other token has.
     pub name: &'a str,
+    /// The digest of the token. The store never learns the token itself.
     pub digest: Digest,
+    /// The largest scope of requests that it permits.
     pub scope: Scope,
     /// How long it is valid; `None` for ever.
     pub lifetime: Option<Duration>,

@@ -32,16 +32,22 @@ pub struct Event {
     /// The ids follow the order in which events have settled. No event appears later with a smaller
     /// id than one that was read from an [`EventTail`].
     pub id: i64,
+    /// When it happened.
     pub at: Timestamp,
+    /// Which event it is.
     pub kind: EventKind,
+    /// The job that it belongs to.
     pub job: JobId,
     /// The event's other fields. They depend on its kind.
     pub data: Value,
 }
 
+/// A choice of events.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct EventFilter<'a> {
+    /// Events of these jobs alone.
     pub jobs: Option<&'a [JobId]>,
+    /// Events of this kind alone.
     pub kind: Option<EventKind>,
 }
 

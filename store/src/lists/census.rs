@@ -8,7 +8,9 @@ use crate::{Store, StoreError, boxed};
 /// Counts by kind of job. Counts of zero are left out.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Census {
+    /// Number of jobs of each kind in each state.
     pub jobs: Vec<(String, JobState, u64)>,
+    /// Number of tasks of each kind of job in each state.
     pub tasks: Vec<(String, TaskState, u64)>,
     /// Those of jobs that were deleted for good included; without an outcome, those that go on.
     pub attempts: Vec<(String, Option<AttemptOutcome>, u64)>,

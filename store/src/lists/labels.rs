@@ -13,7 +13,9 @@ use crate::{JobId, Store, StoreError, boxed};
 pub struct Labels {
     /// Replaces the name that the item was made with.
     pub name: Option<String>,
+    /// A note in Markdown.
     pub note: Option<String>,
+    /// Words that lists are filtered by.
     pub tags: BTreeSet<String>,
 }
 
@@ -24,6 +26,7 @@ pub const MAX_TAGS: usize = 32;
 const FOLDED_AT_ONCE: i64 = 1000;
 
 impl Labels {
+    /// Whether there is no name, no note and no tag.
     pub fn is_empty(&self) -> bool {
         *self == Self::default()
     }

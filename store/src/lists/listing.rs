@@ -17,6 +17,7 @@ use crate::{ItemKind, Page, Store, StoreError, Timestamp};
 pub struct Listing {
     /// The job's kind.
     pub kind: Option<String>,
+    /// The state of the item, or of its job, in the words of the API.
     pub state: Option<String>,
     /// The item or its job must have each of these tags.
     pub tags: Vec<String>,
@@ -30,7 +31,9 @@ pub struct Listing {
     pub before: Option<i64>,
     /// Only jobs that somebody asked for: pipelines, and jobs that do not belong to one.
     pub experiments_alone: bool,
+    /// The sort key.
     pub sort: Sort,
+    /// Which end comes first.
     pub direction: Direction,
     /// Items after this position. Pass the end of the page before.
     pub after: Option<Position>,
@@ -75,30 +78,40 @@ impl Listing {
     }
 }
 
+/// The order of a list.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Direction {
+    /// Small values first.
     Ascending,
+    /// Large values first.
     Descending,
 }
 
 /// The position of a row in a list: its sort key, and then its id.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Position {
+    /// The item's sort key.
     pub key: Key,
+    /// The item's id, which decides between equal keys.
     pub id: i64,
 }
 
+/// The value of a sort key.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum Key {
+    /// A count, a moment in milliseconds, or an id.
     Integer(i64),
+    /// A measure.
     Number(f64),
+    /// A name.
     Text(String),
 }
 
 /// A page of a list.
 #[derive(Clone, Debug)]
 pub struct Listed<T> {
+    /// The items of the page, in order.
     pub items: Vec<T>,
     /// The position at which the next page begins; `None` on the last page.
     pub end: Option<Position>,

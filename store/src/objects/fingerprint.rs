@@ -13,6 +13,7 @@ pub struct StoredObject {
     pub path: String,
     /// Size in bytes.
     pub size: u64,
+    /// The digest of all bytes.
     pub sha256: Digest,
 }
 
@@ -21,6 +22,7 @@ pub struct StoredObject {
 pub enum Fingerprint {
     /// In bytes.
     Size(u64),
+    /// An object that was compared byte by byte, by its digest.
     Sha256(Digest),
 }
 

@@ -77,6 +77,7 @@ pub struct ObjectBytes {
     pub size: u64,
     /// The range of bytes that follow.
     pub range: Range<u64>,
+    /// The bytes, in pieces. It ends with an error if they are not those of the row.
     pub stream: BoxStream<'static, Result<Bytes, StoreError>>,
 }
 

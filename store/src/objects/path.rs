@@ -30,10 +30,12 @@ pub(crate) fn tracked_artifact(run: TrackedRunId) -> String {
     format!("tracked/{run}/artifact")
 }
 
+/// The path of a file of a shard. An attempt with another epoch writes another file.
 pub fn shard(job: JobId, ordinal: u32, epoch: Epoch, content: FileContent) -> String {
     format!("datasets/{job}/shard-{ordinal:05}-e{epoch}-{content}.parquet")
 }
 
+/// The path of a file of a checkpoint. An attempt with another epoch writes another file.
 pub fn checkpoint(job: JobId, step: u64, epoch: Epoch, name: &str) -> String {
     format!("checkpoints/{job}/step-{step:08}-e{epoch}/{name}")
 }

@@ -26,6 +26,7 @@ pub struct S3Options {
     endpoint: Option<String>,
     /// A PEM file with certificates to trust besides those of the system.
     ca_bundle: Option<PathBuf>,
+    /// How long requests wait for the service.
     pub patience: Patience,
     /// Size limit of the copies on this machine, in bytes.
     pub cache_bytes: u64,

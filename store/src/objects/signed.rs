@@ -23,6 +23,8 @@ impl fmt::Debug for UrlSigner {
 /// The purpose for which a URL is signed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SignedFor {
+    /// Reads the object.
     Get,
+    /// Asks for the size of the object.
     Head,
 }

@@ -19,6 +19,7 @@ pub struct ObjectsUrl {
 }
 
 impl ObjectsUrl {
+    /// The name of the bucket.
     pub fn bucket(&self) -> &str {
         &self.bucket
     }

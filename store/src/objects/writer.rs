@@ -81,6 +81,7 @@ impl ObjectWriter {
         Self { to, path: path.to_owned(), size: 0, digest: Sha256::new(), room: None }
     }
 
+    /// The path of the object.
     pub fn path(&self) -> &str {
         &self.path
     }

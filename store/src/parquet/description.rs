@@ -13,6 +13,7 @@ use crate::{FileContent, ShardContents, StoredObject};
 /// wherever they were made.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DatasetDescription {
+    /// The name that the dataset has when the file is written.
     pub name: String,
     /// SHA-256 of the spec in canonical JSON. It identifies the dataset.
     pub digest: Digest,
@@ -24,10 +25,13 @@ pub struct DatasetDescription {
     pub trajectories: u64,
     /// Number of samples of each trajectory.
     pub samples: u32,
+    /// Number of samples per second.
     pub rate_hz: f64,
     /// Draws that were refused while making those trajectories.
     pub rejected: u64,
+    /// The columns of each kind of file.
     pub columns: TableColumns,
+    /// The shards, by ordinal.
     pub shards: Vec<ShardDescription>,
     /// The job that makes the dataset again, without its execution.
     pub spec: Value,
@@ -42,24 +46,33 @@ pub struct TableColumns {
     pub robots: Vec<Column>,
 }
 
+/// A shard of a dataset, with its files.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ShardDescription {
+    /// Its ordinal.
     pub shard: u32,
     /// Index of the first trajectory.
     pub first: u64,
     /// Number of trajectories.
     pub trajectories: u64,
+    /// Number of draws that were rejected on the way to its trajectories.
     pub rejected: u64,
+    /// Its files, one of each content.
     pub files: Vec<FileDescription>,
 }
 
+/// A file of a shard.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FileDescription {
+    /// Its name in the folder of the dataset.
     pub name: String,
+    /// What its rows are.
     pub content: FileContent,
+    /// Number of rows.
     pub rows: u64,
     /// In bytes.
     pub size: u64,
+    /// The digest of its bytes.
     pub sha256: Digest,
 }
 
@@ -72,22 +85,28 @@ pub struct CheckpointDescription {
     pub version: String,
     /// Optimizer steps taken.
     pub step: u64,
+    /// Whether it is the last checkpoint of its training.
     pub is_final: bool,
+    /// Whether its validation is the best of its training so far.
     pub is_best: bool,
     /// Metrics of the newest validation.
     pub metrics: BTreeMap<String, f64>,
     /// The result of the training, if it ended with this checkpoint.
     pub result: Option<Value>,
+    /// Its files.
     pub files: Vec<CheckpointFileDescription>,
     /// The job that makes the checkpoint again.
     pub spec: Value,
 }
 
+/// A file of a checkpoint.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct CheckpointFileDescription {
+    /// Its name in the folder of the checkpoint.
     pub name: String,
     /// In bytes.
     pub size: u64,
+    /// The digest of its bytes.
     pub sha256: Digest,
 }
 
@@ -118,6 +137,7 @@ impl DatasetDescription {
 }
 
 impl ShardDescription {
+    /// Describes a shard whose trajectories have `samples` samples each.
     pub fn new(ordinal: u32, shard: &ShardContents, samples: u32) -> Self {
         let file = |(content, object): (FileContent, &StoredObject)| FileDescription {
             name: content.file_name(ordinal),
@@ -135,6 +155,7 @@ impl ShardDescription {
         }
     }
 
+    /// The file with this content.
     pub fn file(&self, content: FileContent) -> Option<&FileDescription> {
         self.files.iter().find(|file| file.content == content)
     }

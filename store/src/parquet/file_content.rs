@@ -15,8 +15,10 @@ pub enum FileContent {
 }
 
 impl FileContent {
+    /// Both contents.
     pub const ALL: [Self; 2] = [Self::Trajectories, Self::Robots];
 
+    /// The word in paths and rows.
     pub const fn as_str(self) -> &'static str {
         match self {
             Self::Trajectories => "trajectories",

@@ -9,6 +9,7 @@ use crate::{DatasetId, Store, StoreError};
 /// Counts, ranges and spectra of one shard, or of several.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct ShardSummary {
+    /// Number of trajectories.
     pub trajectories: u64,
     /// Number of samples of all trajectories together.
     pub samples: u64,
@@ -16,15 +17,20 @@ pub struct ShardSummary {
     pub rejected: u64,
     /// The channels of the trajectories, in the order of their columns.
     pub channels: Vec<ChannelSummary>,
+    /// The spectra of the channels.
     pub spectra: Vec<Spectrum>,
 }
 
 /// Statistics of all samples of a column.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ChannelSummary {
+    /// The name of the channel, which is its column.
     pub name: String,
+    /// The smallest value, in the unit of the channel.
     pub min: f64,
+    /// The largest value, in the unit of the channel.
     pub max: f64,
+    /// The mean of all values, in the unit of the channel.
     pub mean: f64,
     /// Standard deviation of these samples; it is not corrected for an estimate.
     pub std: f64,
@@ -36,6 +42,7 @@ pub struct ChannelSummary {
 pub struct Spectrum {
     /// `u` or `q`.
     pub signal: String,
+    /// Number of trajectories that the spectrum averages.
     pub trajectories: u64,
     /// Distance between frequencies in Hz. The first is 0 Hz.
     pub step_hz: f64,

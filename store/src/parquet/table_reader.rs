@@ -57,10 +57,12 @@ impl TableReader {
         Ok(Self { file, metadata, path })
     }
 
+    /// The path of the object.
     pub fn path(&self) -> &str {
         &self.path
     }
 
+    /// Number of rows of the whole table.
     pub fn rows(&self) -> u64 {
         self.metadata.metadata().file_metadata().num_rows().unsigned_abs()
     }

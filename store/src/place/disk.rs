@@ -10,6 +10,7 @@ use nix::sys::statvfs::statvfs;
 /// Space on the disk of the data folder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DiskSpace {
+    /// Bytes that the user of this process may still write.
     pub free_bytes: u64,
     /// Space kept free. With less, no task is claimed, because each one would fail.
     pub reserved_bytes: u64,
@@ -53,6 +54,7 @@ impl DiskSpace {
         })
     }
 
+    /// Whether tasks wait until there is more room.
     pub const fn is_low(&self) -> bool {
         self.free_bytes < self.reserved_bytes
     }

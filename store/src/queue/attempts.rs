@@ -6,19 +6,26 @@ use crate::database::Transaction;
 use crate::database::query::{FromRow, Row, sql};
 use crate::{Epoch, Fence, JobId, Page, Store, StoreError, TaskId, Timestamp, boxed};
 
+/// An attempt at a task: the time from a claim to its end.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Attempt {
+    /// Its id. Later attempts have larger ones.
     pub id: i64,
+    /// The claimed task.
     pub task: TaskId,
     /// The task's label.
     pub label: String,
+    /// The epoch of the claim.
     pub epoch: Epoch,
+    /// The name of the worker.
     pub worker: String,
     /// `None` while the attempt is running.
     pub outcome: Option<AttemptOutcome>,
     /// Why it failed, or why the worker had to give the task back.
     pub reason: Option<String>,
+    /// When the worker claimed the task.
     pub started_at: Timestamp,
+    /// When it ended; `None` while it lasts.
     pub ended_at: Option<Timestamp>,
     /// Bytes logged, including those that were dropped; `None` without a log.
     pub log_bytes: Option<u64>,

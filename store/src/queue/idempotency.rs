@@ -9,6 +9,7 @@ use crate::{Store, StoreError, Submitted};
 /// Makes a repeated request return the outcome of the first one.
 #[derive(Clone, Debug)]
 pub struct Idempotency {
+    /// The key that the client chose.
     pub key: String,
     /// Digest of the request. The same key with another request is refused.
     pub request: Digest,

@@ -16,8 +16,10 @@ use crate::{
     DatasetId, Deletion, ItemKind, JobId, Listing, RunId, Store, StoreError, Timestamp, boxed,
 };
 
+/// A job as it is now, with its progress and the ids of its results.
 #[derive(Clone, Debug)]
 pub struct Job {
+    /// Its id, which URLs and commands use.
     pub id: JobId,
     /// The store does not interpret it.
     pub kind: String,
@@ -25,26 +27,35 @@ pub struct Job {
     pub name: String,
     /// The name that users gave it, if they gave one.
     pub given_name: Option<String>,
+    /// A note in Markdown.
     pub note: Option<String>,
     /// Sorted.
     pub tags: Vec<String>,
     /// Resolved: every default filled in, every reference a digest.
     pub spec: Value,
+    /// The digest of what it computes. Jobs with the same digest have the same results.
     pub digest: Digest,
+    /// Where it stands between its submission and its end.
     pub state: JobState,
     /// Why it failed or was cancelled.
     pub error: Option<String>,
     /// The place in line, the attempts and the needed resources of its tasks.
     pub execution: Execution,
+    /// Whether it ends as soon as its workers notice.
     pub cancel_requested: bool,
+    /// How much of its work is done.
     pub progress: JobProgress,
     /// The dataset that it fills, if it fills one.
     pub dataset: Option<DatasetId>,
     /// Its record, if it leaves one.
     pub run: Option<RunId>,
+    /// When it was submitted.
     pub created_at: Timestamp,
+    /// When a worker first claimed one of its tasks.
     pub started_at: Option<Timestamp>,
+    /// When it reached a final state.
     pub finished_at: Option<Timestamp>,
+    /// When it was moved to the trash; `None` if it was not.
     pub deletion: Option<Deletion>,
 }
 
@@ -52,7 +63,9 @@ pub struct Job {
 /// and all its jobs.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct JobProgress {
+    /// Work that is done, in `unit`.
     pub done: u64,
+    /// All work, in `unit`; 0 while it is not known.
     pub total: u64,
     /// The unit of the counts, e.g. `trajectories`.
     pub unit: String,
@@ -90,9 +103,12 @@ impl Default for Page {
     }
 }
 
+/// A choice of jobs. Nothing is left out by default.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct JobFilter<'a> {
+    /// Jobs of this kind alone.
     pub kind: Option<&'a str>,
+    /// Jobs in this state alone.
     pub state: Option<JobState>,
 }
 

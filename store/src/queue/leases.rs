@@ -28,9 +28,12 @@ use crate::database::{Claim, Scope, Transaction};
 use crate::queue::{fences, pipelines};
 use crate::{ClaimedTask, Fence, IdlePoll, JobId, Progress, Store, StoreError};
 
+/// The answer to the renewal of a lease.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Lease {
+    /// The worker still has the task.
     Held {
+        /// Whether the worker should stop at once, because the job was cancelled.
         cancel_requested: bool,
     },
     /// The lease is lost, and another worker may have the task: stop.

@@ -53,20 +53,26 @@ pub struct NewLogChunk {
 pub struct LogChunk {
     /// Grows from chunk to chunk of a job, for all attempts together.
     pub id: i64,
+    /// The id of the attempt that wrote it.
     pub attempt: i64,
+    /// The task of the attempt.
     pub task: TaskId,
     /// The task's label.
     pub label: String,
+    /// The name of the worker.
     pub worker: String,
     /// See [`NewLogChunk`]. Bytes between two chunks were dropped.
     pub position: u64,
+    /// Whole lines.
     pub text: String,
+    /// When it was stored.
     pub written_at: Timestamp,
 }
 
 /// Selects logs.
 #[derive(Clone, Debug, Default)]
 pub struct LogFilter {
+    /// Logs of attempts at tasks of these jobs.
     pub jobs: Vec<JobId>,
     /// Only logs of these tasks.
     pub tasks: Option<Vec<TaskId>>,
@@ -78,9 +84,19 @@ pub struct LogFilter {
 #[derive(Clone, Copy, Debug)]
 pub enum LogPage {
     /// The first chunks with a larger id, `limit` at most.
-    After { id: i64, limit: u32 },
+    After {
+        /// The last chunk that the reader has; 0 for none.
+        id: i64,
+        /// The largest number of chunks.
+        limit: u32,
+    },
     /// The last chunks with a smaller id, or the last of all; `limit` at most.
-    Before { id: Option<i64>, limit: u32 },
+    Before {
+        /// The first chunk that the reader has; `None` if it has none.
+        id: Option<i64>,
+        /// The largest number of chunks.
+        limit: u32,
+    },
 }
 
 impl NewLogChunk {

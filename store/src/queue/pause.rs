@@ -4,6 +4,7 @@ use crate::database::query::sql;
 use crate::database::{Scope, Transaction};
 use crate::{Store, StoreError, Timestamp, boxed};
 
+/// The state of the queue as a whole.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Queue {
     /// The moment since when the queue is paused.

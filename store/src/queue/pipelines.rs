@@ -15,14 +15,19 @@ use crate::{JobId, JobProgress, Store, StoreError, boxed};
 /// A member of a pipeline.
 #[derive(Clone, Debug)]
 pub struct Member {
+    /// The pipeline that has the member.
     pub pipeline: JobId,
+    /// Its name in the pipeline.
     pub name: String,
+    /// The job that it is.
     pub job: JobId,
     /// The store does not interpret it.
     pub kind: String,
+    /// Where its job stands.
     pub state: JobState,
     /// Why it failed or was cancelled.
     pub error: Option<String>,
+    /// How much of its work is done.
     pub progress: JobProgress,
     /// Whether the job existed before the pipeline was submitted.
     pub reused: bool,

@@ -25,8 +25,11 @@ const LATE: u32 = 3;
 /// The tasks whose leases ended, by their new states.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Reaped {
+    /// Tasks that other workers may claim now.
     pub queued: u32,
+    /// Tasks that have no attempt left.
     pub failed: u32,
+    /// Tasks of jobs that were being cancelled.
     pub cancelled: u32,
 }
 

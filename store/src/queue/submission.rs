@@ -22,8 +22,11 @@ use crate::{CheckpointId, EventKind, Idempotency, JobId, Labels, Store, StoreErr
 pub struct Submission {
     /// The jobs. Each comes after the jobs it needs. Without a pipeline there is exactly one.
     pub jobs: Vec<NewJob>,
+    /// The pipeline that the jobs form, if they form one.
     pub pipeline: Option<NewPipeline>,
+    /// Whether earlier work may be used.
     pub reuse: Reuse,
+    /// Makes a repeated request return the outcome of the first one.
     pub idempotency: Option<Idempotency>,
     /// The labels of the pipeline or of the one job. They are not part of a spec and do not change
     /// its digest.
@@ -108,6 +111,7 @@ pub enum Output {
     },
     /// A run: a record of parameters, metrics, artifacts and checkpoints.
     Run,
+    /// It leaves no more than the results of its tasks.
     Nothing,
 }
 
@@ -124,6 +128,7 @@ pub struct JobReuse {
 /// The parts of a job that another job with the same digest can use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PartReuse {
+    /// Nothing is taken over.
     Nothing,
     /// Results of completed tasks. They are copied when the new job is submitted.
     Tasks,
@@ -137,16 +142,20 @@ pub enum PartReuse {
 pub enum Need {
     /// A job of the same submission, by index.
     New(usize),
+    /// A job that was submitted before.
     Existing(JobId),
 }
 
+/// A task of a job to submit.
 #[derive(Clone, Debug)]
 pub struct NewTask {
     /// Tasks of a stage wait for all tasks of earlier stages.
     pub stage: u32,
     /// Unique in its stage.
     pub ordinal: u32,
+    /// A name for people, such as `shard 3`.
     pub label: String,
+    /// The part of the job that it is. The store does not interpret it.
     pub payload: Value,
     /// Amount of work of this task, in the job's unit.
     pub total: u64,
@@ -161,8 +170,10 @@ pub struct NewPipeline {
     pub members: Vec<NewMember>,
 }
 
+/// A member of a pipeline to submit.
 #[derive(Clone, Debug)]
 pub struct NewMember {
+    /// Its name in the pipeline.
     pub name: String,
     /// The index of the job in the submission.
     pub job: usize,
@@ -173,6 +184,7 @@ pub struct NewMember {
 pub enum Reuse {
     /// Yes, as far as the [`JobReuse`] of each job allows. A pipeline is reused as a whole.
     SameDigest,
+    /// No: everything is done again.
     Never,
 }
 

@@ -14,6 +14,7 @@ use crate::{Checkpoint, DatasetId, Fence, JobId, RunId, ShardContents, Store, St
 /// A shard of another job with the same digest.
 #[derive(Clone, Debug)]
 pub struct EarlierShard {
+    /// What the shard has, with its files.
     pub contents: ShardContents,
     /// The result of the task that made it.
     pub result: Option<Value>,

@@ -24,14 +24,19 @@ macro_rules! select_overview {
 /// A task without its payload and its result, which may both be large.
 #[derive(Clone, Debug)]
 pub struct TaskOverview {
+    /// Its id.
     pub id: TaskId,
+    /// The job that it belongs to.
     pub job: JobId,
+    /// A name for people, such as `shard 3`.
     pub label: String,
+    /// Where it stands between its submission and its end.
     pub state: TaskState,
     /// See [`Task`].
     pub attempt: u32,
     /// The worker that has it, or had it last.
     pub worker: Option<String>,
+    /// How much of its work is done.
     pub progress: Progress,
     /// Amount of work in the job's unit.
     pub total: u64,
@@ -57,9 +62,11 @@ impl TaskPage {
 /// The number of tasks of a job that have the same value in a field of their results.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ResultTally {
+    /// The job that the tasks belong to.
     pub job: JobId,
     /// `None` for tasks without a result, or without the field.
     pub value: Option<String>,
+    /// Number of tasks with a result.
     pub tasks: u64,
 }
 

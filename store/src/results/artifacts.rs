@@ -15,21 +15,29 @@ use crate::{Fence, RunId, Store, StoreError, StoredObject, Timestamp, boxed, obj
 
 const COMMIT: &str = "committing an artifact";
 
+/// A file that a run has left.
 #[derive(Clone, Debug)]
 pub struct Artifact {
+    /// The run that left it.
     pub run: RunId,
+    /// Its name, which no other artifact of the run has.
     pub name: String,
     /// E.g. `image/svg+xml`.
     pub media_type: String,
+    /// Its bytes.
     pub object: StoredObject,
+    /// When it was stored.
     pub created_at: Timestamp,
 }
 
+/// A file to keep with a run.
 #[derive(Clone, Debug)]
 pub struct NewArtifact<'a> {
     /// E.g. `rmse-multisine.svg`. An artifact of the run with the same name is replaced.
     pub name: &'a str,
+    /// The media type that downloads get.
     pub media_type: &'a str,
+    /// Its bytes.
     pub bytes: Bytes,
 }
 

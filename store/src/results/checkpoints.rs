@@ -34,13 +34,18 @@ macro_rules! select_checkpoint {
     };
 }
 
+/// A checkpoint of a training, as it is now.
 #[derive(Clone, Debug)]
 pub struct Checkpoint {
+    /// Its id.
     pub id: CheckpointId,
+    /// The training.
     pub job: JobId,
+    /// The record of the training.
     pub run: RunId,
     /// The name that users gave it.
     pub name: Option<String>,
+    /// A note in Markdown.
     pub note: Option<String>,
     /// Sorted.
     pub tags: Vec<String>,
@@ -60,30 +65,39 @@ pub struct Checkpoint {
     pub digest: Digest,
     /// Sorted by name.
     pub files: Vec<CheckpointFile>,
+    /// When it was committed.
     pub created_at: Timestamp,
+    /// When it was moved to the trash; `None` if it was not.
     pub deletion: Option<Deletion>,
 }
 
+/// A file of a checkpoint.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct CheckpointFile {
     /// E.g. `model.safetensors`.
     pub name: String,
+    /// Its bytes.
     pub object: StoredObject,
 }
 
 impl Checkpoint {
+    /// The file with this name.
     pub fn file(&self, name: &str) -> Option<&StoredObject> {
         self.files.iter().find(|file| file.name == name).map(|file| &file.object)
     }
 }
 
+/// A checkpoint to commit. Its files are published already.
 #[derive(Clone, Debug)]
 pub struct NewCheckpoint {
+    /// The training step after which it was made.
     pub step: u64,
+    /// Whether the training ends with it.
     pub is_final: bool,
     /// Makes this the best checkpoint in place of the one before. A later commit of the same step
     /// does not undo that.
     pub is_best: bool,
+    /// The validation, by the names of its measures.
     pub metrics: BTreeMap<String, f64>,
     /// Files that are published already.
     pub files: Vec<CheckpointFile>,
@@ -92,6 +106,7 @@ pub struct NewCheckpoint {
 /// Selects one of the checkpoints of the trainings with a digest.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum WhichCheckpoint {
+    /// The last one of an ended training.
     Final,
     /// The best one of a training that succeeded.
     Best,

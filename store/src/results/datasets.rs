@@ -52,20 +52,26 @@ macro_rules! select_dataset {
     };
 }
 
+/// A dataset as it is now.
 #[derive(Clone, Debug)]
 pub struct Dataset {
+    /// Its id.
     pub id: DatasetId,
+    /// The job that fills it.
     pub job: JobId,
     /// The job's digest.
     pub digest: Digest,
     /// The name that users gave it, or the name of its job.
     pub name: String,
+    /// A note in Markdown.
     pub note: Option<String>,
     /// Sorted.
     pub tags: Vec<String>,
     /// Tags of the job, sorted.
     pub job_tags: Vec<String>,
+    /// The spec of its job.
     pub spec: Value,
+    /// Whether all its shards exist.
     pub state: DatasetState,
     /// Number of trajectories when it is complete.
     pub trajectories: u64,
@@ -77,16 +83,22 @@ pub struct Dataset {
     pub rejected: u64,
     /// Size of all files so far.
     pub bytes: u64,
+    /// When its job was submitted.
     pub created_at: Timestamp,
+    /// When its last shard was committed.
     pub completed_at: Option<Timestamp>,
+    /// When it was moved to the trash; `None` if it was not.
     pub deletion: Option<Deletion>,
 }
 
 /// A committed shard.
 #[derive(Clone, Debug)]
 pub struct Shard {
+    /// The dataset that it is a part of.
     pub dataset: DatasetId,
+    /// Its place in the dataset.
     pub ordinal: u32,
+    /// What it has, with its files.
     pub contents: ShardContents,
 }
 
@@ -97,8 +109,11 @@ pub struct ShardContents {
     pub first: u64,
     /// Number of trajectories.
     pub count: u64,
+    /// Number of draws that were rejected on the way to its trajectories.
     pub rejected: u64,
+    /// The file with the samples.
     pub trajectories: StoredObject,
+    /// The file with a row for each trajectory: its robot and its excitation.
     pub robots: StoredObject,
 }
 
@@ -108,6 +123,7 @@ impl ShardContents {
         self.first..self.first + self.count
     }
 
+    /// The file with this content.
     pub const fn file(&self, content: FileContent) -> &StoredObject {
         match content {
             FileContent::Trajectories => &self.trajectories,
@@ -115,6 +131,7 @@ impl ShardContents {
         }
     }
 
+    /// Its files, each with its content.
     pub fn files(&self) -> [(FileContent, &StoredObject); 2] {
         FileContent::ALL.map(|content| (content, self.file(content)))
     }

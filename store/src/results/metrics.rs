@@ -21,6 +21,7 @@ use crate::{EventKind, Fence, RunId, Store, StoreError, Timestamp, boxed};
 pub struct Metric {
     /// E.g. `train/loss`.
     pub key: String,
+    /// The training step that it belongs to.
     pub step: u64,
     /// May be NaN, e.g. the loss of a training that diverged.
     pub value: f64,
@@ -29,6 +30,7 @@ pub struct Metric {
 /// A metric over steps, downsampled for drawing.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MetricCurve {
+    /// Its name.
     pub key: String,
     /// Sorted by step.
     pub points: Vec<CurvePoint>,
@@ -36,10 +38,14 @@ pub struct MetricCurve {
     pub recorded: u64,
 }
 
+/// A point of a curve.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CurvePoint {
+    /// The training step.
     pub step: u64,
+    /// When the point was recorded.
     pub time: Timestamp,
+    /// The value; NaN if it was not a number.
     pub value: f64,
 }
 

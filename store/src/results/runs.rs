@@ -29,26 +29,38 @@ macro_rules! select_run {
     };
 }
 
+/// The record of a training or an evaluation, with where its job stands.
 #[derive(Clone, Debug)]
 pub struct Run {
+    /// Its id.
     pub id: RunId,
+    /// The job that left it.
     pub job: JobId,
     /// The job's kind.
     pub kind: String,
     /// The name that users gave it, or the name of its job.
     pub name: String,
+    /// A note in Markdown.
     pub note: Option<String>,
     /// Sorted.
     pub tags: Vec<String>,
     /// Tags of the job, sorted.
     pub job_tags: Vec<String>,
+    /// The digest of its job.
     pub digest: Digest,
+    /// The spec of its job.
     pub spec: Value,
+    /// The state of its job.
     pub state: JobState,
+    /// Why its job failed or was cancelled.
     pub error: Option<String>,
+    /// When its job was submitted.
     pub created_at: Timestamp,
+    /// When a worker first claimed a task of its job.
     pub started_at: Option<Timestamp>,
+    /// When its job reached a final state.
     pub finished_at: Option<Timestamp>,
+    /// When it was moved to the trash; `None` if it was not.
     pub deletion: Option<Deletion>,
 }
 

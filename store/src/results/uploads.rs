@@ -15,11 +15,14 @@ use crate::objects::{UnfinishedCopy, path, unique_name};
 use crate::place::disk::LastRoom;
 use crate::{Store, StoreError, StoredObject, Timestamp, boxed};
 
+/// A file that a user sent for imports.
 #[derive(Clone, Debug)]
 pub struct Upload {
     /// The name that the sender gave it. For a file that was sent twice, the first name.
     pub name: String,
+    /// Its bytes.
     pub object: StoredObject,
+    /// When it was first sent.
     pub created_at: Timestamp,
 }
 

@@ -9,11 +9,14 @@ use crate::{
     Store, StoreError, StoredObject, Timestamp, TrackedRun, TrackedRunId, UploadWriter, boxed,
 };
 
+/// A file that a client has logged with a tracked run.
 #[derive(Clone, Debug)]
 pub struct TrackedArtifact {
     /// The name, with slashes between folders, e.g. `plots/loss.svg`.
     pub name: String,
+    /// Its bytes.
     pub object: StoredObject,
+    /// When it was last sent.
     pub created_at: Timestamp,
 }
 

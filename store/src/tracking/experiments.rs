@@ -8,13 +8,20 @@ use crate::database::query::{from_row, sql};
 use crate::database::{Reading, Scope, Transaction};
 use crate::{ExperimentId, Store, StoreError, Timestamp, boxed};
 
+/// An experiment of MLflow's clients, which groups their runs.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TrackedExperiment {
+    /// Its id. 0 is the experiment of clients that name none, and 1 that of torqued's own runs.
     pub id: ExperimentId,
+    /// A name that no other experiment has.
     pub name: String,
+    /// Whether it is in the trash.
     pub is_deleted: bool,
+    /// When it was created.
     pub created_at: Timestamp,
+    /// When it was last renamed, deleted or restored.
     pub updated_at: Timestamp,
+    /// Its tags, by their keys.
     pub tags: BTreeMap<String, String>,
 }
 

@@ -10,7 +10,9 @@ use crate::{Store, StoreError, Timestamp, TrackedRun, TrackedRunId, boxed};
 /// A number that a client logged.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrackedMetric {
+    /// The name of the metric.
     pub key: String,
+    /// The step that the client said.
     pub step: i64,
     /// The time that the client sent.
     pub time: Timestamp,
@@ -21,8 +23,11 @@ pub struct TrackedMetric {
 /// Everything that one request logs to a run.
 #[derive(Clone, Debug, Default)]
 pub struct TrackedBatch {
+    /// Points of metrics.
     pub metrics: Vec<TrackedMetric>,
+    /// Parameters, as keys and values.
     pub params: Vec<(String, String)>,
+    /// Tags, as keys and values.
     pub tags: Vec<(String, String)>,
     /// The run's new name.
     pub name: Option<String>,

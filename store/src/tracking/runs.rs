@@ -15,46 +15,67 @@ macro_rules! select_tracked_run {
     };
 }
 
+/// A run that a client of MLflow has logged.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TrackedRun {
+    /// Its name for clients: 32 hexadecimal digits.
     pub id: TrackedRunId,
     /// The id that clients use: 32 hexadecimal digits.
     pub identifier: String,
+    /// The experiment that it belongs to.
     pub experiment: ExperimentId,
+    /// Its name for people.
     pub name: String,
+    /// The name of the user that the client said.
     pub user: String,
+    /// Where the client said that it stands.
     pub status: TrackedStatus,
     /// The start time that the client sent. The end time also comes from the client.
     pub start_time: Timestamp,
+    /// When it ended, as the client said.
     pub end_time: Option<Timestamp>,
+    /// Whether it is in the trash.
     pub is_deleted: bool,
 }
 
 /// The status of a run, in MLflow's words.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TrackedStatus {
+    /// It is under way.
     Running,
+    /// It will begin later.
     Scheduled,
+    /// It has succeeded.
     Finished,
+    /// It has failed.
     Failed,
+    /// It was stopped.
     Killed,
 }
 
+/// A tracked run to begin.
 #[derive(Clone, Debug)]
 pub struct NewTrackedRun {
+    /// The experiment that it belongs to.
     pub experiment: ExperimentId,
     /// The name; `None` derives it from the identifier.
     pub name: Option<String>,
+    /// The name of the user.
     pub user: String,
+    /// When it began, as the client says.
     pub start_time: Timestamp,
+    /// Tags, as keys and values.
     pub tags: Vec<(String, String)>,
 }
 
 /// Fields of a run to change.
 #[derive(Clone, Debug, Default)]
 pub struct TrackedRunChange {
+    /// Another name.
     pub name: Option<String>,
+    /// Another status.
     pub status: Option<TrackedStatus>,
+    /// The time of its end.
     pub end_time: Option<Timestamp>,
 }
 
@@ -68,9 +89,11 @@ const READING: &str = "reading tracked runs";
 crate::database::column::word_columns!(TrackedStatus);
 
 impl TrackedStatus {
+    /// All states.
     pub const ALL: [Self; 5] =
         [Self::Running, Self::Scheduled, Self::Finished, Self::Failed, Self::Killed];
 
+    /// The word of MLflow's API.
     pub const fn as_str(self) -> &'static str {
         match self {
             Self::Running => "RUNNING",

@@ -72,9 +72,11 @@ struct Side {
 /// The size of a store.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct StoreContents {
+    /// Number of jobs.
     pub jobs: u64,
     /// Number of rows in all tables that move.
     pub rows: u64,
+    /// Number of objects.
     pub objects: u64,
     /// Size of all objects.
     pub bytes: u64,
@@ -157,6 +159,7 @@ impl Transfer {
         Ok(Self { source, target, contents, has_rows, vanished: Vec::new() })
     }
 
+    /// What moves, and what has moved already.
     pub const fn contents(&self) -> StoreContents {
         self.contents
     }

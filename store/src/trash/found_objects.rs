@@ -13,7 +13,9 @@ const OPERATION: &str = "making a database again";
 
 /// A table that was found.
 pub struct FoundTable {
+    /// The bytes that were found.
     pub object: StoredObject,
+    /// A reader of the file.
     pub reader: TableReader,
 }
 

@@ -18,7 +18,10 @@ use crate::{Item, JobId, Store, StoreError, StoredObject, Timestamp, TrackedRunI
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ripe {
     /// At the date that was set when it was deleted. The database's clock may be ahead by `leap`.
-    AtItsDate { leap: Duration },
+    AtItsDate {
+        /// How far the clock may be ahead.
+        leap: Duration,
+    },
     /// When it was deleted at least this long ago.
     After(Duration),
 }
@@ -26,15 +29,20 @@ pub enum Ripe {
 /// Something that is deleted permanently.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Garbage {
+    /// Which item or leftover it is.
     pub kind: GarbageKind,
     /// The name of its job, its run or its file.
     pub name: String,
+    /// Number of files that go.
     pub files: u64,
+    /// Number of bytes that go.
     pub bytes: u64,
 }
 
+/// What is deleted for good.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum GarbageKind {
+    /// An item in the trash.
     Item(Item),
     /// A run logged by an MLflow client, under the name that clients use.
     TrackedRun(String),

@@ -76,6 +76,7 @@ pub struct Swept {
 }
 
 impl Sweeper {
+    /// A sweeper of this store. It has found nothing yet.
     pub fn new(store: Store) -> Self {
         Self { store, announced: HashSet::new() }
     }

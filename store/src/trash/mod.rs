@@ -38,6 +38,7 @@ use crate::{JobId, Store, StoreError, Timestamp};
 /// The record of a deletion.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Deletion {
+    /// When it was moved to the trash.
     pub deleted_at: Timestamp,
     /// It can be restored until this moment at least.
     pub purge_at: Timestamp,
@@ -50,6 +51,7 @@ pub struct Deletion {
 /// How an item is to be deleted.
 #[derive(Clone, Copy, Debug)]
 pub struct DeletionOrder<'a> {
+    /// Which jobs that depend on the item prevent its deletion.
     pub respect: Respect,
     /// How long it can be restored.
     pub keep: Duration,
@@ -60,28 +62,35 @@ pub struct DeletionOrder<'a> {
 /// The items that a deletion moved into the trash.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Deleted {
+    /// The item that was asked for.
     pub item: Item,
     /// The items that it owns.
     pub along: Vec<Item>,
+    /// When it was moved to the trash.
     pub deleted_at: Timestamp,
+    /// When it will be deleted for good.
     pub purge_at: Timestamp,
 }
 
 /// An item in the trash that was not deleted together with its owner.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Trashed {
+    /// The item in the trash.
     pub item: Item,
     /// The name of its job.
     pub name: String,
     /// Size of its files and of the files of items that were deleted with it.
     pub bytes: u64,
+    /// When it was deleted, and why.
     pub deletion: Deletion,
 }
 
 /// A position in the trash, which is sorted by these fields, latest first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TrashPlace {
+    /// When the last item before the page was deleted.
     pub deleted_at: Timestamp,
+    /// That item, which decides between items of the same moment.
     pub item: Item,
 }
 

@@ -26,8 +26,11 @@ pub struct Retention {
 /// An item whose retention time is over.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Outdated {
+    /// The item to delete.
     pub item: Item,
+    /// Its name for people.
     pub name: String,
+    /// Why it need not be kept.
     pub reason: String,
 }
 

@@ -10,25 +10,33 @@ use crate::{CheckpointId, DatasetId, JobId, RunId};
 /// Something that can be deleted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Item {
+    /// Which table of items it is in.
     pub kind: ItemKind,
+    /// Its id among the items of its kind.
     pub id: i64,
 }
 
 /// A job that depends on an item.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Dependent {
+    /// The job.
     pub job: JobId,
     /// The store does not interpret it.
     pub kind: String,
+    /// The name of the job for people.
     pub name: String,
+    /// Where the job stands.
     pub state: JobState,
+    /// Why it depends on the item.
     pub relation: Relation,
+    /// The digest of the job.
     pub digest: Digest,
 }
 
 /// The dependents that prevent a deletion.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Respect {
+    /// Every job that depends on the item.
     All,
     /// Only jobs that have not ended.
     Open,
@@ -60,6 +68,7 @@ pub(crate) fn obstacle(
 }
 
 impl Item {
+    /// The item of this kind with this id.
     pub const fn new(kind: ItemKind, id: i64) -> Self {
         Self { kind, id }
     }

@@ -16,6 +16,7 @@ use crate::{JobId, Store, StoreError, Worker, boxed};
 /// Waiting tasks that ask for the same resources.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Demand {
+    /// The resources that a worker must offer.
     pub resources: Resources,
     /// Number of tasks that may be claimed now.
     pub waiting: u64,
@@ -29,7 +30,12 @@ pub enum Wait {
     /// No live worker offers the resources that they ask for.
     Unoffered(Resources),
     /// Only these workers offer the resources, and they are drained.
-    Drained { resources: Resources, workers: Vec<String> },
+    Drained {
+        /// The resources.
+        resources: Resources,
+        /// The names of the workers.
+        workers: Vec<String>,
+    },
 }
 
 impl Store {

@@ -11,6 +11,7 @@ use crate::{Store, StoreError};
 pub struct DutyClaim(Option<DutyLock>);
 
 impl Store {
+    /// A claim to a duty of servers. Nobody has taken it yet.
     pub fn duty(&self, duty: Duty) -> DutyClaim {
         DutyClaim(self.database().duty_lock(duty))
     }

@@ -18,7 +18,9 @@ use crate::{JobId, Store, StoreError, TaskId, Timestamp, boxed};
 pub struct WorkerProcess {
     /// Unique among workers. A new worker takes the place of an ended one with the same name.
     pub name: String,
+    /// The name of its machine.
     pub host: String,
+    /// The id of its process on that machine.
     pub pid: u32,
     /// The version of torqued.
     pub version: String,
@@ -30,14 +32,18 @@ pub struct WorkerProcess {
     pub offers: Resources,
 }
 
+/// A worker as it was last seen.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Worker {
+    /// The process, as it described itself.
     pub process: WorkerProcess,
     /// The moment since when it is drained: it ends its task and claims no other.
     pub drained_at: Option<Timestamp>,
     /// Why it claims no tasks at the moment.
     pub waits_for: Option<String>,
+    /// When it began.
     pub started_at: Timestamp,
+    /// When it last reported its presence.
     pub seen_at: Timestamp,
     /// Whether it was seen within [`Store::WORKER_SEEN_WITHIN`].
     pub is_alive: bool,
@@ -45,10 +51,14 @@ pub struct Worker {
     pub task: Option<WorkersTask>,
 }
 
+/// A task that a worker has.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct WorkersTask {
+    /// Its id.
     pub id: TaskId,
+    /// The job that it belongs to.
     pub job: JobId,
+    /// A name for people, such as `shard 3`.
     pub label: String,
 }
 

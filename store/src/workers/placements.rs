@@ -18,6 +18,7 @@ pub struct Placed {
     pub engine: String,
     /// The engine's name for it, once it has one.
     pub identifier: Option<String>,
+    /// Where the engine says that it stands.
     pub state: PlacementState,
     /// Why it waits, or how it ended.
     pub reason: Option<String>,
@@ -28,14 +29,18 @@ pub struct Placed {
 /// The record of a worker that was requested from an engine.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Placement {
+    /// The worker, as the engine last described it.
     pub placed: Placed,
+    /// When the engine was asked for it.
     pub asked_at: Timestamp,
+    /// When the engine last described it in another way.
     pub changed_at: Timestamp,
 }
 
 /// The engine that workers are requested from.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Engine {
+    /// The name of the engine, such as `Slurm`.
     pub name: String,
     /// Why it provides no workers at the moment.
     pub obstacle: Option<String>,

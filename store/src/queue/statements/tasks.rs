@@ -16,9 +16,12 @@ use crate::{Epoch, Fence, JobId, RunId, StoreError, TaskId, Timestamp};
 /// The duration of leases in rows of a version that did not record it.
 const USUAL_LEASE_MS: i64 = 15_000;
 
+/// A task that a worker has just leased, with what the worker needs to know of its job.
 #[derive(Clone, Debug)]
 pub struct ClaimedTask {
+    /// The proof of the lease, which each write of the worker carries.
     pub fence: Fence,
+    /// The job that the task belongs to.
     pub job: JobId,
     /// The job's kind. The store does not interpret it.
     pub kind: String,
@@ -28,13 +31,19 @@ pub struct ClaimedTask {
     pub digest: Digest,
     /// The job's run, if it leaves one.
     pub run: Option<RunId>,
+    /// The stage of the task. Tasks of later stages wait for it.
     pub stage: u32,
+    /// The place of the task in its stage.
     pub ordinal: u32,
+    /// A name for people, such as `shard 3`.
     pub label: String,
+    /// The part of the job that the task is, for the job's kind.
     pub payload: Value,
+    /// Amount of work, in the job's unit.
     pub total: u64,
     /// 1 at the first claim, and at the first claim after a checkpoint of a later step.
     pub attempt: u32,
+    /// Number of claims after which a failure is final.
     pub max_attempts: u32,
     /// Time limit of an attempt.
     pub time_limit: Option<Duration>,
@@ -53,7 +62,9 @@ pub(crate) struct NextTask {
 pub struct Progress {
     /// Work done in the job's unit, out of the task's `total`.
     pub done: u64,
+    /// Work per second, in the job's unit.
     pub rate_per_second: Option<f64>,
+    /// What the worker is doing, for people.
     pub message: Option<String>,
 }
 
@@ -66,23 +77,36 @@ pub struct IdlePoll {
     pub server_version: Option<String>,
 }
 
+/// A task as it is now.
 #[derive(Clone, Debug)]
 pub struct Task {
+    /// Its id.
     pub id: TaskId,
+    /// The job that it belongs to.
     pub job: JobId,
+    /// Its stage. Tasks of later stages wait for it.
     pub stage: u32,
+    /// Its place in its stage.
     pub ordinal: u32,
+    /// A name for people, such as `shard 3`.
     pub label: String,
+    /// The part of the job that it is, for the job's kind.
     pub payload: Value,
+    /// Where it stands between its submission and its end.
     pub state: TaskState,
     /// Number of claims since it last made progress, see [`Store::commit_checkpoint`].
     pub attempt: u32,
+    /// Number of claims after which a failure is final.
     pub max_attempts: u32,
+    /// The number of its newest lease: one more at every claim.
     pub epoch: Epoch,
     /// The worker that has it, or had it last.
     pub worker: Option<String>,
+    /// When its lease ends, unless it is renewed before.
     pub lease_until: Option<Timestamp>,
+    /// Whether its worker should stop it.
     pub cancel_requested: bool,
+    /// How much of its work is done.
     pub progress: Progress,
     /// Amount of work in the job's unit.
     pub total: u64,
@@ -90,7 +114,9 @@ pub struct Task {
     pub result: Option<Value>,
     /// The error of the last attempt that failed.
     pub error: Option<String>,
+    /// When a worker first claimed it.
     pub started_at: Option<Timestamp>,
+    /// When it reached a final state.
     pub finished_at: Option<Timestamp>,
 }
 
