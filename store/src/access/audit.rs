@@ -14,7 +14,7 @@ pub struct AuditEntry {
     pub actor: String,
     /// The address that the request came from.
     pub address: String,
-    /// The method of HTTP.
+    /// The HTTP method.
     pub method: String,
     /// The path and the query.
     pub path: String,

@@ -36,7 +36,7 @@ pub struct Token {
     pub scope: Scope,
     /// When it was created.
     pub created_at: Timestamp,
-    /// When it stops to permit anything; never without a value.
+    /// When it expires; `None` for never.
     pub expires_at: Option<Timestamp>,
     /// Precise to the minute.
     pub last_used_at: Option<Timestamp>,

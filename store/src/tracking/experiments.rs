@@ -19,7 +19,7 @@ pub struct TrackedExperiment {
     pub is_deleted: bool,
     /// When it was created.
     pub created_at: Timestamp,
-    /// When it was last renamed, deleted or restored.
+    /// When it was last changed.
     pub updated_at: Timestamp,
     /// Its tags, by their keys.
     pub tags: BTreeMap<String, String>,

@@ -12,7 +12,7 @@ use crate::{Store, StoreError, Timestamp, TrackedRun, TrackedRunId, boxed};
 pub struct TrackedMetric {
     /// The name of the metric.
     pub key: String,
-    /// The step that the client said.
+    /// The step that the client sent.
     pub step: i64,
     /// The time that the client sent.
     pub time: Timestamp,

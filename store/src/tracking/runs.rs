@@ -18,7 +18,7 @@ macro_rules! select_tracked_run {
 /// A run that a client of MLflow has logged.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TrackedRun {
-    /// Its name for clients: 32 hexadecimal digits.
+    /// The id of its row.
     pub id: TrackedRunId,
     /// The id that clients use: 32 hexadecimal digits.
     pub identifier: String,
@@ -26,13 +26,13 @@ pub struct TrackedRun {
     pub experiment: ExperimentId,
     /// Its name for people.
     pub name: String,
-    /// The name of the user that the client said.
+    /// The name of the user, as the client sent it.
     pub user: String,
-    /// Where the client said that it stands.
+    /// The status that the client sent.
     pub status: TrackedStatus,
     /// The start time that the client sent. The end time also comes from the client.
     pub start_time: Timestamp,
-    /// When it ended, as the client said.
+    /// When it ended; `None` while it goes on.
     pub end_time: Option<Timestamp>,
     /// Whether it is in the trash.
     pub is_deleted: bool,
@@ -62,7 +62,7 @@ pub struct NewTrackedRun {
     pub name: Option<String>,
     /// The name of the user.
     pub user: String,
-    /// When it began, as the client says.
+    /// When it began, by the client's clock.
     pub start_time: Timestamp,
     /// Tags, as keys and values.
     pub tags: Vec<(String, String)>,
@@ -89,11 +89,11 @@ const READING: &str = "reading tracked runs";
 crate::database::column::word_columns!(TrackedStatus);
 
 impl TrackedStatus {
-    /// All states.
+    /// Every status.
     pub const ALL: [Self; 5] =
         [Self::Running, Self::Scheduled, Self::Finished, Self::Failed, Self::Killed];
 
-    /// The word of MLflow's API.
+    /// Its word in MLflow's API.
     pub const fn as_str(self) -> &'static str {
         match self {
             Self::Running => "RUNNING",

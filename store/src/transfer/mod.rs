@@ -159,7 +159,7 @@ impl Transfer {
         Ok(Self { source, target, contents, has_rows, vanished: Vec::new() })
     }
 
-    /// What moves, and what has moved already.
+    /// The size of the store that moves.
     pub const fn contents(&self) -> StoreContents {
         self.contents
     }

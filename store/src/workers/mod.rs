@@ -35,7 +35,7 @@ pub struct WorkerProcess {
 /// A worker as it was last seen.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Worker {
-    /// The process, as it described itself.
+    /// The process and its machine.
     pub process: WorkerProcess,
     /// The moment since when it is drained: it ends its task and claims no other.
     pub drained_at: Option<Timestamp>,

@@ -33,7 +33,7 @@ pub struct Placement {
     pub placed: Placed,
     /// When the engine was asked for it.
     pub asked_at: Timestamp,
-    /// When the engine last described it in another way.
+    /// When the engine last described it.
     pub changed_at: Timestamp,
 }
 
