@@ -152,7 +152,7 @@ pub enum LiveError {
     /// The checkpoint's files or the device cannot be used.
     #[error("the model cannot be loaded: {reason}")]
     Unusable {
-        /// What is wrong with them.
+        /// The cause, in words.
         reason: String,
     },
 

@@ -1,3 +1,5 @@
+//! Failed requests and failed jobs, in words for the terminal.
+
 use std::fmt::Write;
 
 use reqwest::StatusCode;

@@ -1,3 +1,5 @@
+//! `torqued download`: downloads the files of a dataset, a checkpoint or a run.
+
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicU64, Ordering};

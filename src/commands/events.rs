@@ -1,3 +1,5 @@
+//! `torqued events`: prints events as they happen.
+
 use std::process::ExitCode;
 
 use clap::Args;

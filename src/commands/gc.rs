@@ -1,3 +1,5 @@
+//! `torqued gc`: deletes what is no longer needed.
+
 use std::process::ExitCode;
 use std::time::Duration;
 

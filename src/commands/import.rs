@@ -1,3 +1,5 @@
+//! `torqued import`: sends a file of recordings or predictions, and submits the job that reads it.
+
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 

@@ -1,3 +1,5 @@
+//! `torqued logs`: prints the logs of attempts, and follows them.
+
 use std::collections::HashMap;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};

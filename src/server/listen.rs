@@ -1,3 +1,5 @@
+//! The address of the server: a TCP port, or a socket in the file system.
+
 use std::io::ErrorKind;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::os::unix::fs::{FileTypeExt as _, PermissionsExt as _};

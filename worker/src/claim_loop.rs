@@ -1,3 +1,5 @@
+//! Claims tasks one after the other, and runs each until it ends or has to stop.
+
 use std::any::Any;
 use std::pin::pin;
 use std::sync::Arc;

@@ -1,3 +1,5 @@
+//! The heartbeat of an attempt: it renews the lease, sends the log and passes on reasons to stop.
+
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};

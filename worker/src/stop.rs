@@ -1,3 +1,5 @@
+//! Reasons to stop an attempt, and the signal that carries them to the work.
+
 use std::sync::atomic::{AtomicU8, Ordering};
 use std::time::Duration;
 

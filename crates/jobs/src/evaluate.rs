@@ -1,3 +1,5 @@
+//! Evaluations: a task for each cell, perhaps one for latencies, and one for the report.
+
 use serde::{Deserialize, Serialize};
 use spec::{EvaluateSpec, SpecError};
 use store::{DatasetState, JobReuse, NewTask, Output, PartReuse};

@@ -112,7 +112,7 @@ impl Jumps {
     /// Compares the last rows of the recording, and forgets it.
     ///
     /// # Errors
-    /// As [`Self::accept`].
+    /// Like [`Self::accept`].
     pub fn finish(&mut self) -> Result<(), RowError> {
         while self.next < self.rows.len() {
             self.compare_next()?;

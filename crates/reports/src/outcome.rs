@@ -1,3 +1,5 @@
+//! How one predictor compares with another.
+
 use wire::Interval;
 
 /// How a predictor compares with another one. A difference counts if its 95 % confidence interval

@@ -1,3 +1,5 @@
+//! Verdicts: how a trained model compares with baselines, in a sentence.
+
 use wire::{Interval, PairedDifference, PredictorKind, PredictorSummary, Report};
 
 use super::{ComparisonOutcome, degrees, models, signed_degrees};

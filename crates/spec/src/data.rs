@@ -1,3 +1,5 @@
+//! Trajectories by the spec that makes them, whether simulated or recorded.
+
 use crate::{Cell, Column, ImportSpec, Observations, Range, RobotSpec, SimulateSpec};
 
 /// The spec that makes trajectories, of a dataset or a stream.

@@ -1,3 +1,5 @@
+//! Refused specs: their violations, and how long the texts of errors may be.
+
 use std::fmt;
 
 use serde::{Deserialize, Serialize};

@@ -1,3 +1,5 @@
+//! Pipelines: named jobs, of which some need others.
+
 use std::collections::{BTreeMap, BTreeSet};
 
 use serde::{Deserialize, Serialize};

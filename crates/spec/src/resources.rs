@@ -1,3 +1,5 @@
+//! The resources that tasks need and workers offer.
+
 use std::collections::BTreeSet;
 use std::fmt;
 

@@ -58,7 +58,7 @@ pub struct Dataset {
 pub struct DatasetFile {
     /// The name of the file.
     pub name: String,
-    /// What the file is.
+    /// The kind of content.
     pub content: FileKind,
     /// The shard of the file. Missing for `dataset.json`, which describes all shards.
     pub shard: Option<u32>,

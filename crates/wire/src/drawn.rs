@@ -22,7 +22,7 @@ pub struct DrawnPredictions {
 pub struct DrawnPredictor {
     /// The name in tables and figures.
     pub name: String,
-    /// What answers.
+    /// Whether a baseline, a checkpoint or a file of predictions answers.
     pub kind: PredictorKind,
     /// The digest of the spec that a checkpoint was trained by.
     #[serde(default, skip_serializing_if = "Option::is_none")]

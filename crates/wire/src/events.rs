@@ -117,7 +117,7 @@ pub struct DeletionEvent {
     pub item: ItemKind,
     /// The id of the item among those of its kind.
     pub item_id: i64,
-    /// What happened to the item.
+    /// Whether it was moved into the trash, restored or deleted for good.
     pub change: DeletionChange,
 }
 

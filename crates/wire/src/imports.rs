@@ -1,4 +1,4 @@
-//! Counts of an import: trajectories made, recordings and samples dropped. What looks wrong in its
+//! Counts of an import: trajectories made, recordings and samples dropped. Warnings about its
 //! recordings.
 
 use serde::{Deserialize, Serialize};

@@ -68,7 +68,7 @@ impl Report {
 pub struct PredictorInfo {
     /// The name in tables and figures.
     pub name: String,
-    /// What answers.
+    /// Whether a baseline, a checkpoint or a file of predictions answers.
     pub kind: PredictorKind,
     /// Its knowledge about the arms before it sees a context.
     #[serde(default, skip_serializing_if = "Option::is_none")]

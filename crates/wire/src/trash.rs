@@ -9,7 +9,7 @@ use crate::{ItemKind, JobState, ListCell, ListColumn, Relation, Tabled};
 /// A job, a run, a dataset or a checkpoint, named by its kind and id.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct Item {
-    /// What it is.
+    /// Whether it is a job, a run, a dataset or a checkpoint.
     pub kind: ItemKind,
     /// Its id among those of its kind.
     pub id: i64,

@@ -8,7 +8,7 @@ use utoipa::ToSchema;
 /// the joints' limits.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Warning {
-    /// What is doubtful.
+    /// The kind of doubt.
     pub kind: WarningKind,
     /// The predictor or controller. Missing if the warning concerns all of them, or if there is
     /// only one.

@@ -1,3 +1,5 @@
+//! Checks of a store: its folder, its database, and the files that rows name.
+
 use std::os::unix::fs::MetadataExt as _;
 use std::path::Path;
 use std::time::SystemTime;

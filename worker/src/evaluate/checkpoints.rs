@@ -1,3 +1,6 @@
+//! The checkpoints of an evaluation or a control job, with their trainings and their names in
+//! tables.
+
 use evaluation::trained_on;
 use models::{CONFIG_FILE, MODEL_FILE, TrainedModel};
 use spec::{

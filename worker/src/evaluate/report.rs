@@ -1,3 +1,5 @@
+//! The last task of an evaluation: it puts the cells together.
+
 use std::collections::HashMap;
 
 use arrow_array::RecordBatch;

@@ -1,3 +1,5 @@
+//! The report of an evaluation from the results of its cells.
+
 use models::Interrupt;
 use rayon::prelude::*;
 use spec::{Bootstrap, Excitation};

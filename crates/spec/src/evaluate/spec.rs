@@ -1,3 +1,5 @@
+//! The spec of an evaluation: the data, the predictors, and how they are scored.
+
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 

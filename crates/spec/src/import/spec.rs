@@ -1,3 +1,6 @@
+//! The spec of an import: the file's columns and units, the allowed values, and the cut into
+//! trajectories.
+
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
@@ -38,7 +41,7 @@ pub struct ImportSpec {
     /// Sampling rate of the dataset in Hz.
     #[serde(default = "defaults::rate_hz")]
     pub rate_hz: f64,
-    /// What to do with samples that are not `1 / rate_hz` apart.
+    /// The handling of samples that are not `1 / rate_hz` apart.
     #[serde(default)]
     pub resampling: Resampling,
     /// The longest time between two samples that resampling bridges, s. A longer pause in the file

@@ -1,3 +1,5 @@
+//! The Transformer that removes noise.
+
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 

@@ -1,3 +1,5 @@
+//! The noise of denoisers in training, and the samplers that remove it.
+
 use std::fmt;
 
 use serde::{Deserialize, Serialize};

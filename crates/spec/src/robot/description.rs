@@ -1,3 +1,5 @@
+//! The description of an arm: base, joints, links, hand, and their randomization.
+
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};

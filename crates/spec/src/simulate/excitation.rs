@@ -1,3 +1,5 @@
+//! The torques that excite arms: chirps, multisines and steps, with their frequencies and defaults.
+
 use std::f64::consts::PI;
 use std::fmt;
 

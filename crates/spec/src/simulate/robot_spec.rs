@@ -1,3 +1,5 @@
+//! The arm of a simulation: its parameters, friction, payload and gravity, and how robots differ.
+
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 

@@ -1,3 +1,5 @@
+//! The spec of a simulation, and its division into shards and cells.
+
 use std::ops::Range as IndexRange;
 
 use serde::{Deserialize, Serialize};

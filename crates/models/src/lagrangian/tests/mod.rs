@@ -1,3 +1,5 @@
+//! Tests of the learned equations of motion.
+
 #![expect(clippy::cast_possible_truncation, reason = "small numbers")]
 
 use burn::module::Param;

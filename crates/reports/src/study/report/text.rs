@@ -1,3 +1,5 @@
+//! The README of a study's folder, the first page for readers.
+
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 
