@@ -133,7 +133,7 @@ fn is_no_shift(shift_m: &[f64; 3]) -> bool {
     *shift_m == [0.0; 3]
 }
 
-/// Nominal values of [`Friction`](crate::Friction).
+/// Nominal values of the `friction` of a spec.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct JointFriction {
