@@ -10,7 +10,7 @@
 //! u and y are the measured values. A series may also have the true values, for scores and losses.
 //! An [`Observed`] never has them.
 //!
-//! [`Smoother`] removes the noise of measured positions, and the quantiles here are those of every
+//! [`Smoother`] and [`LowPass`] remove the noise of measured positions, and the quantiles here are those of every
 //! table.
 //!
 //! Values are copied twice between a decoded row group and a tensor. [`Series::gather`] takes the
@@ -35,6 +35,6 @@ pub use observed::Observed;
 pub use owned::Series;
 pub use quantiles::{interpolated_quantile, measured_quantile, median, student_quantile_975};
 pub use shape::{Shape, ShapeError};
-pub use smoothing::Smoother;
+pub use smoothing::{LowPass, Smoother};
 pub use track::Track;
 pub use view::SeriesView;

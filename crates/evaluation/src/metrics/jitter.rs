@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use super::low_pass::LowPass;
+use series::LowPass;
 
 /// The frequency above which the power of a prediction is jitter, Hz. It is 1.5 times the signal's
 /// highest component, and at least that component plus the width by which a series as short as the

@@ -9,7 +9,6 @@ mod energy_score;
 mod interval;
 mod jitter;
 mod limits;
-mod low_pass;
 #[cfg(test)]
 pub(crate) mod normal;
 mod rmse;

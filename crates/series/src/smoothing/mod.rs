@@ -7,8 +7,10 @@
 //! positions, so that a slow joint is smoothed more.
 
 mod gains;
+mod low_pass;
 
 use gains::{Gains, State};
+pub use low_pass::LowPass;
 
 /// The range of the jerk's intensity, rad²/s⁵: from joints that hardly move to wrists that follow
 /// torques of a few Hz.

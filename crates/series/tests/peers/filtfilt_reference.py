@@ -1,7 +1,7 @@
-"""Numbers of scipy.signal.filtfilt for crates/evaluation/src/metrics/low_pass.rs.
+"""Numbers of scipy.signal.filtfilt for crates/series/src/smoothing/low_pass.rs.
 
     pip install numpy scipy
-    python crates/evaluation/tests/peers/filtfilt_reference.py > crates/evaluation/tests/data/filtfilt.json
+    python crates/series/tests/peers/filtfilt_reference.py > crates/series/tests/data/filtfilt.json
 """
 
 import json
