@@ -2,6 +2,7 @@
 
 use std::f64::consts::FRAC_1_SQRT_2;
 
+use nalgebra::{Matrix3, Rotation3};
 use simd::{F64Array, Lanes, MAX_LANES};
 use spec::MAX_JOINTS;
 
@@ -39,13 +40,31 @@ pub struct Row {
 
 impl Row {
     /// The frame's origin in the frame before, m: (a, −d sin α, d cos α) plus the shift.
-    pub(crate) fn origin(&self) -> [f64; 3] {
+    pub fn origin(&self) -> [f64; 3] {
         let Self { a_m, d_m, twist, shift_m, .. } = *self;
         let table = [a_m, -d_m * twist.sin, d_m * twist.cos];
         if shift_m == [0.0; 3] {
             return table;
         }
         std::array::from_fn(|axis| table[axis] + shift_m[axis])
+    }
+
+    /// The turn of the frame's axes into those of the frame before, at position `q` (rad).
+    pub fn turn(&self, q: f64) -> Rotation3<f64> {
+        let Self { twist, offset, .. } = self;
+        let (sin, cos) = q.sin_cos();
+        let (sin, cos) = (sin * offset.cos + cos * offset.sin, cos * offset.cos - sin * offset.sin);
+        Rotation3::from_matrix_unchecked(Matrix3::new(
+            cos,
+            -sin,
+            0.0,
+            twist.cos * sin,
+            twist.cos * cos,
+            -twist.sin,
+            twist.sin * sin,
+            twist.sin * cos,
+            twist.cos,
+        ))
     }
 
     /// The frame's z in the frame before.

@@ -45,6 +45,7 @@ mod operations;
 #[cfg(test)]
 mod pinocchio;
 mod randomization;
+mod regressor;
 mod replay;
 mod robot;
 mod scenario;
@@ -61,6 +62,7 @@ pub use inertia::RigidBody;
 pub use joints::Joints;
 pub use kinematics::{Angle, Base, Kinematics, Pose, Row};
 pub use measurement::add_position_noise;
+pub use regressor::{LINK_PARAMETERS, torque_regressor};
 pub use replay::{Anchor, ArmState, Motion, Replay};
 pub use robot::{Payload, Robot};
 pub use scenario::{Scenario, Scenarios};

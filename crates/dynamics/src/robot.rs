@@ -1,7 +1,7 @@
 //! Robots: the physical parameters of one arm. The nominal arm of a description has its bodies before
 //! any are welded, and their places.
 
-use nalgebra::{Matrix3, Rotation3, Vector3};
+use nalgebra::{Rotation3, Vector3};
 use spec::{BodyDescription, Gravity, JointDescription, RobotDescription, RobotSpec};
 
 use crate::kinematics::{Angle, Base, Row};
@@ -191,11 +191,7 @@ impl Hand {
     /// The last link of an arm with this hand.
     pub(crate) fn welded_to(self, last: &RigidBody, kinematics: &Kinematics) -> RigidBody {
         let Some(hand) = self.0 else { return *last };
-        let Row { twist, offset: yaw, .. } = kinematics.hand;
-        let about_x =
-            Matrix3::new(1.0, 0.0, 0.0, 0.0, twist.cos, -twist.sin, 0.0, twist.sin, twist.cos);
-        let about_z = Matrix3::new(yaw.cos, -yaw.sin, 0.0, yaw.sin, yaw.cos, 0.0, 0.0, 0.0, 1.0);
-        let turn = Rotation3::from_matrix_unchecked(about_x * about_z);
+        let turn = kinematics.hand.turn(0.0);
         last.welded_to(&hand.seen_from(&turn, &Vector3::from(kinematics.hand.origin())))
     }
 }
