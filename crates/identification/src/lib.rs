@@ -1,0 +1,34 @@
+//! From recordings of an arm and its description to its physical parameters.
+//!
+//! [`identify`] begins with the arm's description, whose numbers a designer computed, and ends with
+//! numbers that explain measured torques and motions. It has two steps.
+//!
+//! 1. **Torques.** Torques are linear in the links' inertial parameters, in friction, offsets and
+//!    rotor inertias. A regression weighs each joint by what it cannot explain. Links are written
+//!    with the logarithm of the Cholesky factor of their pseudo-inertia, so that only bodies which
+//!    can exist are considered (Rucker and Wensing 2022, "Smooth parameterization of rigid-body
+//!    inertia"). The description is the prior, so that what the data do not determine stays.
+//! 2. **Motions.** The parameters change until simulated motions over [`HORIZONS_S`] follow the
+//!    measured ones: Gauss-Newton steps whose derivatives are rollouts in the lanes of
+//!    [`dynamics::Replay`].
+//!
+//! Everything is deterministic: there are no random numbers, and sums have a fixed order.
+
+#![warn(missing_docs)]
+
+mod arm;
+mod body;
+mod error;
+mod identify;
+mod motion;
+mod normal_equations;
+mod report;
+mod rollouts;
+mod torques;
+
+pub use arm::{Arm, JointParameter, Parameter};
+pub use error::IdentificationError;
+pub use identify::{Identification, Settings, identify, identify_load};
+pub use motion::Recording;
+pub use report::{HorizonErrors, ParameterEstimate, Report, TorqueResidual};
+pub use rollouts::HORIZONS_S;

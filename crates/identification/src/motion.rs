@@ -1,0 +1,149 @@
+//! Recordings, and the motions in them without noise.
+
+use series::LowPass;
+
+use crate::IdentificationError;
+use crate::rollouts::HORIZONS_S;
+
+/// Torques and positions of an arm at even times.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Recording {
+    /// A name for reports and errors.
+    pub name: String,
+    /// Samples per second.
+    pub rate_hz: f64,
+    /// Positions `[sample][joint]`, rad, before the sample's torque acts.
+    pub q: Vec<Vec<f64>>,
+    /// Torques that act on the joints, gravity included, `[sample][joint]`, N·m.
+    pub u: Vec<Vec<f64>>,
+}
+
+/// A recording after a low-pass without delay.
+pub(crate) struct Motion {
+    pub(crate) name: String,
+    pub(crate) rate_hz: f64,
+    pub(crate) joints: usize,
+    /// Smooth positions, velocities and accelerations, `[sample][joint]`, rad and seconds.
+    pub(crate) q: Vec<Vec<f64>>,
+    pub(crate) qd: Vec<Vec<f64>>,
+    pub(crate) qdd: Vec<Vec<f64>>,
+    /// Smooth torques, `[sample][joint]`, N·m.
+    pub(crate) u: Vec<Vec<f64>>,
+    /// Torques as they were recorded, `[sample][joint]`, N·m.
+    pub(crate) recorded_u: Vec<Vec<f64>>,
+    filter: LowPass,
+}
+
+/// Samples at each end of a recording that a low-pass and differences leave uncertain.
+pub(crate) const UNCERTAIN: usize = 20;
+
+impl Motion {
+    /// # Errors
+    /// See [`IdentificationError`].
+    pub(crate) fn new(
+        recording: &Recording,
+        joints: usize,
+        low_pass_hz: f64,
+    ) -> Result<Self, IdentificationError> {
+        let Recording { name, rate_hz, q, u } = recording;
+        check(recording, joints)?;
+        let filter =
+            LowPass::new(low_pass_hz, *rate_hz).ok_or_else(|| IdentificationError::LowPass {
+                recording: name.clone(),
+                low_pass_hz,
+                rate_hz: *rate_hz,
+                below_hz: 0.5 * rate_hz,
+            })?;
+        let smooth_q = smooth(&filter, q);
+        let qd = slopes(&smooth_q, *rate_hz);
+        let qdd = slopes(&qd, *rate_hz);
+        Ok(Self {
+            name: name.clone(),
+            rate_hz: *rate_hz,
+            joints,
+            q: smooth_q,
+            qd,
+            qdd,
+            u: smooth(&filter, u),
+            recorded_u: u.clone(),
+            filter,
+        })
+    }
+
+    /// What Coulomb friction of 1 N·m adds to the smooth torques, `[sample][joint]`. It changes
+    /// within a sample where a joint turns back, and the low-pass of the torques spreads that.
+    pub(crate) fn coulomb(&self, friction_speed_rad_s: f64) -> Vec<Vec<f64>> {
+        let sign =
+            |row: &Vec<f64>| row.iter().map(|qd| (qd / friction_speed_rad_s).tanh()).collect();
+        smooth(&self.filter, &self.qd.iter().map(sign).collect::<Vec<Vec<f64>>>())
+    }
+
+    pub(crate) fn samples(&self) -> usize {
+        self.q.len()
+    }
+
+    /// The number of samples in `seconds`.
+    pub(crate) fn samples_in(&self, seconds: f64) -> usize {
+        whole(seconds * self.rate_hz)
+    }
+}
+
+/// The nearest whole number, at least 0.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "rounded, not negative, and as small as a recording"
+)]
+pub(crate) fn whole(number: f64) -> usize {
+    number.round().max(0.0) as usize
+}
+
+/// The rows `[sample][joint]` after a low-pass.
+fn smooth(filter: &LowPass, rows: &[Vec<f64>]) -> Vec<Vec<f64>> {
+    let joints = rows.first().map_or(0, Vec::len);
+    let columns: Vec<Vec<f64>> = (0..joints)
+        .map(|joint| {
+            let column: Vec<f64> = rows.iter().map(|row| row[joint]).collect();
+            filter.apply(&column).unwrap_or(column)
+        })
+        .collect();
+    (0..rows.len()).map(|k| columns.iter().map(|column| column[k]).collect()).collect()
+}
+
+/// Central differences; one-sided at the ends.
+fn slopes(rows: &[Vec<f64>], rate_hz: f64) -> Vec<Vec<f64>> {
+    let last = rows.len() - 1;
+    let slope = |k: usize| -> Vec<f64> {
+        let (before, after) = (k.saturating_sub(1), (k + 1).min(last));
+        let factor = rate_hz / (after - before) as f64;
+        rows[after]
+            .iter()
+            .zip(&rows[before])
+            .map(|(after, before)| (after - before) * factor)
+            .collect()
+    };
+    (0..rows.len()).map(slope).collect()
+}
+
+fn check(recording: &Recording, joints: usize) -> Result<(), IdentificationError> {
+    let Recording { name, rate_hz, q, u } = recording;
+    for (column, rows) in [("q", q), ("u", u)] {
+        for (sample, row) in rows.iter().enumerate() {
+            if row.len() != joints {
+                let (recording, found) = (name.clone(), row.len());
+                return Err(IdentificationError::Joints { recording, found, allowed: joints });
+            }
+            if let Some(joint) = row.iter().position(|value| !value.is_finite()) {
+                let (recording, joint) = (name.clone(), joint + 1);
+                return Err(IdentificationError::NotFinite { recording, column, joint, sample });
+            }
+        }
+    }
+    let samples = q.len().min(u.len());
+    let seconds = samples as f64 / rate_hz;
+    let least_s = 2.0 * HORIZONS_S[HORIZONS_S.len() - 1];
+    if seconds.is_nan() || seconds < least_s || samples < 8 * UNCERTAIN {
+        return Err(IdentificationError::Short { recording: name.clone(), seconds, least_s });
+    }
+    Ok(())
+}

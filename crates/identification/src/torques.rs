@@ -1,0 +1,182 @@
+//! The regression on torques.
+
+use dynamics::{Joints, LINK_PARAMETERS, torque_regressor};
+use nalgebra::{DMatrix, DVector};
+
+use crate::arm::{Arm, JOINT_NUMBERS, NUMBERS};
+use crate::motion::{Motion, UNCERTAIN, whole};
+use crate::normal_equations::NormalEquations;
+
+/// The regression on one joint's torque: rows `[sample, value]`, N·m.
+struct JointRegression {
+    rows: DMatrix<f64>,
+    torques: DVector<f64>,
+    /// rowsᵀ rows and rowsᵀ torques.
+    gram: DMatrix<f64>,
+    moment: DVector<f64>,
+    /// Σ torques².
+    square: f64,
+    /// One over the variance of what the arm cannot explain, per sample that counts.
+    weight: f64,
+}
+
+/// The regressions on the torques of all joints.
+pub(crate) struct Torques {
+    joints: Vec<JointRegression>,
+    /// Where each recording begins in the rows.
+    begins: Vec<usize>,
+}
+
+impl Torques {
+    /// Rows at 25 samples per second, which is more than the motions' bandwidth needs.
+    pub(crate) fn new(arm: &Arm, motions: &[Motion]) -> Self {
+        const ROWS_PER_SECOND: f64 = 25.0;
+
+        let joints = arm.joints();
+        let width = joints * NUMBERS;
+        let mut rows: Vec<Vec<f64>> = vec![Vec::new(); joints];
+        let mut torques: Vec<Vec<f64>> = vec![Vec::new(); joints];
+        let mut begins = Vec::new();
+        for motion in motions {
+            begins.push(torques[0].len());
+            let every = whole(motion.rate_hz / ROWS_PER_SECOND).max(1);
+            let coulomb = motion.coulomb(arm.friction_speed_rad_s);
+            for sample in (UNCERTAIN..motion.samples() - UNCERTAIN).step_by(every) {
+                let regressor = regressor(arm, motion, sample, &coulomb[sample]);
+                for joint in 0..joints {
+                    rows[joint].extend(&regressor[joint * width..][..width]);
+                    torques[joint].push(motion.u[sample][joint]);
+                }
+            }
+        }
+        let joint = |(rows, torques): (Vec<f64>, Vec<f64>)| {
+            let rows = DMatrix::from_row_slice(torques.len(), width, &rows);
+            let torques = DVector::from_vec(torques);
+            let (gram, moment) = (rows.tr_mul(&rows), rows.tr_mul(&torques));
+            let square = torques.norm_squared();
+            JointRegression { rows, torques, gram, moment, square, weight: 1.0 }
+        };
+        Self { joints: rows.into_iter().zip(torques).map(joint).collect(), begins }
+    }
+
+    /// What the arm does not explain of each joint's torque, root mean square in N·m.
+    pub(crate) fn residuals_nm(&self, arm: &Arm) -> Vec<f64> {
+        let of = |(joint, linear): (&JointRegression, DVector<f64>)| {
+            (joint.square_of(&linear) / joint.torques.len() as f64).sqrt()
+        };
+        self.joints.iter().zip(measured(arm)).map(of).collect()
+    }
+
+    /// Standard deviation of each joint's torque, N·m.
+    pub(crate) fn deviations_nm(&self) -> Vec<f64> {
+        let of = |joint: &JointRegression| {
+            let mean = joint.torques.mean();
+            (joint.square / joint.torques.len() as f64 - mean * mean).max(0.0).sqrt()
+        };
+        self.joints.iter().map(of).collect()
+    }
+
+    /// Weighs the torques of each joint by what `arm` leaves unexplained. Neighbouring samples are
+    /// alike, so a sample counts only as much as its share of independent ones.
+    pub(crate) fn weigh(&mut self, arm: &Arm) {
+        /// No sensor is better, relative to the torques that it measures.
+        const LEAST_DEVIATION: f64 = 1e-4;
+
+        let begins = self.begins.clone();
+        for (joint, linear) in self.joints.iter_mut().zip(measured(arm)) {
+            let residuals = &joint.torques - &joint.rows * &linear;
+            let mean_square = residuals.norm_squared() / residuals.len() as f64;
+            let least = LEAST_DEVIATION.powi(2) * joint.square / joint.torques.len() as f64;
+            let alike = samples_alike(residuals.as_slice(), &begins);
+            joint.weight = 1.0 / (mean_square.max(least).max(f64::MIN_POSITIVE) * alike);
+        }
+    }
+
+    /// ½ Σ of the weighted squares at the arm's numbers.
+    pub(crate) fn cost(&self, arm: &Arm) -> f64 {
+        let of = |(joint, linear): (&JointRegression, DVector<f64>)| {
+            0.5 * joint.weight * joint.square_of(&linear)
+        };
+        self.joints.iter().zip(measured(arm)).map(of).sum()
+    }
+
+    pub(crate) fn normal_equations(&self, arm: &Arm) -> NormalEquations {
+        let (of_arm, gains) = (arm.derivatives(), arm.gains());
+        let size = arm.numbers.len();
+        let mut equations = NormalEquations {
+            cost: self.cost(arm),
+            gradient: DVector::zeros(size),
+            curvature: DMatrix::zeros(size, size),
+        };
+        for (at, (joint, linear)) in self.joints.iter().zip(measured(arm)).enumerate() {
+            let mut derivatives = &of_arm * gains[at];
+            derivatives.set_column(Arm::gain_number(at), &linear);
+            let slope = (&joint.gram * &linear - &joint.moment) * joint.weight;
+            equations.gradient += derivatives.tr_mul(&slope);
+            equations.curvature += derivatives.tr_mul(&(&joint.gram * joint.weight * &derivatives));
+        }
+        equations
+    }
+}
+
+/// The values of [`Arm::linear`] as each joint's sensor measures them.
+fn measured(arm: &Arm) -> impl Iterator<Item = DVector<f64>> {
+    let linear = arm.linear();
+    arm.gains().into_iter().map(move |gain| &linear * gain)
+}
+
+impl JointRegression {
+    /// Σ (torque − row · linear)².
+    fn square_of(&self, linear: &DVector<f64>) -> f64 {
+        (&self.torques - &self.rows * linear).norm_squared()
+    }
+}
+
+/// The torques of all joints at a sample, linear in the values of [`Arm::linear`]:
+/// `[joint][value]`.
+fn regressor(arm: &Arm, motion: &Motion, sample: usize, coulomb: &[f64]) -> Vec<f64> {
+    let joints = arm.joints();
+    let robot = arm.nominal();
+    let [q, qd, qdd] =
+        [&motion.q, &motion.qd, &motion.qdd].map(|rows| Joints::from(rows[sample].as_slice()));
+    let mut of_links = vec![0.0; joints * joints * LINK_PARAMETERS];
+    torque_regressor(&robot.kinematics, robot.gravity, &q, &qd, &qdd, &mut of_links);
+    let mut regressor = vec![0.0; joints * joints * NUMBERS];
+    for joint in 0..joints {
+        for link in 0..joints {
+            let from = &of_links[(joint * joints + link) * LINK_PARAMETERS..][..LINK_PARAMETERS];
+            regressor[(joint * joints + link) * NUMBERS..][..LINK_PARAMETERS].copy_from_slice(from);
+        }
+        let own = (joint * joints + joint) * NUMBERS + LINK_PARAMETERS;
+        regressor[own..][..JOINT_NUMBERS].copy_from_slice(&[
+            coulomb[joint],
+            qd[joint],
+            1.0,
+            qdd[joint],
+            0.0,
+        ]);
+    }
+    regressor
+}
+
+/// How many consecutive samples count as one: 1 + 2 Σ ρ over the autocorrelations ρ before the first
+/// negative one.
+fn samples_alike(residuals: &[f64], begins: &[usize]) -> f64 {
+    const LONGEST: usize = 200;
+
+    let ends = begins.iter().skip(1).copied().chain([residuals.len()]);
+    let recordings: Vec<&[f64]> =
+        begins.iter().zip(ends).map(|(&begin, end)| &residuals[begin..end]).collect();
+    let covariance = |lag: usize| -> f64 {
+        let of = |values: &&[f64]| -> f64 {
+            values.iter().zip(values.iter().skip(lag)).map(|(a, b)| a * b).sum()
+        };
+        recordings.iter().map(of).sum()
+    };
+    let variance = covariance(0);
+    if variance == 0.0 {
+        return 1.0;
+    }
+    let correlations = (1..LONGEST).map(|lag| covariance(lag) / variance);
+    1.0 + 2.0 * correlations.take_while(|correlation| *correlation > 0.0).sum::<f64>()
+}

@@ -1,0 +1,275 @@
+//! Recordings of arms whose parameters are known.
+//!
+//! A log is made without a simulator: a Fourier motion, and the torques that it needs by the
+//! regressor of the equation of motion, with the noise of sensors.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+use dynamics::{Joints, LINK_PARAMETERS, Robot, torque_regressor};
+use identification::{
+    Identification, IdentificationError, Recording, Settings, identify, identify_load,
+};
+use nalgebra::{Matrix3, Vector3};
+use random::{keyed, normal, unit};
+use spec::{Gravity, JointFriction, RobotDescription, RobotModel, RobotSpec};
+
+const RATE_HZ: u32 = 125;
+
+/// The first three joints of a Panda, with the friction and rotors of a real arm.
+fn described() -> RobotDescription {
+    let mut description = RobotModel::panda().description().clone();
+    description.joints.truncate(3);
+    description.initial_state.center_rad.truncate(3);
+    for (joint, (coulomb, viscous, rotor)) in
+        description.joints.iter_mut().zip([(1.0, 2.0, 0.6), (1.5, 3.0, 0.8), (0.8, 1.5, 0.3)])
+    {
+        joint.damping_nm_s_rad = viscous;
+        joint.armature_kg_m2 = rotor;
+        joint.friction =
+            Some(JointFriction { phi1_nm: 2.0 * coulomb, phi2_s_rad: 50.0, phi3_rad_s: 0.0 });
+    }
+    description
+}
+
+/// An arm that differs from `described`: 10 % in masses, 30 % in moments of inertia and friction,
+/// 4 cm in centres of mass.
+fn drawn(described: &RobotDescription, seed: u64) -> RobotDescription {
+    let mut generator = keyed::<rand_chacha::ChaCha8Rng>([seed, 0, 0, 0]);
+    let mut drawn = described.clone();
+    for joint in &mut drawn.joints {
+        let mut factor = |deviation: f64| (deviation * normal(&mut generator)).exp();
+        joint.link.mass_kg *= factor(0.1);
+        let stretch = factor(0.3);
+        joint.link.inertia_kg_m2 = joint.link.inertia_kg_m2.map(|entry| entry * stretch);
+        joint.damping_nm_s_rad *= factor(0.3);
+        joint.armature_kg_m2 *= factor(0.3);
+        if let Some(friction) = &mut joint.friction {
+            friction.phi1_nm *= factor(0.3);
+        }
+        for coordinate in &mut joint.link.center_m {
+            *coordinate += 0.04 * normal(&mut generator);
+        }
+    }
+    drawn
+}
+
+fn robot(description: &RobotDescription) -> Robot {
+    let model = RobotModel::Described(Box::new(description.clone()));
+    Robot::nominal(&RobotSpec { gravity: Gravity::On, ..RobotSpec::of(model) })
+}
+
+/// A log of `seconds` of an arm, with a load in its hand: mass (kg) and centre (m).
+fn log(
+    description: &RobotDescription,
+    load: Option<(f64, [f64; 3])>,
+    seconds: u32,
+    seed: u64,
+) -> Recording {
+    const HARMONICS: usize = 6;
+    const BASE_HZ: f64 = 0.1;
+    const ENCODER_RAD: f64 = 2e-5;
+    const SENSOR_NM: f64 = 0.1;
+
+    let mut generator = keyed::<rand_chacha::ChaCha8Rng>([seed, 1, 0, 0]);
+    let robot = robot(description);
+    let joints = robot.joints();
+    let mut links: Vec<[f64; LINK_PARAMETERS]> =
+        robot.links.iter().map(dynamics::RigidBody::parameters).collect();
+    if let Some((mass, center)) = load {
+        let hand = robot.kinematics.hand;
+        let center = hand.turn(0.0) * Vector3::from(center) + Vector3::from(hand.origin());
+        let about_origin =
+            (Matrix3::identity() * center.norm_squared() - center * center.transpose()) * mass
+                + Matrix3::identity() * (0.4 * mass * 0.05 * 0.05);
+        let [x, y, z] = (center * mass).into();
+        let i = about_origin;
+        let added = [mass, x, y, z, i.m11, i.m12, i.m13, i.m22, i.m23, i.m33];
+        for (value, added) in links[joints - 1].iter_mut().zip(added) {
+            *value += added;
+        }
+    }
+    let waves: Vec<Vec<(f64, f64)>> = (0..joints)
+        .map(|_| {
+            let wave = |n: usize| {
+                let amplitude = 0.5 / n as f64 * (0.5 + unit(&mut generator));
+                (amplitude, std::f64::consts::TAU * unit(&mut generator))
+            };
+            (1..=HARMONICS).map(wave).collect()
+        })
+        .collect();
+    let mut recording = Recording {
+        name: format!("{seed}"),
+        rate_hz: RATE_HZ.into(),
+        q: Vec::new(),
+        u: Vec::new(),
+    };
+    let friction = robot.friction.clone();
+    for sample in 0..seconds * RATE_HZ {
+        let t = f64::from(sample) / f64::from(RATE_HZ);
+        let derivative = |order: i32| {
+            Joints::from_fn(joints, |joint| {
+                (1..).zip(&waves[joint]).fold(0.0, |sum, (n, (amplitude, phase))| {
+                    let w = std::f64::consts::TAU * BASE_HZ * f64::from(n);
+                    let turned = w * t + phase + f64::from(order) * std::f64::consts::FRAC_PI_2;
+                    sum + amplitude * w.powi(order) * turned.sin()
+                })
+            })
+        };
+        let [q, qd, qdd] = [0, 1, 2].map(derivative);
+        let mut regressor = vec![0.0; joints * joints * LINK_PARAMETERS];
+        torque_regressor(&robot.kinematics, robot.gravity, &q, &qd, &qdd, &mut regressor);
+        let parameters: Vec<f64> = links.iter().flatten().copied().collect();
+        let torque = |joint: usize| {
+            let row = &regressor[joint * parameters.len()..][..parameters.len()];
+            let of_links: f64 = row.iter().zip(&parameters).map(|(y, value)| y * value).sum();
+            let described = description.joints[joint].friction.unwrap();
+            let coulomb = 0.5 * described.phi1_nm * (0.5 * described.phi2_s_rad * qd[joint]).tanh();
+            of_links
+                + robot.armature[joint] * qdd[joint]
+                + robot.damping[joint] * qd[joint]
+                + coulomb
+        };
+        assert!(friction.is_none());
+        let u: Vec<f64> =
+            (0..joints).map(|j| torque(j) + SENSOR_NM * normal(&mut generator)).collect();
+        recording.u.push(u);
+        recording.q.push(q.iter().map(|q| q + ENCODER_RAD * normal(&mut generator)).collect());
+    }
+    recording
+}
+
+fn torques_only() -> Settings {
+    Settings { motion_steps: 0, ..Settings::default() }
+}
+
+/// The truth in the order of a report's parameters.
+fn truth(description: &RobotDescription) -> Vec<f64> {
+    let robot = robot(description);
+    let of = |joint: usize| {
+        let body = robot.links[joint];
+        let [[xx, xy, xz], [_, yy, yz], [_, _, zz]] = body.inertia;
+        let coulomb = 0.5 * description.joints[joint].friction.unwrap().phi1_nm;
+        let link = [body.mass, body.com[0], body.com[1], body.com[2], xx, xy, xz, yy, yz, zz];
+        let own = [coulomb, robot.damping[joint], 0.0, robot.armature[joint], 1.0];
+        link.into_iter().chain(own).collect::<Vec<f64>>()
+    };
+    (0..robot.joints()).flat_map(of).collect()
+}
+
+#[test]
+fn intervals_contain_the_truth_as_often_as_they_say() {
+    const ARMS: u64 = 100;
+
+    let described = described();
+    let (mut inside, mut all, mut friction) = (0, 0, (0, 0));
+    for seed in 0..ARMS {
+        let arm = drawn(&described, seed);
+        let logs = [log(&arm, None, 20, seed), log(&arm, None, 20, 1000 + seed)];
+        let found = identify(&described, &logs, &[], &torques_only()).unwrap();
+        for (estimate, truth) in found.report.parameters.iter().zip(truth(&arm)) {
+            if estimate.seen.is_none_or(|seen| seen < 0.9) {
+                continue;
+            }
+            let is_inside = (estimate.value - truth).abs() <= 1.96 * estimate.deviation;
+            all += 1;
+            inside += i32::from(is_inside);
+            if ["coulomb", "viscous", "rotor"].contains(&estimate.name.as_str()) {
+                friction.0 += 1;
+                friction.1 += i32::from(is_inside);
+            }
+        }
+    }
+    let share = f64::from(inside) / f64::from(all);
+    println!("{inside} of {all}: {share:.3}; friction and rotors {friction:?}");
+    assert!((0.92..=0.98).contains(&share), "{share}");
+}
+
+fn identified() -> (RobotDescription, RobotDescription, Identification) {
+    let described = described();
+    let arm = drawn(&described, 7);
+    let logs = [log(&arm, None, 20, 7), log(&arm, None, 20, 8)];
+    let validation = [log(&arm, None, 15, 9)];
+    let settings = Settings::default();
+    (described.clone(), arm, identify(&described, &logs, &validation, &settings).unwrap())
+}
+
+#[test]
+fn an_identified_arm_moves_as_the_true_one_and_is_a_description() {
+    let (described, _, found) = identified();
+    for (joint, residual) in found.report.validation_torques.iter().enumerate() {
+        assert!(residual.identified_nm < 0.08, "joint {}: {residual:?}", joint + 1);
+        assert!(residual.nominal_nm > 3.0 * residual.identified_nm);
+    }
+    let of = |name: &str| {
+        let errors = &found.report.validation_errors;
+        errors.iter().find(|errors| errors.predictor == name).unwrap().rmse_deg
+    };
+    for (identified, description) in of("identified").into_iter().zip(of("description")) {
+        assert!(identified < 0.2 * description, "{identified} {description}");
+    }
+    assert!(found.report.warnings.iter().all(|warning| !warning.contains("validation")));
+    let description = found.arm.description(&described);
+    description.checked().unwrap();
+    let robot = robot(&description);
+    for (link, expected) in robot.links.iter().zip(&found.arm.robot().links) {
+        assert!((link.mass - expected.mass).abs() < 1e-9);
+    }
+}
+
+#[test]
+fn the_same_recordings_give_the_same_bits() {
+    let [(_, _, first), (_, _, second)] = [identified(), identified()];
+    assert_eq!(first, second);
+}
+
+#[test]
+fn a_load_is_found_in_the_hand_of_an_identified_arm() {
+    let (_, arm, found) = identified();
+    let loaded = [log(&arm, Some((1.5, [0.05, 0.0, 0.1])), 20, 10)];
+    let load = identify_load(&found.arm, &loaded, &[], &Settings::default()).unwrap();
+    let of = |name: &str| {
+        let parameters = &load.report.parameters;
+        parameters.iter().find(|estimate| estimate.name == name).unwrap()
+    };
+    assert!((of("load_mass").value - 1.5).abs() < 0.1, "{:?}", of("load_mass"));
+    assert!((of("load_center_x").value - 0.05).abs() < 0.02, "{:?}", of("load_center_x"));
+}
+
+#[test]
+fn gains_follow_from_the_described_masses() {
+    let described = described();
+    let mut recording = log(&described, None, 30, 3);
+    for row in &mut recording.u {
+        row[1] *= 1.2;
+    }
+    let settings = Settings { gain_deviation: 0.15, ..torques_only() };
+    let found = identify(&described, &[recording], &[], &settings).unwrap();
+    let gains = found.arm.gains();
+    assert!((gains[1] - 1.2).abs() < 0.1, "{gains:?}");
+}
+
+#[test]
+fn recordings_that_say_nothing_are_refused() {
+    let described = described();
+    let refused = |change: &dyn Fn(&mut Recording)| {
+        let mut recording = log(&described, None, 10, 1);
+        change(&mut recording);
+        identify(&described, &[recording], &[], &torques_only()).unwrap_err()
+    };
+    let still = refused(&|recording| recording.q.iter_mut().for_each(|row| row[2] = 0.3));
+    assert!(matches!(still, IdentificationError::Still { joint: 3, .. }), "{still}");
+    let short = refused(&|recording| {
+        recording.q.truncate(200);
+        recording.u.truncate(200);
+    });
+    assert!(matches!(short, IdentificationError::Short { .. }), "{short}");
+    let nan = refused(&|recording| recording.u[5][1] = f64::NAN);
+    assert!(
+        matches!(nan, IdentificationError::NotFinite { column: "u", joint: 2, sample: 5, .. }),
+        "{nan}"
+    );
+    let narrow = refused(&|recording| recording.q.iter_mut().for_each(|row| row.truncate(2)));
+    assert!(matches!(narrow, IdentificationError::Joints { found: 2, allowed: 3, .. }), "{narrow}");
+    let none = identify(&described, &[], &[], &torques_only()).unwrap_err();
+    assert_eq!(none, IdentificationError::NoRecordings);
+}
