@@ -4,9 +4,9 @@ use clap::{Parser, Subcommand};
 
 use crate::commands::{
     access, attempts, copies, delete, doctor, documents, download, events, export, gc, health,
-    import, label, logs, metrics, open, predict, presets, queue, reindex, robot, serve, show,
-    simulate, study, submit, summary, tasks, trajectory, trash, undelete, verify, watch, worker,
-    workers,
+    identify, import, label, logs, metrics, open, predict, presets, queue, reindex, robot, serve,
+    show, simulate, study, submit, summary, tasks, trajectory, trash, undelete, verify, watch,
+    worker, workers,
 };
 use crate::logging::{LOG_FORMAT, LogFormat};
 use crate::{exit, lists};
@@ -53,6 +53,8 @@ pub enum Command {
     Stream(predict::StreamArguments),
     /// Upload your own recordings and turn them into a dataset
     Import(import::Arguments),
+    /// Identify an arm: from a URDF and logs to parameters with their uncertainty, without a server
+    Identify(Box<identify::Arguments>),
     /// List workers with their tasks
     Workers(workers::Arguments),
     /// Show whether the server works and tasks are executed

@@ -11,6 +11,7 @@ pub mod events;
 pub mod export;
 pub mod gc;
 pub mod health;
+pub mod identify;
 pub mod import;
 pub mod label;
 pub mod logs;
@@ -53,6 +54,7 @@ pub async fn run(command: Command, log: &Logging) -> anyhow::Result<ExitCode> {
         Command::Simulate(arguments) => simulate::run(arguments).await,
         Command::Verify(arguments) => verify::run(arguments).await,
         Command::Submit(arguments) => submit::run(arguments).await,
+        Command::Identify(arguments) => identify::run(&arguments),
         Command::Import(arguments) => import::run(arguments).await,
         Command::Workers(arguments) => workers::run(arguments).await,
         Command::Jobs(arguments) => lists::run(arguments).await,

@@ -18,6 +18,7 @@ mod forgiving;
 mod four_models;
 mod full_disk;
 mod hard_stops;
+mod identify;
 mod imports;
 mod killed_server;
 mod killed_worker;

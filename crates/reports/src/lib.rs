@@ -19,11 +19,10 @@ mod table;
 mod verdict;
 
 pub use cell::Cell;
-pub use table::{Align, Column, Table};
+pub use table::{Align, Column, Table, TableOf};
 
 use numbers::{degrees, signed_degrees};
 use outcome::ComparisonOutcome;
-use table::TableOf;
 use verdict::verdicts;
 use wire::{Headline, MeanError, PredictorInfo, PredictorKind, Report, Warning};
 

@@ -203,7 +203,7 @@ impl Table {
     }
 
     /// The table in plain text, below its title and its note. Empty without rows.
-    pub(crate) fn with_title(&self) -> String {
+    pub fn with_title(&self) -> String {
         let Self { title, note, .. } = self;
         match (self.rows.is_empty(), note.is_empty()) {
             (true, _) => String::new(),

@@ -1,0 +1,174 @@
+//! From a URDF and logs to an identified arm, without a server.
+
+mod log;
+mod tables;
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use anyhow::{Context, ensure};
+use clap::Args;
+use identification::{Identification, Recording, Settings, identify, identify_load};
+use log::{Log, LogArguments};
+use serde::Serialize;
+
+use crate::output::write_json;
+use crate::robots::{Robot, RobotArguments, Urdf};
+
+#[derive(Debug, Args)]
+pub struct Arguments {
+    #[command(flatten)]
+    robot: RobotArguments,
+
+    /// Logs of the arm: text files with times, positions and torques
+    #[arg(value_name = "LOG", required = true)]
+    logs: Vec<PathBuf>,
+
+    /// A log that the identified arm is tried on; may be given several times
+    #[arg(long = "validate", value_name = "LOG")]
+    validation: Vec<PathBuf>,
+
+    /// A log with a load in the hand, whose mass and centre are identified; may be given several times
+    #[arg(long = "load", value_name = "LOG")]
+    loads: Vec<PathBuf>,
+
+    #[command(flatten)]
+    columns: LogArguments,
+
+    /// Folder for the identified arm; it must not exist or be empty
+    #[arg(long, value_name = "DIR", default_value = "identified")]
+    out: PathBuf,
+
+    /// The edge of the low-pass for positions and torques, Hz; it has no delay
+    #[arg(long, value_name = "HZ", default_value_t = Settings::default().low_pass_hz)]
+    low_pass_hz: f64,
+
+    /// How far a torque may be off by its gain, as a standard deviation [default: 0.15 with --gains, otherwise 0]
+    #[arg(long, value_name = "SHARE")]
+    gain_deviation: Option<f64>,
+
+    /// The most steps on motions; 0 fits torques only
+    #[arg(long, value_name = "N", default_value_t = Settings::default().motion_steps)]
+    motion_steps: usize,
+
+    /// Print the report as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+/// Standard deviation of the gains of motors whose torque is computed from their current.
+const GAIN_DEVIATION_OF_CURRENTS: f64 = 0.15;
+
+/// What is printed and written as `report.json`.
+#[derive(Serialize)]
+struct Reports<'a> {
+    arm: &'a identification::Report,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    load: Option<&'a identification::Report>,
+}
+
+pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    let settings = settings(arguments)?;
+    let robot = arguments.robot.read()?;
+    for doubt in robot.doubts() {
+        eprintln!("warning: {doubt}");
+    }
+    check_folder(&arguments.out)?;
+    let description = robot.description();
+    let read = |paths: &[PathBuf]| -> anyhow::Result<Vec<Log>> {
+        paths.iter().map(|path| arguments.columns.read(path, description.joints.len())).collect()
+    };
+    let (logs, validation, loads) =
+        (read(&arguments.logs)?, read(&arguments.validation)?, read(&arguments.loads)?);
+    for note in [&logs, &validation, &loads].into_iter().flatten().flat_map(|log| &log.notes) {
+        eprintln!("note: {note}");
+    }
+    let rate_hz = logs[0].rate_hz();
+    let recordings = |logs: &[Log]| -> Vec<Recording> {
+        logs.iter().map(|log| log.recording(rate_hz)).collect()
+    };
+    let found = identify(description, &recordings(&logs), &recordings(&validation), &settings)?;
+    let load = match loads.as_slice() {
+        [] => None,
+        loads => Some(identify_load(&found.arm, &recordings(loads), &[], &settings)?),
+    };
+
+    let reports = Reports { arm: &found.report, load: load.as_ref().map(|load| &load.report) };
+    write(&arguments.out, &robot, &found, load.as_ref(), &reports)?;
+    if arguments.json {
+        write_json(&reports)?;
+        return Ok(ExitCode::SUCCESS);
+    }
+    print!("{}", tables::text(&found.report));
+    if let Some(load) = &load {
+        print!("\n{}", tables::load(&load.report));
+    }
+    println!(
+        "\nThe identified arm is in {}: use it as `robot.model`, and look at parameters.csv.",
+        arguments.out.display()
+    );
+    Ok(ExitCode::SUCCESS)
+}
+
+fn settings(arguments: &Arguments) -> anyhow::Result<Settings> {
+    const MOST_STEPS: usize = 100;
+
+    let default = match arguments.columns.gains {
+        Some(_) => GAIN_DEVIATION_OF_CURRENTS,
+        None => 0.0,
+    };
+    let gain_deviation = arguments.gain_deviation.unwrap_or(default);
+    ensure!(
+        (0.0..=1.0).contains(&gain_deviation),
+        "--gain-deviation is {gain_deviation}, allowed: 0 to 1"
+    );
+    let motion_steps = arguments.motion_steps;
+    ensure!(
+        motion_steps <= MOST_STEPS,
+        "--motion-steps is {motion_steps}, allowed: 0 to {MOST_STEPS}"
+    );
+    Ok(Settings { low_pass_hz: arguments.low_pass_hz, motion_steps, gain_deviation })
+}
+
+/// Checks before the work that the results will have a place.
+fn check_folder(folder: &Path) -> anyhow::Result<()> {
+    let place = || folder.display().to_string();
+    if !folder.exists() {
+        return fs::create_dir_all(folder).with_context(place);
+    }
+    let is_empty = fs::read_dir(folder).with_context(place)?.next().is_none();
+    ensure!(is_empty, "{} has files, allowed: a folder that is empty or does not exist", place());
+    Ok(())
+}
+
+fn write(
+    folder: &Path,
+    robot: &Robot,
+    found: &Identification,
+    load: Option<&Identification>,
+    reports: &Reports<'_>,
+) -> anyhow::Result<()> {
+    let write = |name: &str, text: &str| {
+        let path = folder.join(name);
+        fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))
+    };
+    let described = robot.description();
+    write("parameters.csv", &tables::parameters(&found.report))?;
+    let identified = found.arm.description(described);
+    write("description.json", &pretty(&identified)?)?;
+    let of_urdf = robot.urdf.as_ref();
+    write("arm.xml", &urdf::mjcf(&identified, of_urdf.map(|urdf| &urdf.arm))?)?;
+    if let Some(Urdf { text, arm }) = of_urdf {
+        write("arm.urdf", &urdf::write(text, arm, &identified)?)?;
+    }
+    if let Some(load) = load {
+        write("loaded.json", &pretty(&load.arm.description(described))?)?;
+        write("load.csv", &tables::parameters(&load.report))?;
+    }
+    write("report.json", &pretty(reports)?)
+}
+
+fn pretty(value: &impl Serialize) -> anyhow::Result<String> {
+    Ok(serde_json::to_string_pretty(value)? + "\n")
+}

@@ -1,0 +1,178 @@
+//! From a URDF and logs to an identified arm, on the command line.
+
+use std::f64::consts::TAU;
+use std::fmt::Write as _;
+use std::fs;
+use std::path::Path;
+
+use serde_json::Value;
+
+use crate::product::{run_to_end, torqued};
+
+/// A pendulum about a horizontal axis. The described link weighs 2 kg, the true one 2.2 kg.
+const URDF: &str = r#"<?xml version="1.0"?>
+<robot name="pendulum">
+  <!-- the stand -->
+  <link name="stand"/>
+  <joint name="hinge" type="revolute">
+    <parent link="stand"/>
+    <child link="rod"/>
+    <axis xyz="0 1 0"/>
+    <limit lower="-3" upper="3" effort="20" velocity="6"/>
+  </joint>
+  <link name="rod">
+    <inertial>
+      <origin xyz="0.3 0 0"/>
+      <mass value="2"/>
+      <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.02"/>
+    </inertial>
+  </link>
+</robot>
+"#;
+
+const MASS_KG: f64 = 2.2;
+const LENGTH_M: f64 = 0.3;
+const COULOMB_NM: f64 = 0.5;
+const VISCOUS_NM_S_RAD: f64 = 0.8;
+
+/// A log of the true pendulum with the rotor of its motor, as text with a cut last line. `phase`
+/// makes another motion.
+fn log(phase: f64) -> String {
+    const WAVES: [(f64, f64); 3] = [(0.8, 0.2), (0.4, 0.5), (0.15, 1.1)];
+    const ROTOR_KG_M2: f64 = 0.1;
+
+    let mut text = "t;q1;u1\n".to_owned();
+    for sample in 0..2500_u32 {
+        let t = f64::from(sample) * 0.008;
+        let sum = |value: &dyn Fn(f64, f64, f64) -> f64| -> f64 {
+            WAVES.iter().map(|(a, hz)| value(*a, TAU * hz, TAU * hz * t + phase / hz)).sum()
+        };
+        let q = sum(&|a, _, angle| a * angle.sin());
+        let qd = sum(&|a, w, angle| a * w * angle.cos());
+        let qdd = sum(&|a, w, angle| -a * w * w * angle.sin());
+        let inertia = 0.02 + MASS_KG * LENGTH_M * LENGTH_M + ROTOR_KG_M2;
+        let gravity = -MASS_KG * 9.81 * LENGTH_M * q.cos();
+        let friction = COULOMB_NM * (qd / 0.04).tanh() + VISCOUS_NM_S_RAD * qd;
+        let u = inertia * qdd + gravity + friction;
+        let line = format!("{t:.4};{q:.7};{u:.5}").replace('.', ",");
+        writeln!(text, "{line}").unwrap();
+    }
+    text + "20,0;0,1"
+}
+
+fn identify(folder: &Path, more: &[&str]) -> (Option<i32>, String, String) {
+    let files = ["arm.urdf", "one.csv", "two.csv", "--validate", "three.csv"];
+    let flags = ["--separator", ";", "--decimal-comma", "--out", "found"];
+    let mut command = torqued(&["identify"]);
+    run_to_end(command.args(files).args(flags).args(more).current_dir(folder))
+}
+
+fn json(path: &Path) -> Value {
+    serde_json::from_slice(&fs::read(path).unwrap()).unwrap()
+}
+
+#[test]
+fn a_urdf_and_logs_become_an_identified_urdf() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    fs::write(folder.join("arm.urdf"), URDF).unwrap();
+    for (name, phase) in [("one", 0.3), ("two", 0.7), ("three", 0.1)] {
+        fs::write(folder.join(name).with_extension("csv"), log(phase)).unwrap();
+    }
+    let (code, output, errors) = identify(folder, &[]);
+    assert_eq!(code, Some(0), "{errors}");
+    assert!(errors.contains("one.csv: the last line, 2502, is cut off and left out"), "{errors}");
+    assert!(output.contains("Errors on the validation in degrees"), "{output}");
+
+    let found = folder.join("found");
+    let description = json(&found.join("description.json"));
+    let joint = &description["joints"][0];
+    let number = |value: &Value| value.as_f64().unwrap();
+    let within =
+        |value: f64, truth: f64| assert!((value / truth - 1.0).abs() < 0.03, "{value} {truth}");
+    let mass = number(&joint["link"]["mass_kg"]);
+    let center = [0, 1, 2].map(|axis| number(&joint["link"]["center_m"][axis]));
+    within(mass * center.iter().map(|c| c * c).sum::<f64>().sqrt(), MASS_KG * LENGTH_M);
+    within(number(&joint["damping_nm_s_rad"]), VISCOUS_NM_S_RAD);
+    within(0.5 * number(&joint["friction"]["phi1_nm"]), COULOMB_NM);
+
+    let parameters = fs::read_to_string(found.join("parameters.csv")).unwrap();
+    assert_eq!(parameters.lines().count(), 1 + 15);
+    let report = json(&found.join("report.json"));
+    let errors = report["arm"]["validation_errors"].as_array().unwrap();
+    let of = |name: &str| {
+        let errors = errors.iter().find(|errors| errors["predictor"] == name).unwrap();
+        number(&errors["rmse_deg"][2])
+    };
+    assert!(of("identified") < 0.1 * of("description"), "{errors:?}");
+
+    // The identified URDF is the old one with other numbers, and the same arm.
+    let urdf = fs::read_to_string(found.join("arm.urdf")).unwrap();
+    assert!(urdf.contains("<!-- the stand -->"));
+    let mut show = torqued(&["robot", "show", "found/arm.urdf", "--json"]);
+    let (code, shown, errors) = run_to_end(show.current_dir(folder));
+    assert_eq!(code, Some(0), "{errors}");
+    let shown: Value = serde_json::from_str(&shown).unwrap();
+    let again = number(&shown["joints"][0]["link"]["mass_kg"]);
+    assert!((again - mass).abs() < 1e-9, "{again} {mass}");
+    assert!(fs::read_to_string(found.join("arm.xml")).unwrap().contains("<mujoco"));
+
+    let (code, _, errors) = identify(folder, &[]);
+    assert_eq!(code, Some(1));
+    assert!(
+        errors.contains("found has files, allowed: a folder that is empty or does not exist"),
+        "{errors}"
+    );
+}
+
+#[test]
+fn logs_that_do_not_fit_the_arm_are_refused_before_any_work() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    fs::write(folder.join("arm.urdf"), URDF).unwrap();
+    for name in ["one.csv", "two.csv", "three.csv"] {
+        fs::write(folder.join(name), log(0.2)).unwrap();
+    }
+    for (flags, said) in [
+        (&["--q", "q1,u1"][..], "--q names 2 columns, allowed: 1, one per joint"),
+        (&["--time", "zeit"], "there is no column \"zeit\", only t, q1, u1"),
+        (&["--low-pass-hz", "70"], "low_pass_hz is 70 Hz, allowed for recording \"one.csv\""),
+        (&["--gain-deviation", "2"], "--gain-deviation is 2, allowed: 0 to 1"),
+    ] {
+        let (code, _, errors) = identify(folder, flags);
+        assert_eq!(code, Some(1), "{flags:?}");
+        assert!(errors.contains(said), "{errors}");
+    }
+}
+
+/// Runs on the recordings of a real UR10e, which are not part of the repository.
+#[test]
+fn a_real_ur10e_is_predicted_on_another_day_and_its_load_is_found() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/reference/real/ur10e");
+    if !folder.exists() {
+        println!("skipped: there are no recordings of a UR10e beside the repository");
+        return;
+    }
+    let out = tempfile::tempdir().unwrap();
+    let out = out.path().join("found");
+    let mut command = torqued(&["identify", "ur10e.urdf", "ur-20_02_12-40sec_12harm.csv"]);
+    command.args(["ur-20_02_12-50sec_12harm.csv", "--validate", "ur-20_02_19_14harm50sec.csv"]);
+    command.args(["--load", "ur-20_02_19_14harm50secLoad.csv", "--time", "1", "--q", "2-7"]);
+    command.args(["--u", "14-19", "--gains", "14.87,13.26,11.13,10.62,11.03,11.47", "--out"]);
+    let (code, _, errors) = run_to_end(command.arg(&out).current_dir(folder));
+    assert_eq!(code, Some(0), "{errors}");
+    let report = json(&out.join("report.json"));
+    let of = |errors: &Value, horizon: usize| {
+        let errors = errors.as_array().unwrap();
+        let identified = errors.iter().find(|errors| errors["predictor"] == "identified").unwrap();
+        identified["rmse_deg"][horizon].as_f64().unwrap()
+    };
+    for (horizon, limit_deg) in [0.031, 0.36, 1.45].into_iter().enumerate() {
+        let error = of(&report["arm"]["validation_errors"], horizon);
+        assert!(error < limit_deg, "{horizon}: {error}");
+    }
+    assert!(of(&report["load"]["errors"], 2) < 2.0);
+    let parameters = report["load"]["parameters"].as_array().unwrap();
+    let mass = parameters.iter().find(|parameter| parameter["name"] == "load_mass").unwrap();
+    assert!((mass["value"].as_f64().unwrap() - 2.805).abs() < 0.15, "{mass}");
+}
