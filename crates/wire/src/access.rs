@@ -40,7 +40,7 @@ pub struct Tokens {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct NewToken {
-    /// Letters, digits, dashes, underscores, dots and @. Only a revoked token may have the same name.
+    /// Letters, digits, dashes, underscores, dots and @. Only a revoked token may share it.
     #[schema(
         min_length = 1,
         max_length = 100,
