@@ -48,6 +48,9 @@ const AROUND: f64 = 0.14;
 /// Length of the hand's axes, and half the length of a joint's axis, relative to the largest extent.
 const HAND_AXIS: f64 = 0.13;
 const JOINT_AXIS: f64 = 0.05;
+/// Names and colours of the hand's axes.
+const HAND_AXES: [(&str, theme::Rgb); 3] =
+    [("x", theme::PALETTE[1]), ("y", theme::PALETTE[2]), ("z", theme::PALETTE[0])];
 /// Smallest extent that is drawn, m.
 const SMALLEST_M: f64 = 0.01;
 
@@ -124,9 +127,7 @@ impl ArmFigure {
             x - 7.0,
             y - 7.0
         );
-        let [_, vermillion, green, ..] = theme::PALETTE;
-        let colors = [vermillion, green, theme::PALETTE[0]];
-        for ((axis, name), color) in self.hand_axes.into_iter().zip(["x", "y", "z"]).zip(colors) {
+        for (axis, (name, color)) in self.hand_axes.into_iter().zip(HAND_AXES) {
             let end = moved(self.hand_m, axis, HAND_AXIS * scene.extent_m);
             let tip = moved(self.hand_m, axis, (HAND_AXIS + 0.03) * scene.extent_m);
             let ([x, y], [to_x, to_y]) = (plot.place(self.hand_m).into(), plot.place(end).into());
@@ -440,6 +441,7 @@ mod tests {
         // In both views.
         assert_eq!(svg.matches(">1, 2</text>").count(), 2, "{svg}");
         assert_eq!(svg.matches("<circle").count(), 6);
+        assert!(svg.contains(">hand</text>") && svg.contains(">base</text>"));
         assert!(!svg.contains(" id="), "several drawings may stand in one page");
     }
 

@@ -41,14 +41,14 @@ pub fn joints(robot: &RobotDescription) -> Table {
     });
     TableOf::new(rows.chain([hand]))
         .text("joint", |row| row.name)
-        .number("a, m", |row| number(row.a_m))
-        .number("α, °", |row| number(row.alpha_deg))
-        .number("d, m", |row| number(row.d_m))
+        .number("a, m", |row| in_place(row.a_m))
+        .number("α, °", |row| in_place(row.alpha_deg))
+        .number("d, m", |row| in_place(row.d_m))
         .number("offset, °", |row| {
-            Some(row.offset_deg).filter(|offset| *offset != 0.0).map(number)
+            Some(row.offset_deg).filter(|offset| *offset != 0.0).map(in_place)
         })
         .number("shift, m", |row| {
-            Some(row.shift_m).filter(|shift| *shift != [0.0; 3]).map(|shift| vector(&shift))
+            Some(row.shift_m).filter(|shift| *shift != [0.0; 3]).map(|shift| point(&shift))
         })
         .number("from, °", of_joint(|joint| Some(joint.position_rad.min.to_degrees())))
         .number("to, °", of_joint(|joint| Some(joint.position_rad.max.to_degrees())))
@@ -87,7 +87,7 @@ pub fn links(links: &[Link]) -> Table {
     TableOf::new(links)
         .text("moved by", |link| link.joint.as_str())
         .number("mass, kg", |link| number(link.mass_kg))
-        .number("centre, m", |link| vector(&link.center_m))
+        .number("centre, m", |link| point(&link.center_m))
         .number("principal moments, kg·m²", |link| vector(&link.principal_kg_m2))
         .text("made of", |link| Some(link.parts.join(", ")).filter(|parts| !parts.is_empty()))
         .titled("Links", "")
@@ -95,13 +95,32 @@ pub fn links(links: &[Link]) -> Table {
 }
 
 fn number(value: f64) -> Cell {
-    // Adding 0 takes the sign from -0.
-    Cell::Number(value + 0.0, Unit::Other)
+    Cell::Number(value, Unit::Other)
+}
+
+fn in_place(coordinate: f64) -> Cell {
+    number(tidy(coordinate))
+}
+
+/// A length in m or an angle in degrees as text.
+pub fn place(coordinate: f64) -> String {
+    value(tidy(coordinate))
+}
+
+/// The vector of a place, m.
+fn point(coordinates: &[f64; 3]) -> Cell {
+    vector(&coordinates.map(tidy))
 }
 
 fn vector(coordinates: &[f64; 3]) -> Cell {
-    let [x, y, z] = coordinates.map(|coordinate| value(coordinate + 0.0));
+    let [x, y, z] = coordinates.map(value);
     Cell::Text(format!("{x} {y} {z}"))
+}
+
+/// A length in m or an angle in degrees in millionths. Less is rounding, which a reader would stumble over.
+fn tidy(value: f64) -> f64 {
+    // Adding 0 takes the sign from -0.
+    (value * 1e6).round() / 1e6 + 0.0
 }
 
 #[cfg(test)]

@@ -58,8 +58,8 @@ fn text(robot: &Robot, nominal: &dynamics::Robot) -> String {
     }
     let base = description.base;
     if !base.is_upright() {
-        let [x, y, z] = base.position_m.map(reports::numbers::value);
-        let [roll, pitch, yaw] = base.rpy_deg.map(reports::numbers::value);
+        let [x, y, z] = base.position_m.map(robot::place);
+        let [roll, pitch, yaw] = base.rpy_deg.map(robot::place);
         text += &format!(
             "frame before the first joint at {x} {y} {z} m, turned by roll {roll}°, pitch {pitch}°, yaw {yaw}°\n"
         );
