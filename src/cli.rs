@@ -129,7 +129,7 @@ pub enum Command {
     Reindex(reindex::Arguments),
     /// Move a data folder to PostgreSQL and a bucket, or back
     Migrate(copies::MigrateArguments),
-    /// Show an arm from a URDF or a description, without a server
+    /// Show, simulate or compute an arm from a URDF or a description, without a server
     Robot(robot::Arguments),
     /// List the presets, or show one
     Presets(presets::Arguments),

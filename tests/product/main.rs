@@ -35,6 +35,7 @@ mod product;
 mod quickstart;
 mod redirects;
 mod reindex;
+mod robots;
 #[expect(dead_code, reason = "the tests of the store have it fail")]
 #[path = "../../store/tests/s3_server/mod.rs"]
 mod s3_server;

@@ -1,0 +1,164 @@
+use std::process::ExitCode;
+
+use anyhow::Context;
+use clap::Args;
+use dynamics::DynamicsError;
+use reports::{Align, Table};
+use serde_json::json;
+use spec::{JobSpec, RobotModel, SimulateSpec};
+
+use super::survey::Survey;
+use crate::exit::INTERRUPTED;
+use crate::output::write_json;
+use crate::progress::{self, ProgressCallback, measure};
+use crate::robots::RobotArguments;
+
+#[derive(Debug, Args)]
+#[command(
+    after_help = "The torques are multisines around 0.15 Hz and chirps around 0.3 Hz with their default amplitudes, as in \
+                  the preset D1-mixed; a controller compensates gravity, and the hand carries no payload. Robots and \
+                  initial states vary as the description says."
+)]
+pub struct Arguments {
+    /// Number of trajectories
+    #[arg(long, value_name = "N", default_value_t = 1000, value_parser = clap::value_parser!(u64).range(1..=10_000_000))]
+    trajectories: u64,
+
+    /// Print the result as JSON, with the spec of the simulation
+    #[arg(long)]
+    json: bool,
+
+    #[command(flatten)]
+    robot: RobotArguments,
+}
+
+pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
+    let robot = arguments.robot.read()?;
+    let spec = simulation(&robot.model, arguments.trajectories)?;
+    let doubts: Vec<String> = robot.doubts().iter().map(ToString::to_string).collect();
+    let of_spec = spec.doubts().into_iter().map(|doubt| doubt.to_string());
+    let doubts: Vec<String> = doubts.into_iter().chain(of_spec).collect();
+    let simulated = spec.clone();
+    let work = move |progress: ProgressCallback<'_>| Survey::new(&simulated, progress);
+    let survey = match progress::follow_own("check", spec.trajectories, work).await? {
+        Err(DynamicsError::Cancelled { .. }) => {
+            eprintln!("interrupted");
+            return Ok(ExitCode::from(INTERRUPTED));
+        }
+        survey => survey?,
+    };
+    if arguments.json {
+        let mut document = serde_json::to_value(&survey)?;
+        document["doubts"] = json!(doubts);
+        document["spec"] = serde_json::to_value(JobSpec::Simulate(spec))?;
+        write_json(&document)?;
+    } else {
+        print!("{}", text(&survey, &spec));
+        for doubt in doubts {
+            println!("doubt: {doubt}");
+        }
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// A simulation of the robot as its description has it.
+fn simulation(robot: &RobotModel, trajectories: u64) -> anyhow::Result<SimulateSpec> {
+    let spec = json!({
+        "kind": "simulate",
+        "trajectories": trajectories,
+        "excitation": {
+            "chirp": {"frequency_hz": {"fixed": 0.3}},
+            "multisine": {"frequency_hz": {"fixed": 0.15}},
+        },
+        "robot": {"model": robot, "gravity": "compensated"},
+        "observations": {"joint_velocities": true},
+    });
+    match spec::parse_json(spec).context("the arm cannot be simulated")? {
+        JobSpec::Simulate(spec) => Ok(spec),
+        other => unreachable!("a simulation became a job of kind {}", other.kind()),
+    }
+}
+
+fn text(survey: &Survey, spec: &SimulateSpec) -> String {
+    let Survey { draws, kept, diverged, margin_rad, trajectories_per_second, .. } = *survey;
+    let share = 100.0 * kept as f64 / draws as f64;
+    let mut text =
+        format!("{} of {} draws kept ({share:.1} %)", measure::count(kept), measure::count(draws));
+    if let Some(margin) = margin_rad {
+        let near = measure::count(draws - kept - diverged);
+        text += &format!("; {near} came within {margin} rad of a limit");
+    }
+    text += &format!("; {} diverged\n", measure::count(diverged));
+    if let Some(rate) = trajectories_per_second {
+        text += &format!(
+            "{} trajectories/s of {} samples at {} Hz, with {} threads\n",
+            measure::rounded(rate),
+            spec.samples,
+            spec.rate_hz,
+            rayon::current_num_threads(),
+        );
+    }
+    text += &format!("\n{}", table(survey).render());
+    if kept == 0 {
+        text += "no draw was kept, so nothing is known about motions and torques within the limits; check the limits, \
+                 the damping, the inertias and the initial state\n";
+    }
+    text
+}
+
+/// The joints: where their limits are, where they were in the draws that were kept, and which of
+/// them ended the others.
+fn table(survey: &Survey) -> Table {
+    let headings = [
+        "limits, °",
+        "moved, °",
+        "speed, rad/s",
+        "limit, rad/s",
+        "torque, N·m",
+        "limit, N·m",
+        "draws refused",
+    ];
+    let columns = headings.map(|heading| (heading, Align::Right));
+    let mut table = Table::new([("joint", Align::Left)].into_iter().chain(columns));
+    let range = |[from, to]: [f64; 2]| format!("{from:.1} to {to:.1}");
+    for joint in &survey.joints {
+        let number =
+            |value: Option<f64>| value.map_or_else(|| "-".to_owned(), reports::numbers::value);
+        table.push(vec![
+            joint.name.clone(),
+            range(joint.limits_deg),
+            joint.moved_deg.map_or_else(|| "-".to_owned(), range),
+            number(joint.fastest_rad_s),
+            reports::numbers::value(joint.velocity_limit_rad_s),
+            number(joint.largest_torque_nm),
+            reports::numbers::value(joint.torque_limit_nm),
+            measure::count(joint.refused),
+        ]);
+    }
+    table
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn most_draws_of_a_panda_are_kept_and_the_table_has_a_row_for_each_joint() {
+        let spec = simulation(&RobotModel::panda(), 40).unwrap();
+        let survey = Survey::new(&spec, &|_| std::ops::ControlFlow::Continue(())).unwrap();
+        let text = text(&survey, &spec);
+        assert!(text.contains("of 40 draws kept"), "{text}");
+        assert!(text.contains("came within 0.01 rad of a limit; 0 diverged"), "{text}");
+        assert!(text.contains("-166.0 to 166.0"), "{text}");
+        assert_eq!(text.matches("panda_joint").count(), 7, "{text}");
+    }
+
+    #[test]
+    fn a_robot_that_a_spec_refuses_is_refused_with_its_fields() {
+        let mut description = RobotModel::panda().description().clone();
+        description.joints[1].torque_nm = -1.0;
+        let model = RobotModel::Described(Box::new(description));
+        let message = crate::exit::message(&simulation(&model, 1).unwrap_err());
+        assert!(message.contains("robot.model.joints[1].torque_nm is -1"), "{message}");
+    }
+}
