@@ -1,6 +1,6 @@
 """Compares descriptions of public arms with Pinocchio's models of the same URDFs.
 
-    pip install pin==4.1.0 example-robot-data
+    pip install pin==4.1.0 example-robot-data==6.0.0
     cargo build -p urdf --example describe
     python crates/urdf/tests/peers/public_arms.py target/debug/examples/describe [MORE.urdf ..]
 
@@ -136,6 +136,12 @@ def reference(path, arm, locks):
     return model, base
 
 
+def locks_of(options):
+    """The locked joints and their positions."""
+    locks = [lock.split("=") for flag, lock in zip(options, options[1:]) if flag == "--lock"]
+    return {joint: float(position) for joint, position in locks}
+
+
 def call(describe, path, options):
     ran = subprocess.run([describe, str(path), *options], capture_output=True, text=True, check=False)
     if ran.returncode != 0:
@@ -158,11 +164,7 @@ def compared(describe, path, options, random):
         repairs = True
         options = [*options, "--nearest-physical"]
         arm = call(describe, path, options)
-    locks = dict(
-        (lock.split("=")[0], float(lock.split("=")[1]))
-        for flag, lock in zip(options, options[1:])
-        if flag == "--lock"
-    )
+    locks = locks_of(options)
     theirs, base = reference(repaired(path) if repairs else path, arm, locks)
 
     # Turned by a random mount, gravity points elsewhere for the same base.
@@ -204,13 +206,18 @@ def compared(describe, path, options, random):
     return arm, errors, repairs
 
 
-def main():
-    describe, *more = sys.argv[1:]
-    robots = next(
+def folder_of_robots():
+    """The folder of example-robot-data's robots."""
+    return next(
         robots
         for folder in map(pathlib.Path, sys.path)
         if (robots := folder / "cmeel.prefix/share/example-robot-data/robots").is_dir()
     )
+
+
+def main():
+    describe, *more = sys.argv[1:]
+    robots = folder_of_robots()
     arms = [(robots / path, options) for path, options in ARMS] + [(pathlib.Path(path), []) for path in more]
     random = numpy.random.default_rng(39)
     print("| URDF | options | joints | links | doubts | repaired | gravity | bias | mass | tip, m |")
