@@ -85,7 +85,7 @@ impl RobotSpec {
 pub enum Gravity {
     /// No gravity, as in the paper's dataset recipe.
     Off,
-    /// 9.81 m/s² along -z of the base, not compensated.
+    /// 9.81 m/s² along -z of the world, not compensated.
     On,
     /// Like `on`, but the arm's own controller adds the robot's exact gravity torque g(q) to the
     /// excitation at every sample. Both are held until the next sample, and `u` is their sum.
