@@ -5,7 +5,6 @@ use nalgebra::{Rotation3, Vector3};
 use spec::{BodyDescription, Gravity, JointDescription, RobotDescription, RobotSpec};
 
 use crate::kinematics::{Angle, Base, Row};
-use crate::structure::Kind;
 use crate::{Friction, Joints, Kinematics, RigidBody};
 
 /// The physical parameters of one arm.
@@ -46,11 +45,6 @@ impl Robot {
     /// The number of joints.
     pub fn joints(&self) -> usize {
         self.links.len()
-    }
-
-    /// Whether there are kernels compiled for this robot's structure. Those for all robots are slower.
-    pub fn has_compiled_kernels(&self) -> bool {
-        Kind::of([self]) == Kind::Compiled
     }
 
     /// The nominal Panda with damping, armature and gravity of the default spec.

@@ -68,6 +68,13 @@ impl Kind {
     }
 }
 
+impl Robot {
+    /// Whether there are kernels compiled for this robot's structure. Those for all robots are slower.
+    pub fn has_compiled_kernels(&self) -> bool {
+        Kind::of([self]) == Kind::Compiled
+    }
+}
+
 /// Evaluates `$body` with `$structure` bound to the structure of a [`Kind`].
 macro_rules! with_structure {
     ($kind:expr, |$structure:ident| $body:expr) => {
