@@ -223,6 +223,16 @@ impl ArmFigure {
             theme::INK,
             body,
         );
+        y += LEGEND_ROW;
+        for ((name, color), x) in HAND_AXES.into_iter().zip([-4.0, 4.0, 12.0]) {
+            Words { x: scene.legend_left + x, y, size: FONT_SIZE, anchor: "end" }
+                .write(name, color, body);
+        }
+        Words { x: scene.legend_left + 22.0, y, size: FONT_SIZE, anchor: "start" }.write(
+            "hand",
+            theme::INK,
+            body,
+        );
     }
 }
 
