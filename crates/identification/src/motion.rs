@@ -34,8 +34,8 @@ pub(crate) struct Motion {
     filter: LowPass,
 }
 
-/// Samples at each end of a recording that a low-pass and differences leave uncertain.
-pub(crate) const UNCERTAIN: usize = 20;
+/// The ends of a recording that a low-pass and differences leave uncertain, s.
+const UNCERTAIN_S: f64 = 0.25;
 
 impl Motion {
     /// # Errors
@@ -80,6 +80,11 @@ impl Motion {
 
     pub(crate) fn samples(&self) -> usize {
         self.q.len()
+    }
+
+    /// Samples at each end that the low-pass and differences leave uncertain.
+    pub(crate) fn uncertain(&self) -> usize {
+        self.samples_in(UNCERTAIN_S).max(2)
     }
 
     /// The number of samples in `seconds`.
@@ -142,7 +147,7 @@ fn check(recording: &Recording, joints: usize) -> Result<(), IdentificationError
     let samples = q.len().min(u.len());
     let seconds = samples as f64 / rate_hz;
     let least_s = 2.0 * HORIZONS_S[HORIZONS_S.len() - 1];
-    if seconds.is_nan() || seconds < least_s || samples < 8 * UNCERTAIN {
+    if seconds.is_nan() || seconds < least_s {
         return Err(IdentificationError::Short { recording: name.clone(), seconds, least_s });
     }
     Ok(())

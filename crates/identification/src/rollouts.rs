@@ -6,7 +6,7 @@ use simd::InstructionSet;
 use spec::{Integrator, Precision};
 
 use crate::arm::Arm;
-use crate::motion::{Motion, UNCERTAIN, whole};
+use crate::motion::{Motion, whole};
 use crate::normal_equations::NormalEquations;
 
 /// How far ahead motions are predicted, s: one step of a controller, half a second, and the horizon
@@ -39,8 +39,8 @@ impl<'a> Windows<'a> {
         let horizon = motions[0].samples_in(HORIZONS_S[HORIZONS_S.len() - 1]);
         let every = motions[0].samples_in(every_s).max(1);
         let windows = motions.iter().flat_map(|motion| {
-            let last = motion.samples().saturating_sub(horizon + UNCERTAIN + 1);
-            (UNCERTAIN..last).step_by(every).map(move |start| Window { motion, start })
+            let last = motion.samples().saturating_sub(horizon + motion.uncertain() + 1);
+            (motion.uncertain()..last).step_by(every).map(move |start| Window { motion, start })
         });
         let substeps = whole((1.0 / (rate_hz * LONGEST_STEP_S)).ceil()).max(1);
         let substeps = u32::try_from(substeps).unwrap_or(u32::MAX);

@@ -4,7 +4,7 @@ use dynamics::{Joints, LINK_PARAMETERS, torque_regressor};
 use nalgebra::{DMatrix, DVector};
 
 use crate::arm::{Arm, JOINT_NUMBERS, NUMBERS};
-use crate::motion::{Motion, UNCERTAIN, whole};
+use crate::motion::{Motion, whole};
 use crate::normal_equations::NormalEquations;
 
 /// The regression on one joint's torque: rows `[sample, value]`, N·m.
@@ -41,7 +41,8 @@ impl Torques {
             begins.push(torques[0].len());
             let every = whole(motion.rate_hz / ROWS_PER_SECOND).max(1);
             let coulomb = motion.coulomb(arm.friction_speed_rad_s);
-            for sample in (UNCERTAIN..motion.samples() - UNCERTAIN).step_by(every) {
+            let known = motion.uncertain()..motion.samples() - motion.uncertain();
+            for sample in known.step_by(every) {
                 let regressor = regressor(arm, motion, sample, &coulomb[sample]);
                 for joint in 0..joints {
                     rows[joint].extend(&regressor[joint * width..][..width]);

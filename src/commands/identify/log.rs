@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail, ensure};
 use clap::Args;
 use identification::Recording;
+use series::LowPass;
 
 /// Flags for the columns of logs.
 #[derive(Clone, Debug, Args)]
@@ -42,8 +43,11 @@ const MAX_BYTES: u64 = 2 << 30;
 /// The longest time between two rows, s. Across a longer one, nothing is known of the motion.
 const MAX_GAP_S: f64 = 0.1;
 
-/// The highest rate of the samples, Hz.
-const MAX_RATE_HZ: f64 = 1000.0;
+/// The highest rate of the samples, Hz. A faster log is filtered before samples are left out.
+const MAX_RATE_HZ: f64 = 250.0;
+
+/// The edge of that filter, as a share of the samples' rate.
+const EDGE: f64 = 0.4;
 
 /// A log that was read, and what was left out of it.
 pub struct Log {
@@ -233,16 +237,40 @@ fn listed(text: &str, header: Option<&csv::StringRecord>) -> anyhow::Result<Vec<
 }
 
 impl Log {
-    /// Samples per second: one over the median time between rows, at most [`MAX_RATE_HZ`].
+    /// Samples per second for recordings: the log's own, at most [`MAX_RATE_HZ`].
     pub fn rate_hz(&self) -> f64 {
+        self.own_rate_hz().min(MAX_RATE_HZ)
+    }
+
+    /// One over the median time between rows.
+    fn own_rate_hz(&self) -> f64 {
         let mut periods: Vec<f64> =
             self.rows.windows(2).map(|pair| pair[1].time_s - pair[0].time_s).collect();
         periods.sort_by(f64::total_cmp);
-        (1.0 / periods[periods.len() / 2]).min(MAX_RATE_HZ)
+        1.0 / periods[periods.len() / 2]
+    }
+
+    /// The log at even times. A log with a higher rate than `rate_hz` passes a low-pass without
+    /// delay before, so that nothing from above half of the rate is folded into it.
+    pub fn recording(&self, rate_hz: f64) -> Recording {
+        let own_rate_hz = self.own_rate_hz();
+        match LowPass::new(EDGE * rate_hz, own_rate_hz) {
+            Some(filter) if own_rate_hz > rate_hz => {
+                let dense = self.at_even_times(own_rate_hz);
+                let rows = (0_u32..)
+                    .zip(filtered(&filter, &dense.q))
+                    .zip(filtered(&filter, &dense.u))
+                    .map(|((sample, q), u)| Row { time_s: f64::from(sample) / own_rate_hz, q, u })
+                    .collect();
+                let path = self.path.clone();
+                Log { rows, path, notes: Vec::new() }.at_even_times(rate_hz)
+            }
+            _ => self.at_even_times(rate_hz),
+        }
     }
 
     /// The log at even times. Values between two rows are interpolated.
-    pub fn recording(&self, rate_hz: f64) -> Recording {
+    fn at_even_times(&self, rate_hz: f64) -> Recording {
         let (first, last) = (self.rows[0].time_s, self.rows[self.rows.len() - 1].time_s);
         let name = self.path.display().to_string();
         let mut recording = Recording { name, rate_hz, q: Vec::new(), u: Vec::new() };
@@ -266,6 +294,18 @@ impl Log {
         }
         recording
     }
+}
+
+/// Rows `[sample][column]` after a low-pass.
+fn filtered(filter: &LowPass, rows: &[Vec<f64>]) -> Vec<Vec<f64>> {
+    let columns = rows.first().map_or(0, Vec::len);
+    let columns: Vec<Vec<f64>> = (0..columns)
+        .map(|column| {
+            let values: Vec<f64> = rows.iter().map(|row| row[column]).collect();
+            filter.apply(&values).unwrap_or(values)
+        })
+        .collect();
+    (0..rows.len()).map(|k| columns.iter().map(|column| column[k]).collect()).collect()
 }
 
 #[cfg(test)]
@@ -336,6 +376,25 @@ mod tests {
         let recording = log.recording(200.0);
         assert_eq!(recording.q.len(), 4);
         assert!((recording.q[1][1] - 1.0).abs() < 1e-12 && (recording.u[3][0] - 4.5).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_faster_log_is_filtered_before_samples_are_left_out() {
+        // 1 Hz, and 240 Hz, which would become 10 Hz at 250 samples per second.
+        let mut text = "t,q1,q2,u1,u2\n".to_owned();
+        for sample in 0..2000 {
+            let t = f64::from(sample) * 1e-3;
+            let wave = |hz: f64| (std::f64::consts::TAU * hz * t).sin();
+            text += &format!("{t},{},0,{},0\n", wave(1.0), wave(240.0));
+        }
+        let log = read(&[], &text).unwrap();
+        assert!((log.rate_hz() - 250.0).abs() < 1e-6);
+        let recording = log.recording(250.0);
+        for (k, (q, u)) in recording.q.iter().zip(&recording.u).enumerate().skip(50).take(400) {
+            let expected = (std::f64::consts::TAU * k as f64 / 250.0).sin();
+            assert!((q[0] - expected).abs() < 1e-3, "{k}: {} {expected}", q[0]);
+            assert!(u[0].abs() < 0.02, "{k}: {}", u[0]);
+        }
     }
 
     #[test]
