@@ -47,7 +47,8 @@ impl Product {
         let url = line.split_whitespace().last().unwrap_or_default().to_owned();
         assert!(url.starts_with("http://"), "serve did not say where: {line:?}");
         let _ = rustls::crypto::ring::default_provider().install_default();
-        let http = reqwest::Client::builder().no_proxy().build().unwrap();
+        // A command that a test waits for may take longer than the server keeps an idle connection.
+        let http = reqwest::Client::builder().no_proxy().pool_max_idle_per_host(0).build().unwrap();
         Self { process, url, http }
     }
 
