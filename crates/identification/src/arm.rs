@@ -15,7 +15,7 @@ pub(crate) const JOINT_NUMBERS: usize = 5;
 /// All numbers of a joint and its link.
 pub(crate) const NUMBERS: usize = LINK_PARAMETERS + JOINT_NUMBERS;
 
-/// What is identified of a joint.
+/// A number of a joint that is identified.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum JointParameter {
     /// Coulomb friction, N·m.
@@ -30,7 +30,7 @@ pub enum JointParameter {
     Gain,
 }
 
-/// What is identified of an arm.
+/// A number of an arm that is identified.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Parameter {
     /// Mass of a link, kg.

@@ -13,6 +13,18 @@ pub enum IdentificationError {
         /// The arm's number of joints.
         allowed: usize,
     },
+    /// A recording has more samples of one column than of the other.
+    #[error(
+        "recording {recording:?} has {q} samples of positions and {u} of torques, allowed: as many"
+    )]
+    Lengths {
+        /// The recording's name.
+        recording: String,
+        /// Samples of positions.
+        q: usize,
+        /// Samples of torques.
+        u: usize,
+    },
     /// A recording is shorter than the longest horizon.
     #[error("recording {recording:?} lasts {seconds:.2} s, allowed: at least {least_s} s")]
     Short {

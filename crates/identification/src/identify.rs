@@ -182,7 +182,7 @@ struct TorqueFit {
     prior: Prior,
     arm: Arm,
     torques: Torques,
-    /// Of the arm's numbers.
+    /// The covariance of the arm's numbers.
     covariance: DMatrix<f64>,
     /// Σ over joints of the logarithm of the residual torque.
     misfit: f64,

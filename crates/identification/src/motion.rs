@@ -70,7 +70,7 @@ impl Motion {
         })
     }
 
-    /// What Coulomb friction of 1 N·m adds to the smooth torques, `[sample][joint]`. It changes
+    /// The smooth torques of Coulomb friction of 1 N·m, `[sample][joint]`. Friction changes
     /// within a sample where a joint turns back, and the low-pass of the torques spreads that.
     pub(crate) fn coulomb(&self, friction_speed_rad_s: f64) -> Vec<Vec<f64>> {
         let sign =
@@ -144,7 +144,11 @@ fn check(recording: &Recording, joints: usize) -> Result<(), IdentificationError
             }
         }
     }
-    let samples = q.len().min(u.len());
+    if q.len() != u.len() {
+        let (recording, q, u) = (name.clone(), q.len(), u.len());
+        return Err(IdentificationError::Lengths { recording, q, u });
+    }
+    let samples = q.len();
     let seconds = samples as f64 / rate_hz;
     let least_s = 2.0 * HORIZONS_S[HORIZONS_S.len() - 1];
     if seconds.is_nan() || seconds < least_s {

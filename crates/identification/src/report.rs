@@ -1,4 +1,4 @@
-//! What an identification found.
+//! The results of an identification.
 
 use serde::Serialize;
 
@@ -16,7 +16,7 @@ pub struct HorizonErrors {
     pub rmse_deg: [f64; 3],
 }
 
-/// What is left of a joint's torque when the arm's is subtracted.
+/// A joint's torque less that of the arm.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct TorqueResidual {
     /// From 1.
@@ -62,7 +62,7 @@ pub struct Report {
     pub errors: Vec<HorizonErrors>,
     /// Errors of predictors on the recordings of the validation, if there are any.
     pub validation_errors: Vec<HorizonErrors>,
-    /// What a reader should doubt.
+    /// Reasons to doubt the results, one sentence each.
     pub warnings: Vec<String>,
 }
 

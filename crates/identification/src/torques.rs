@@ -60,7 +60,7 @@ impl Torques {
         Self { joints: rows.into_iter().zip(torques).map(joint).collect(), begins }
     }
 
-    /// What the arm does not explain of each joint's torque, root mean square in N·m.
+    /// The root mean square of each joint's torque less the arm's, N·m.
     pub(crate) fn residuals_nm(&self, arm: &Arm) -> Vec<f64> {
         let of = |(joint, linear): (&JointRegression, DVector<f64>)| {
             (joint.square_of(&linear) / joint.torques.len() as f64).sqrt()

@@ -263,6 +263,8 @@ fn recordings_that_say_nothing_are_refused() {
         recording.u.truncate(200);
     });
     assert!(matches!(short, IdentificationError::Short { .. }), "{short}");
+    let uneven = refused(&|recording| recording.u.truncate(1000));
+    assert!(matches!(uneven, IdentificationError::Lengths { q: 1250, u: 1000, .. }), "{uneven}");
     let nan = refused(&|recording| recording.u[5][1] = f64::NAN);
     assert!(
         matches!(nan, IdentificationError::NotFinite { column: "u", joint: 2, sample: 5, .. }),

@@ -20,7 +20,7 @@ pub enum UrdfError {
     /// There are too many elements, or they are nested too deeply.
     #[error("the URDF has more than {most} {what}")]
     TooMany {
-        /// What there is too much of.
+        /// The things of which there are too many.
         what: &'static str,
         /// The number that is allowed.
         most: usize,

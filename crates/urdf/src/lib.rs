@@ -96,7 +96,7 @@ pub struct Options {
 pub struct Arm {
     /// The arm.
     pub description: RobotDescription,
-    /// What its user should know.
+    /// The arm's user should know these.
     pub doubts: Vec<Doubt>,
     /// Name of the link that stands.
     pub base: String,
