@@ -46,6 +46,10 @@ identifier!(
     CheckpointId
 );
 identifier!(
+    /// A robot.
+    RobotId
+);
+identifier!(
     /// A token.
     TokenId
 );

@@ -1,4 +1,4 @@
-//! Persistent storage: jobs, tasks, runs, metrics, datasets and checkpoints as rows in SQLite or
+//! Persistent storage: jobs, tasks, runs, metrics, datasets, checkpoints and robots as rows in SQLite or
 //! PostgreSQL, their bytes as objects, and the Parquet layout of a dataset.
 //!
 //! [`Store`] is the one door, and its methods lie in one file per resource. These rules hold
@@ -64,7 +64,7 @@ pub use database::Duty;
 pub use error::StoreError;
 pub use events::{EVENTS_KEPT, EVENTS_KEPT_FOR, Event, EventFilter, EventTail};
 pub use identifiers::{
-    CheckpointId, DatasetId, Epoch, ExperimentId, Fence, JobId, RunId, TaskId, TokenId,
+    CheckpointId, DatasetId, Epoch, ExperimentId, Fence, JobId, RobotId, RunId, TaskId, TokenId,
     TrackedRunId,
 };
 pub use lists::census::Census;
@@ -108,6 +108,7 @@ pub use results::artifacts::{Artifact, NewArtifact};
 pub use results::checkpoints::{Checkpoint, CheckpointFile, NewCheckpoint, WhichCheckpoint};
 pub use results::datasets::{Dataset, Shard, ShardContents};
 pub use results::metrics::{CurvePoint, Metric, MetricCurve};
+pub use results::robots::{AddedRobot, NewRobot, Robot, RobotSource};
 pub use results::runs::Run;
 pub use results::uploads::{Upload, UploadWriter};
 pub use store::Store;

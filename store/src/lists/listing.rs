@@ -1,4 +1,4 @@
-//! Lists of jobs, runs, datasets and checkpoints. They are filtered, sorted, and read page by page;
+//! Lists of jobs, runs, datasets, checkpoints and robots. They are filtered, sorted, and read page by page;
 //! each page begins where the one before ended.
 //!
 //! A list is read in two statements. The first finds ids in their order, by filters and by the
@@ -140,13 +140,20 @@ impl Store {
         item: ItemKind,
         listing: &Listing,
     ) -> Result<FoundRows, StoreError> {
-        let mut places = self.read(LISTING).places(item, listing).await?;
+        let places = self.read(LISTING).places(item, listing).await?;
+        Ok(FoundRows::of(places, listing))
+    }
+}
+
+impl FoundRows {
+    /// The places of a page, without the row behind it.
+    pub fn of(mut places: Vec<Position>, listing: &Listing) -> Self {
         let limit = usize::try_from(listing.limit()).unwrap_or(usize::MAX);
         // One row more than the limit tells whether there is another page.
         let has_more = places.len() > limit;
         places.truncate(limit);
         let end = places.last().filter(|_| has_more).cloned();
-        Ok(FoundRows { ids: places.iter().map(|place| place.id).collect(), end })
+        Self { ids: places.iter().map(|place| place.id).collect(), end }
     }
 }
 

@@ -8,7 +8,7 @@ use crate::StoreError;
 use crate::database::FoundColumn;
 
 /// The tables that move. Each comes after those that its rows refer to.
-pub(crate) const TABLES: [&str; 37] = [
+pub(crate) const TABLES: [&str; 38] = [
     "resources",
     "job",
     "job_need",
@@ -34,6 +34,7 @@ pub(crate) const TABLES: [&str; 37] = [
     "dataset_tag",
     "checkpoint_tag",
     "upload",
+    "robot",
     "worker",
     "queue",
     "token",

@@ -1,5 +1,5 @@
-//! Databases of before the first release, whose schema came from many files, have the same schema as
-//! new ones, and open as they are. `sqlite_16.sql` and `postgres_13.sql` are dumps of such databases
+//! Databases of before the first release, whose schema came from many files, run the files of after it
+//! alone, and have the same schema as new ones then. `sqlite_16.sql` and `postgres_13.sql` are dumps of such databases
 //! with one job.
 
 use sqlx::sqlite::SqliteConnectOptions;
@@ -25,6 +25,11 @@ type Applied = Vec<(i64, Vec<u8>)>;
 
 const SELECT_APPLIED: &str = "SELECT version, checksum FROM _sqlx_migrations ORDER BY version";
 
+/// The versions of the rows that came later.
+fn versions_behind(before: &Applied, after: &Applied) -> Vec<i64> {
+    after[before.len()..].iter().map(|(version, _)| *version).collect()
+}
+
 #[tokio::test]
 async fn a_data_folder_from_before_the_release_opens_and_has_the_schema_of_a_new_one() {
     let (old, new) = (marked_folder(), tempfile::tempdir().unwrap());
@@ -46,7 +51,8 @@ async fn a_data_folder_from_before_the_release_opens_and_has_the_schema_of_a_new
     Store::open(new.path(), Access::Server).await.unwrap().close().await;
     let (mut old, mut new) = (connect(&old).await, connect(&new).await);
     let after: Applied = sqlx::query_as(SELECT_APPLIED).fetch_all(&mut old).await.unwrap();
-    assert_eq!(before, after, "nothing ran");
+    assert_eq!(before, after[..before.len()], "nothing ran again");
+    assert_eq!(versions_behind(&before, &after), [17]);
     assert_eq!(sqlite_schema(&mut old).await, sqlite_schema(&mut new).await);
 }
 
@@ -69,7 +75,8 @@ async fn a_postgresql_from_before_the_release_opens_and_has_the_schema_of_a_new_
         store.close().await;
     }
     let after: Applied = sqlx::query_as(SELECT_APPLIED).fetch_all(&mut connection).await.unwrap();
-    assert_eq!(before, after, "nothing ran");
+    assert_eq!(before, after[..before.len()], "nothing ran again");
+    assert_eq!(versions_behind(&before, &after), [14]);
 
     let elsewhere = tempfile::tempdir().unwrap();
     let new_store = Location { folder: elsewhere.path().to_owned(), ..at(new.url()) };

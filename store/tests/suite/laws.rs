@@ -280,6 +280,13 @@ macro_rules! all_laws {
                 only_what_torqued_makes_is_swept_and_only_after_it_was_named,
                 a_place_without_its_mark_is_neither_written_nor_swept,
                 what_was_published_but_not_committed_is_swept;
+            robots:
+                a_robot_comes_back_as_it_was_added,
+                a_description_is_kept_once_and_gets_the_urdf_that_it_lacks,
+                of_many_who_add_one_description_one_makes_it,
+                robots_are_listed_in_pages_and_found_by_their_names,
+                a_robot_that_was_removed_is_gone_and_can_be_added_again,
+                a_robot_outlives_the_job_that_identified_it;
             uploads:
                 a_file_is_found_by_its_digest,
                 a_file_that_is_sent_again_is_kept_once,

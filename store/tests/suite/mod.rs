@@ -22,6 +22,7 @@ pub mod propagation;
 pub mod purge;
 pub mod resources;
 pub mod retention;
+pub mod robots;
 pub mod servers;
 pub mod submission;
 pub mod takeover;

@@ -4,13 +4,13 @@ use std::time::Duration;
 
 use bytes::Bytes;
 use serde_json::json;
-use spec::{Digest, Execution, Resources};
+use spec::{Digest, Execution, Resources, RobotModel};
 use store::{
     Access, AuditEntry, CheckpointFile, ClaimedTask, DeletionOrder, Idempotency, ItemKind,
     JobFilter, JobState, LabelChange, Metric, NewArtifact, NewCheckpoint, NewJob, NewLogChunk,
-    NewTask, NewToken, NewTrackedRun, Output, Page, Progress, Respect, Retry, Reuse, Ripe, Scope,
-    Store, Submission, TextChange, Timestamp, TrackedBatch, TrackedMetric, TrackedRunChange,
-    object_path,
+    NewRobot, NewTask, NewToken, NewTrackedRun, Output, Page, Progress, Respect, Retry, Reuse,
+    Ripe, RobotSource, Scope, Store, Submission, TextChange, Timestamp, TrackedBatch,
+    TrackedMetric, TrackedRunChange, object_path,
 };
 use tempfile::TempDir;
 
@@ -31,6 +31,7 @@ pub async fn filled() -> TempDir {
     purged_job(&f).await;
     failed_and_cancelled_jobs(&f).await;
     imported_file(&f).await;
+    robots(&f).await;
     task_of_a_dead_worker(&f).await;
     jobs_to_do(&f).await;
     tokens_and_what_was_done_with_them(&f).await;
@@ -139,6 +140,27 @@ async fn imported_file(f: &Fixture) {
     let file = writer.finish(UNUSUAL).await.unwrap();
     f.submit_one(import(file.object.sha256)).await;
     f.work_off().await;
+}
+
+/// One that was added with its URDF, and one that a job identified.
+async fn robots(f: &Fixture) {
+    let mut description = RobotModel::panda().description().clone();
+    description.name = UNUSUAL.to_owned();
+    let source = RobotSource { urdf: UNUSUAL.to_owned(), options: json!({"tip": UNUSUAL}) };
+    let added = NewRobot {
+        name: UNUSUAL.to_owned(),
+        description: description.clone(),
+        source: Some(source),
+        doubts: vec![UNUSUAL.to_owned()],
+        job: None,
+        added_by: Some(UNUSUAL.to_owned()),
+    };
+    f.store.add_robot(&added).await.unwrap();
+    description.joints[0].link.mass_kg = 1.0 / 3.0;
+    let job = f.store.jobs(JobFilter::default(), Page::default()).await.unwrap()[0].id;
+    let identified =
+        NewRobot { description, source: None, job: Some(job), added_by: None, ..added };
+    f.store.add_robot(&identified).await.unwrap();
 }
 
 async fn tokens_and_what_was_done_with_them(f: &Fixture) {

@@ -121,8 +121,9 @@ async fn schemas_of_other_versions_stay_as_they_are() {
     assert!(error.contains("was made by a newer torqued (schema 99"), "{error}");
     cluster.psql(places.database.name(), "DELETE FROM _sqlx_migrations WHERE version = 99");
     let mut connection = sqlite(places.first.path()).await;
-    let older = "UPDATE _sqlx_migrations SET version = 1";
-    sqlx::query(older).execute(&mut connection).await.unwrap();
+    let older = "DELETE FROM _sqlx_migrations WHERE version > 16; \
+                 UPDATE _sqlx_migrations SET version = 1";
+    sqlx::raw_sql(older).execute(&mut connection).await.unwrap();
     let error = places.refusal(&places.first(), &places.postgres()).await;
     assert!(error.contains("has schema 1 of an unreleased torqued"), "{error}");
 }

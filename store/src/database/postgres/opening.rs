@@ -15,8 +15,10 @@ use crate::place::location::DatabaseUrl;
 use crate::{Access, StoreError};
 
 /// The files in `migrations/postgres`.
-pub(in crate::database) const FILES: [schema::File; 1] =
-    [(13, "schema", include_str!("../../../../migrations/postgres/0013_schema.sql"))];
+pub(in crate::database) const FILES: [schema::File; 2] = [
+    (13, "schema", include_str!("../../../../migrations/postgres/0013_schema.sql")),
+    (14, "robots", include_str!("../../../../migrations/postgres/0014_robots.sql")),
+];
 
 static SCHEMA: LazyLock<Schema> = LazyLock::new(|| {
     let recorded = "a9e0ce8a130c4f483fd9ce1df76488b8a3f99dace0d493872c8eba99933580df\

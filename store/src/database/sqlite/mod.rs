@@ -24,8 +24,10 @@ use crate::{Access, StoreError};
 pub(crate) use waiting::Bell;
 
 /// The files in `migrations/sqlite`.
-pub(super) const FILES: [schema::File; 1] =
-    [(16, "schema", include_str!("../../../../migrations/sqlite/0016_schema.sql"))];
+pub(super) const FILES: [schema::File; 2] = [
+    (16, "schema", include_str!("../../../../migrations/sqlite/0016_schema.sql")),
+    (17, "robots", include_str!("../../../../migrations/sqlite/0017_robots.sql")),
+];
 
 static SCHEMA: LazyLock<Schema> = LazyLock::new(|| {
     let recorded = "a5b4f8949b440df79e1136df225e8bb720f009b16c06fc15bbaa9754cd813dfb\

@@ -15,7 +15,16 @@ impl Reading<'_> {
         item: ItemKind,
         listing: &Listing,
     ) -> Result<Vec<Position>, StoreError> {
-        let rows = page("", item, listing).rows(self).await?;
+        self.positions(page("", item, listing), listing).await
+    }
+
+    /// The positions of the rows that `query` finds, from its columns `id` and `sort_key`.
+    pub async fn positions(
+        &mut self,
+        query: Query,
+        listing: &Listing,
+    ) -> Result<Vec<Position>, StoreError> {
+        let rows = query.rows(self).await?;
         let place = |row: &Row| {
             let key = match listing.sort {
                 Sort::Name => Key::Text(row.get("sort_key")?),
@@ -43,6 +52,12 @@ pub(crate) fn page(start: &str, item: ItemKind, listing: &Listing) -> Query {
     );
     let mut query = sql(select);
     filter(&mut query, item, listing);
+    begin_and_order(&mut query, table, &key, listing);
+    query
+}
+
+/// Adds the beginning of the page, its order by `key` and its length.
+pub(crate) fn begin_and_order(query: &mut Query, table: &str, key: &str, listing: &Listing) {
     let (beyond, direction) = match listing.direction {
         Direction::Ascending => (">", "ASC"),
         Direction::Descending => ("<", "DESC"),
@@ -53,15 +68,14 @@ pub(crate) fn page(start: &str, item: ItemKind, listing: &Listing) -> Query {
         } else {
             // An index of the key answers the first condition.
             query.push(format!(" AND {key} {beyond}= "));
-            push_key(&mut query, last);
+            push_key(query, last);
             query.push(format!(" AND ({key} {beyond} "));
-            push_key(&mut query, last);
+            push_key(query, last);
             query.push(format!(" OR {table}.id {beyond} ")).push_bind(*id).push(")");
         }
     }
     query.push(format!(" ORDER BY {key} {direction}, {table}.id {direction} LIMIT "));
     query.push_bind(i64::from(listing.limit()) + 1);
-    query
 }
 
 /// The SQL expression of a sort key. If there is an index of the key, it must be the same.
@@ -148,6 +162,11 @@ fn filter(query: &mut Query, item: ItemKind, listing: &Listing) {
         }
         query.push(")");
     }
+    filter_moments(query, table, listing);
+}
+
+/// Adds the filters that every list has.
+pub(crate) fn filter_moments(query: &mut Query, table: &str, listing: &Listing) {
     if let Some(since) = listing.since {
         query.push(format!(" AND {table}.created_at >= ")).push_bind(since);
     }
