@@ -12,6 +12,9 @@ use crate::body::{self, LogCholesky};
 
 /// Numbers of a joint besides those of its link.
 pub(crate) const JOINT_NUMBERS: usize = 5;
+/// Where a joint's own numbers begin among those of joint and link: Coulomb and viscous friction,
+/// offset, rotor inertia, gain.
+pub(crate) const OWN: usize = LINK_PARAMETERS;
 /// All numbers of a joint and its link.
 pub(crate) const NUMBERS: usize = LINK_PARAMETERS + JOINT_NUMBERS;
 
@@ -236,6 +239,11 @@ impl Arm {
         (0..self.joints()).map(|joint| self.joint(joint)[GAIN].exp()).collect()
     }
 
+    /// Coulomb friction of a joint, N·m.
+    pub(crate) fn coulomb_nm(&self, joint: usize) -> f64 {
+        self.joint(joint)[COULOMB].exp()
+    }
+
     /// The index of a joint's gain among the numbers.
     pub(crate) const fn gain_number(joint: usize) -> usize {
         joint * NUMBERS + LINK_PARAMETERS + GAIN
@@ -298,6 +306,14 @@ impl Arm {
                 };
             }
         }
+        derivatives
+    }
+
+    /// The derivatives of [`Arm::linear`] as the joint's sensor measures it, its gain included,
+    /// `[value, number]`.
+    pub(crate) fn measured_derivatives(&self, joint: usize) -> DMatrix<f64> {
+        let mut derivatives = self.derivatives() * self.gains()[joint];
+        derivatives.set_column(Self::gain_number(joint), &(self.linear() * self.gains()[joint]));
         derivatives
     }
 

@@ -361,7 +361,7 @@ fn body_values(body: &RigidBody) -> Vec<f64> {
     vec![mass, x, y, z, xx, xy, xz, yy, yz, zz]
 }
 
-fn named(parameter: Parameter) -> (String, &'static str) {
+pub(crate) fn named(parameter: Parameter) -> (String, &'static str) {
     const AXES: [&str; 3] = ["x", "y", "z"];
     const ENTRIES: [&str; 6] = ["xx", "xy", "xz", "yy", "yz", "zz"];
 

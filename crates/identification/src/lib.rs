@@ -12,13 +12,17 @@
 //!    measured ones: Gauss-Newton steps whose derivatives are rollouts in the lanes of
 //!    [`dynamics::Replay`].
 //!
-//! Everything is deterministic: there are no random numbers, and sums have a fixed order.
+//! [`excite`] designs the motion that such a recording should have.
+//!
+//! Everything is deterministic: random numbers have fixed keys, and sums have a fixed order.
 
 #![warn(missing_docs)]
 
 mod arm;
 mod body;
 mod error;
+mod excitation;
+mod fourier;
 mod identify;
 mod motion;
 mod normal_equations;
@@ -28,6 +32,11 @@ mod torques;
 
 pub use arm::{Arm, JointParameter, Parameter};
 pub use error::IdentificationError;
+pub use excitation::{
+    Excitation, ExcitationError, ExcitationReport, ExcitationSettings, JointExcitation,
+    ParameterPrediction, RandomMotions, excite,
+};
+pub use fourier::{Fourier, FourierJoint, MotionState};
 pub use identify::{Identification, Settings, identify, identify_load};
 pub use motion::Recording;
 pub use report::{HorizonErrors, ParameterEstimate, Report, TorqueResidual};

@@ -35,7 +35,7 @@ pub(crate) struct Motion {
 }
 
 /// The ends of a recording that a low-pass and differences leave uncertain, s.
-const UNCERTAIN_S: f64 = 0.25;
+pub(crate) const UNCERTAIN_S: f64 = 0.25;
 
 impl Motion {
     /// # Errors

@@ -4,8 +4,12 @@ use dynamics::{Joints, LINK_PARAMETERS, torque_regressor};
 use nalgebra::{DMatrix, DVector};
 
 use crate::arm::{Arm, JOINT_NUMBERS, NUMBERS};
+use crate::fourier::MotionState;
 use crate::motion::{Motion, whole};
 use crate::normal_equations::NormalEquations;
+
+/// Rows of a regression per second of its recordings.
+pub(crate) const ROWS_PER_SECOND: f64 = 25.0;
 
 /// The regression on one joint's torque: rows `[sample, value]`, N·m.
 struct JointRegression {
@@ -28,10 +32,8 @@ pub(crate) struct Torques {
 }
 
 impl Torques {
-    /// Rows at 25 samples per second, which is more than the motions' bandwidth needs.
+    /// Rows at [`ROWS_PER_SECOND`], which is more than the motions' bandwidth needs.
     pub(crate) fn new(arm: &Arm, motions: &[Motion]) -> Self {
-        const ROWS_PER_SECOND: f64 = 25.0;
-
         let joints = arm.joints();
         let width = joints * NUMBERS;
         let mut rows: Vec<Vec<f64>> = vec![Vec::new(); joints];
@@ -43,7 +45,10 @@ impl Torques {
             let coulomb = motion.coulomb(arm.friction_speed_rad_s);
             let known = motion.uncertain()..motion.samples() - motion.uncertain();
             for sample in known.step_by(every) {
-                let regressor = regressor(arm, motion, sample, &coulomb[sample]);
+                let [q, qd, qdd] = [&motion.q, &motion.qd, &motion.qdd]
+                    .map(|rows| Joints::from(rows[sample].as_slice()));
+                let state = MotionState { q, qd, qdd };
+                let regressor = regressor(arm, &state, &coulomb[sample]);
                 for joint in 0..joints {
                     rows[joint].extend(&regressor[joint * width..][..width]);
                     torques[joint].push(motion.u[sample][joint]);
@@ -133,15 +138,14 @@ impl JointRegression {
     }
 }
 
-/// The torques of all joints at a sample, linear in the values of [`Arm::linear`]:
-/// `[joint][value]`.
-fn regressor(arm: &Arm, motion: &Motion, sample: usize, coulomb: &[f64]) -> Vec<f64> {
+/// The torques of all joints in a state, linear in the values of [`Arm::linear`]:
+/// `[joint][value]`. `coulomb` is friction of 1 N·m.
+pub(crate) fn regressor(arm: &Arm, state: &MotionState, coulomb: &[f64]) -> Vec<f64> {
     let joints = arm.joints();
     let robot = arm.nominal();
-    let [q, qd, qdd] =
-        [&motion.q, &motion.qd, &motion.qdd].map(|rows| Joints::from(rows[sample].as_slice()));
+    let MotionState { q, qd, qdd } = state;
     let mut of_links = vec![0.0; joints * joints * LINK_PARAMETERS];
-    torque_regressor(&robot.kinematics, robot.gravity, &q, &qd, &qdd, &mut of_links);
+    torque_regressor(&robot.kinematics, robot.gravity, q, qd, qdd, &mut of_links);
     let mut regressor = vec![0.0; joints * joints * NUMBERS];
     for joint in 0..joints {
         for link in 0..joints {
