@@ -3,10 +3,10 @@
 use clap::{Parser, Subcommand};
 
 use crate::commands::{
-    access, attempts, copies, delete, doctor, documents, download, events, export, gc, health,
-    identify, import, label, logs, metrics, open, predict, presets, queue, reindex, robot, serve,
-    show, simulate, study, submit, summary, tasks, trajectory, trash, undelete, verify, watch,
-    worker, workers,
+    access, attempts, copies, delete, doctor, documents, download, events, excite, export, gc,
+    health, identify, import, label, logs, metrics, open, predict, presets, queue, reindex, robot,
+    serve, show, simulate, study, submit, summary, tasks, trajectory, trash, undelete, verify,
+    watch, worker, workers,
 };
 use crate::logging::{LOG_FORMAT, LogFormat};
 use crate::{exit, lists};
@@ -55,6 +55,8 @@ pub enum Command {
     Import(import::Arguments),
     /// Identify an arm: from a URDF and logs to parameters with their uncertainty, without a server
     Identify(Box<identify::Arguments>),
+    /// Design a motion that shows the parameters of an arm, for its controller, without a server
+    Excite(Box<excite::Arguments>),
     /// List workers with their tasks
     Workers(workers::Arguments),
     /// Show whether the server works and tasks are executed

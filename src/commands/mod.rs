@@ -8,6 +8,7 @@ pub mod doctor;
 pub mod documents;
 pub mod download;
 pub mod events;
+pub mod excite;
 pub mod export;
 pub mod gc;
 pub mod health;
@@ -55,6 +56,7 @@ pub async fn run(command: Command, log: &Logging) -> anyhow::Result<ExitCode> {
         Command::Verify(arguments) => verify::run(arguments).await,
         Command::Submit(arguments) => submit::run(arguments).await,
         Command::Identify(arguments) => identify::run(&arguments),
+        Command::Excite(arguments) => excite::run(&arguments),
         Command::Import(arguments) => import::run(arguments).await,
         Command::Workers(arguments) => workers::run(arguments).await,
         Command::Jobs(arguments) => lists::run(arguments).await,

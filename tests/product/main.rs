@@ -13,6 +13,7 @@ mod devices;
 mod doctor;
 mod events;
 mod everywhere;
+mod excite;
 mod foreign_predictions;
 mod forgiving;
 mod four_models;

@@ -132,7 +132,7 @@ fn settings(arguments: &Arguments) -> anyhow::Result<Settings> {
 }
 
 /// Checks before the work that the results will have a place.
-fn check_folder(folder: &Path) -> anyhow::Result<()> {
+pub fn check_folder(folder: &Path) -> anyhow::Result<()> {
     let place = || folder.display().to_string();
     if !folder.exists() {
         return fs::create_dir_all(folder).with_context(place);
@@ -169,6 +169,7 @@ fn write(
     write("report.json", &pretty(reports)?)
 }
 
-fn pretty(value: &impl Serialize) -> anyhow::Result<String> {
+/// A document as JSON for people to read.
+pub fn pretty(value: &impl Serialize) -> anyhow::Result<String> {
     Ok(serde_json::to_string_pretty(value)? + "\n")
 }
