@@ -22,17 +22,22 @@ pub fn text(report: &ExcitationReport) -> String {
     let random = &report.random;
     text += &format!(
         "{} combinations of {} unknown numbers show in some motion. The log det of their information is {:.1}; of {} random \
-         motions within the same limits, the best has {:.1} and the middle one {:.1}. The standard deviations are {:.2} \
-         and {:.2} times theirs (median of the parameters that are seen).\n",
+         motions within the same limits, the best has {:.1} and the middle one {:.1}.",
         report.base_parameters,
         report.unknown_numbers,
         report.log_det,
         random.count,
         random.best_log_det,
         random.median_log_det,
-        random.deviation_to_best,
-        random.deviation_to_median,
     );
+    if let (Some(to_best), Some(to_median)) = (random.deviation_to_best, random.deviation_to_median)
+    {
+        text += &format!(
+            " The standard deviations are {to_best:.2} and {to_median:.2} times theirs (median of the parameters that are \
+             seen)."
+        );
+    }
+    text += "\n";
     for assumption in &report.assumptions {
         text += &format!("assumed: {assumption}\n");
     }

@@ -26,7 +26,7 @@ pub enum ExcitationError {
         joints: usize,
     },
     /// A number of a list is not allowed.
-    #[error("{name} of joint {joint} is {value}, allowed: above 0 and at most {most}")]
+    #[error("{name} of joint {joint} is {value}, allowed: {least} to {most}")]
     OfJoint {
         /// The list's name.
         name: &'static str,
@@ -34,6 +34,8 @@ pub enum ExcitationError {
         joint: usize,
         /// Its value.
         value: f64,
+        /// The smallest value.
+        least: f64,
         /// The largest value.
         most: f64,
     },

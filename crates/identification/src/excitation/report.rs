@@ -70,10 +70,10 @@ pub struct RandomMotions {
     /// The median log det.
     pub median_log_det: f64,
     /// The motion's standard deviations in those of the best random motion: the median over
-    /// parameters of which the motion removes half of the variance or more.
-    pub deviation_to_best: f64,
+    /// parameters of which the motion removes half of the variance or more. `None` if there are none.
+    pub deviation_to_best: Option<f64>,
     /// The same, to the random motion in the middle.
-    pub deviation_to_median: f64,
+    pub deviation_to_median: Option<f64>,
 }
 
 /// What a motion shows of an arm, and how it uses the limits.
@@ -163,7 +163,8 @@ impl RandomMotions {
                 .zip(&others)
                 .filter(|(parameter, _)| parameter.seen.is_some_and(|seen| seen >= SEEN))
                 .map(|(parameter, other)| parameter.deviation / other.deviation);
-            median(ratios.collect())
+            let ratios: Vec<f64> = ratios.collect();
+            (!ratios.is_empty()).then(|| median(ratios))
         };
         Self {
             count: random.len(),

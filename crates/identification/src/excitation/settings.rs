@@ -115,15 +115,15 @@ impl ExcitationSettings {
         for (name, values) in
             [("accelerations", &self.accelerations_rad_s2), ("noise_nm", &self.noise_nm)]
         {
-            let most = 1e5;
+            let (least, most) = (1e-6, 1e5);
             let Some(values) = values else { continue };
             if values.len() != joints {
                 let found = values.len();
                 return Err(ExcitationError::Count { name, found, joints });
             }
             for (joint, &value) in (1..).zip(values) {
-                if value.is_nan() || value <= 0.0 || value > most {
-                    return Err(ExcitationError::OfJoint { name, joint, value, most });
+                if !(least..=most).contains(&value) {
+                    return Err(ExcitationError::OfJoint { name, joint, value, least, most });
                 }
             }
         }
