@@ -47,8 +47,8 @@ class Readme(unittest.TestCase):
         documented, printed = Table(block), Table(self.product.printed)
         self.assertEqual(differences(documented, printed, TRAINED), [])
         others = len(printed.rows) - len(documented.rows)
-        self.assertEqual((len(printed.rows), others), (10, 2))
-        self.assertIn("eight baselines", README)
+        self.assertEqual((len(printed.rows), others), (11, 2))
+        self.assertIn("nine baselines", README)
         self.assertIn("(and two more baselines)", README)
 
     def test_1_the_table_has_every_baseline_that_is_better_than_the_model(self):
@@ -79,7 +79,7 @@ class Readme(unittest.TestCase):
         self.assertTrue(members["train-set"]["reused"] and members["test-grid"]["reused"])
         self.assertFalse(members["train"]["reused"])
         self.assertEqual(json.loads(job)["name"], "quickstart")
-        self.assertEqual(len(json.loads(evaluation)["report"]["predictors"]), 10)
+        self.assertEqual(len(json.loads(evaluation)["report"]["predictors"]), 11)
         self.assertEqual(weights, "")
         (saved,) = os.listdir(self.folder.name)
         self.assertIn(f"saves `{saved}`", README)

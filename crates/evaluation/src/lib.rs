@@ -22,8 +22,8 @@ mod rows;
 mod scores;
 
 pub use baselines::{
-    Arx, DampedIntegrator, FittedDamping, HoldLast, Identification, LeastSquares, NominalArm,
-    baseline,
+    Arx, ConstantVelocity, DampedIntegrator, FittedDamping, HoldLast, Identification, LeastSquares,
+    NominalArm, baseline,
 };
 pub use cell::{
     CellResult, Failure, PredictorErrors, Rollouts, Scoring, evaluate_cell, measured_jitter_deg,

@@ -10,7 +10,7 @@ use crate::preset::{self, presets_of, text_for_object};
 use crate::schema::Components;
 use crate::shorten::shorten;
 use crate::{
-    ControlSpec, DataSpec, Digest, Doubt, EvaluateSpec, Execution, ImportSpec, JobKind,
+    Baseline, ControlSpec, DataSpec, Digest, Doubt, EvaluateSpec, Execution, ImportSpec, JobKind,
     PipelineSpec, PresetPlace, Product, Reference, SimulateSpec, SpecError, TrainSpec, VerifySpec,
     for_each_kind, stream,
 };
@@ -154,10 +154,10 @@ impl JobSpec {
     /// The digest that identifies the results of this spec; see the crate's documentation.
     ///
     /// It covers everything upstream once the references are digests. It does not cover
-    /// `execution`.
+    /// `execution`, nor `constant-velocity` in an evaluation of all baselines.
     pub fn digest(&self) -> Digest {
         let mut json = self.to_json();
-        remove_execution(&mut json);
+        keep_digested(&mut json);
         Digest::of_json(&json)
     }
 
@@ -196,10 +196,12 @@ pub(crate) struct NamedJob {
     pub name: String,
 }
 
-fn remove_execution(json: &mut Value) {
+/// Removes the parts of a job, and of a pipeline's jobs, that its digest does not cover.
+fn keep_digested(json: &mut Value) {
     let Value::Object(fields) = json else { return };
     fields.remove("execution");
+    Baseline::leave_out_of_digest(fields);
     if let Some(Value::Object(members)) = fields.get_mut("jobs") {
-        members.values_mut().for_each(remove_execution);
+        members.values_mut().for_each(keep_digested);
     }
 }

@@ -33,7 +33,8 @@
 //!
 //! The digest is SHA-256 over RFC 8785 canonical JSON of the resolved spec without `execution`
 //! (priority, attempts, time limit, resources, moment), which cannot change any result. Labels are
-//! parameters of the request that submits a job, and no part of its spec.
+//! parameters of the request that submits a job, and no part of its spec. An evaluation of all
+//! baselines is digested without `constant-velocity`, as before that baseline existed.
 //!
 //! # Kinds
 //!

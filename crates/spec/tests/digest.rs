@@ -70,6 +70,34 @@ fn the_digest_of_an_evaluation_is_pinned() {
     );
 }
 
+/// `constant-velocity` was added later. Presets and the results of earlier versions keep their
+/// digests.
+#[test]
+fn constant_velocity_among_all_baselines_leaves_the_digest_alone() {
+    let evaluate = |baselines: Option<&[&str]>| {
+        let mut spec = json!({"kind": "evaluate"});
+        if let Some(names) = baselines {
+            spec["baselines"] = json!(names);
+        }
+        parse(spec.to_string().as_bytes()).unwrap()
+    };
+    let before = [
+        "hold-last",
+        "damped-integrator",
+        "fitted-damping",
+        "least-squares",
+        "arx",
+        "nominal-simulator",
+        "simulator-fitted-damping",
+        "identification",
+    ];
+    let all = evaluate(None);
+    assert_eq!(all.digest(), evaluate(Some(&before)).digest());
+    assert_eq!(all.to_json()["baselines"][1], "constant-velocity");
+    let two = evaluate(Some(&["hold-last", "constant-velocity"]));
+    assert_ne!(two.digest(), evaluate(Some(&["hold-last"])).digest());
+}
+
 #[test]
 fn an_evaluation_without_data_is_one_over_both_families() {
     let spec = |extra: &str| parse(format!(r#"{{"kind": "evaluate"{extra}}}"#).as_bytes()).unwrap();

@@ -1,6 +1,7 @@
 //! Predictors that learn nothing from other robots. A learned model has to beat them.
 
 mod arx;
+mod constant_velocity;
 mod damped_integrator;
 mod filtered;
 mod fitted_damping;
@@ -17,6 +18,7 @@ use self::filtered::Filtered;
 use crate::Predictor;
 
 pub use arx::Arx;
+pub use constant_velocity::ConstantVelocity;
 pub use damped_integrator::DampedIntegrator;
 pub use fitted_damping::FittedDamping;
 pub use hold_last::HoldLast;
@@ -72,6 +74,7 @@ pub fn baseline(baseline: Baseline, arm: &NominalArm) -> Box<dyn Predictor> {
 fn unfiltered(baseline: Baseline, arm: &NominalArm) -> Box<dyn Predictor> {
     match baseline {
         Baseline::HoldLast => Box::new(HoldLast),
+        Baseline::ConstantVelocity => Box::new(ConstantVelocity),
         Baseline::DampedIntegrator => {
             Box::new(DampedIntegrator { damping_nm_s_rad: arm.robot.damping_nm_s_rad.clone() })
         }
