@@ -14,6 +14,7 @@ mod error;
 mod examples;
 mod figure;
 mod given;
+mod horizons;
 mod learned;
 pub mod metrics;
 mod predictor;
@@ -36,6 +37,7 @@ pub use figure::{
     prediction_figure, rmse_figure, sampler_steps_figure,
 };
 pub use given::Given;
+pub use horizons::ErrorHorizon;
 pub use learned::{FirstPrediction, LeakyLearned, Learned, OracleStarted, Start};
 pub use metrics::rmse_deg;
 pub use predictor::{Answer, Predictor, Samples};

@@ -13,12 +13,29 @@ pub struct Row<'a> {
     /// The predictor's name.
     pub predictor: &'a str,
     values: [Option<f32>; Measure::ALL.len()],
+    /// RMSE over each of [`CellResult::horizons_s`], degrees.
+    horizons: Vec<Option<f32>>,
 }
 
 impl<'a> Row<'a> {
-    /// A row without values. The trajectory is 0.
-    pub fn empty(predictor: &'a str, joint: usize) -> Self {
-        Self { predictor, joint, ..Self::default() }
+    /// A row without values, of a cell with this number of [`CellResult::horizons_s`]. The
+    /// trajectory is 0.
+    pub fn empty(predictor: &'a str, joint: usize, horizons: usize) -> Self {
+        Self { predictor, joint, horizons: vec![None; horizons], ..Self::default() }
+    }
+
+    /// The RMSE over the `k`th of [`CellResult::horizons_s`], degrees. `None` where there is no
+    /// answer, and where it was not measured.
+    pub fn horizon(&self, k: usize) -> Option<f32> {
+        self.horizons.get(k).copied().flatten()
+    }
+
+    /// Replaces the RMSE over the `k`th of [`CellResult::horizons_s`].
+    ///
+    /// # Panics
+    /// If the cell has fewer of them.
+    pub fn set_horizon(&mut self, k: usize, value: Option<f32>) {
+        self.horizons[k] = value;
     }
 
     /// The value of a measure, as the score of the row's scenario and joint. `None` where there is
@@ -48,6 +65,7 @@ impl CellResult {
     /// Completes a result without [`PredictorErrors::scenarios`] from its rows, in the order of
     /// [`CellResult::rows`]. Gives false if they are not the rows of this result.
     pub fn take_rows(&mut self, rows: &[Row<'_>]) -> bool {
+        let horizons = self.horizons_s.len();
         let mut rows = rows.chunks(self.joints.max(1));
         for errors in &mut self.predictors {
             let count = errors.rmse_deg.len();
@@ -60,9 +78,11 @@ impl CellResult {
                 return false;
             }
             let scenario = |rows: &[Row<'_>]| {
-                ScenarioErrors::of_joints(|measure| {
-                    rows.iter().map(|row| row.get(measure)).collect()
-                })
+                let over = |k| rows.iter().map(|row| row.horizon(k)).collect();
+                ScenarioErrors::of_joints(
+                    |measure| rows.iter().map(|row| row.get(measure)).collect(),
+                    (0..horizons).map(over).collect::<Option<_>>().unwrap_or_default(),
+                )
             };
             errors.scenarios = own.into_iter().map(scenario).collect();
         }
@@ -81,6 +101,9 @@ impl CellResult {
             joint: joint + 1,
             predictor: &errors.predictor,
             values: Measure::ALL.map(|measure| Some(scores?.get(measure)?[joint])),
+            horizons: (0..self.horizons_s.len())
+                .map(|k| Some(scores?.horizons.get(k)?[joint]))
+                .collect(),
         }
     }
 }

@@ -6,6 +6,7 @@
 use spec::Range;
 use wire::{Interval, PredictorScores};
 
+use crate::ErrorHorizon;
 use crate::metrics::{
     JitterMeter, beyond_limits_deg, central_interval, continuity, crps, energy_score,
     joint_rmse_deg, least_samples,
@@ -117,6 +118,8 @@ pub(crate) const CALIBRATION: [f64; 9] = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8
 pub struct ScenarioErrors {
     /// A number per joint for each of [`Measure::ALL`]; `None` for what was not measured.
     values: [Option<PerJoint>; Measure::ALL.len()],
+    /// RMSE over each of [`ScoredAs::horizons`], degrees.
+    pub(crate) horizons: Vec<PerJoint>,
     /// Share of the horizon, over all joints, inside the central intervals of [`CALIBRATION`] for
     /// which there are enough samples. Rows of the table do not have it.
     pub calibration: Vec<f32>,
@@ -131,6 +134,8 @@ pub(crate) struct ScoredAs<'a> {
     pub patch: Option<usize>,
     /// Position limits of each joint; empty where they are not known.
     pub limits_rad: &'a [Range],
+    /// First parts of the horizon whose RMSE is measured as well.
+    pub horizons: &'a [ErrorHorizon],
     /// Measures jitter; `None` where no frequency lies above the band of the excitation.
     pub meter: Option<&'a JitterMeter>,
 }
@@ -143,9 +148,15 @@ impl ScenarioErrors {
         samples: &[&[f32]],
         scored_as: ScoredAs<'_>,
     ) -> Self {
-        let ScoredAs { joints, patch, limits_rad, meter } = scored_as;
+        let ScoredAs { joints, patch, limits_rad, horizons, meter } = scored_as;
         let mut errors = Self::default();
         errors.set(Measure::RmseDeg, joint_rmse_deg(truth, predicted, joints));
+        let over = |horizon: &ErrorHorizon| {
+            let values = horizon.samples * joints;
+            let rmse = joint_rmse_deg(&truth[..values], &predicted[..values], joints);
+            rmse.into_iter().map(to_f32).collect()
+        };
+        errors.horizons = horizons.iter().map(over).collect();
         if !limits_rad.is_empty() {
             errors.set(Measure::BeyondLimitsDeg, beyond_limits_deg(predicted, limits_rad));
         }
@@ -159,8 +170,11 @@ impl ScenarioErrors {
 
     /// The errors of a scenario from the values of its rows, one row per joint. `None` without an
     /// answer.
-    pub(crate) fn of_joints(values: impl Fn(Measure) -> Option<PerJoint>) -> Option<Self> {
-        let errors = Self { values: Measure::ALL.map(values), calibration: Vec::new() };
+    pub(crate) fn of_joints(
+        values: impl Fn(Measure) -> Option<PerJoint>,
+        horizons: Vec<PerJoint>,
+    ) -> Option<Self> {
+        let errors = Self { values: Measure::ALL.map(values), horizons, calibration: Vec::new() };
         errors.get(Measure::RmseDeg).is_some().then_some(errors)
     }
 
@@ -303,7 +317,8 @@ mod tests {
         (series(1000), (0..count).map(series).collect())
     }
 
-    const AS: ScoredAs<'_> = ScoredAs { joints: JOINTS, patch: None, limits_rad: &[], meter: None };
+    const AS: ScoredAs<'_> =
+        ScoredAs { joints: JOINTS, patch: None, limits_rad: &[], horizons: &[], meter: None };
 
     fn errors(count: usize) -> ScenarioErrors {
         let (truth, samples) = calibrated(count);

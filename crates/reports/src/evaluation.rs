@@ -2,8 +2,8 @@
 
 use spec::{Family, Normalization};
 use wire::{
-    CellSummary, DataNoise, FailureSummary, GroupSummary, Latency, PredictorInfo, PredictorScores,
-    PredictorSummary, Report, RolloutSummary, Topic, Unit, WorstCase, at_noise,
+    CellSummary, DataNoise, FailureSummary, GroupSummary, HorizonError, Latency, PredictorInfo,
+    PredictorScores, PredictorSummary, Report, RolloutSummary, Topic, Unit, WorstCase, at_noise,
 };
 
 use crate::numbers::{count, degrees, value};
@@ -13,6 +13,7 @@ use crate::{Align, Cell, ComparisonOutcome, Table, TableOf};
 pub fn tables(report: &Report) -> Vec<Table> {
     let first = [
         errors(report),
+        over_horizons(report),
         continuity(report),
         paired(report),
         samples(report),
@@ -88,6 +89,22 @@ pub(crate) fn errors(report: &Report) -> Table {
         .without_empty_columns()
 }
 
+/// Every predictor's RMSE over the first parts of the horizon. Without rows in older reports.
+pub(crate) fn over_horizons(report: &Report) -> Table {
+    let rows: Vec<Scored<'_>> =
+        scored(report).filter(|row| !row.horizon_errors().is_empty()).collect();
+    let first = rows.first().map_or(&[][..], Scored::horizon_errors);
+    let seconds: Vec<f64> = first.iter().map(|error| error.seconds).collect();
+    let predictors = TableOf::new(rows)
+        .text("predictor", |row| label(row.predictor))
+        .text("scenarios", |row| row.group.name.as_str());
+    let with_seconds = seconds.iter().enumerate().fold(predictors, |table, (k, &seconds)| {
+        let cell = |error: &HorizonError| Cell::Interval(error.rmse_deg, Unit::Degrees);
+        table.number(&format!("{} s", value(seconds)), |row| row.horizon_errors().get(k).map(cell))
+    });
+    with_seconds.titled("RMSE in degrees over the first part of the horizon", "")
+}
+
 /// Every predictor's RMSE at every frequency, a table for each family and level of noise.
 pub(crate) fn by_frequency(report: &Report) -> Vec<Table> {
     let mut levels: Vec<f64> = Vec::new();
@@ -147,6 +164,24 @@ struct Scored<'a> {
     rollouts: Option<&'a RolloutSummary>,
 }
 
+impl<'a> Scored<'a> {
+    fn horizon_errors(&self) -> &'a [HorizonError] {
+        self.scores.map_or(&[], |scores| &scores.horizon_errors)
+    }
+}
+
+/// Every predictor in every group of scenarios.
+fn scored(report: &Report) -> impl Iterator<Item = Scored<'_>> {
+    let groups = report.groups.iter();
+    let rows = groups.flat_map(|group| report.predictors.iter().map(move |info| (group, info)));
+    rows.map(|(group, predictor)| Scored {
+        predictor,
+        group,
+        scores: group.scores.iter().find(|scores| scores.predictor == predictor.name),
+        rollouts: group.rollouts.iter().find(|rollouts| rollouts.predictor == predictor.name),
+    })
+}
+
 /// How predictions begin, how they jump, and how far they go.
 pub(crate) fn continuity(report: &Report) -> Table {
     let note = "The error of the first sample, and the change of the error from one sample to the next: \
@@ -168,15 +203,7 @@ fn samples(report: &Report) -> Table {
 /// The measures of a topic for each group and predictor. There are no rows where nothing was
 /// measured, as in older reports.
 fn of_topic(report: &Report, topic: Topic, title: &str, note: &str) -> Table {
-    let groups = report.groups.iter();
-    let rows = groups.flat_map(|group| report.predictors.iter().map(move |info| (group, info)));
-    let rows = rows.map(|(group, predictor)| Scored {
-        predictor,
-        group,
-        scores: group.scores.iter().find(|scores| scores.predictor == predictor.name),
-        rollouts: group.rollouts.iter().find(|rollouts| rollouts.predictor == predictor.name),
-    });
-    let mut table = TableOf::new(rows)
+    let mut table = TableOf::new(scored(report))
         .text("predictor", |row| label(row.predictor))
         .text("scenarios", |row| row.group.name.as_str())
         .measures(PredictorScores::measures().filter(|score| score.topic == topic), |row| {
@@ -287,6 +314,28 @@ mod tests {
 
     fn lines(table: &Table) -> Vec<String> {
         table.render().lines().map(str::to_owned).collect()
+    }
+
+    #[test]
+    fn errors_over_parts_of_the_horizon_are_columns_and_older_reports_have_no_such_table() {
+        let mut report = example();
+        assert!(over_horizons(&report).rows.is_empty());
+        let error = |seconds, mean| HorizonError {
+            seconds,
+            rmse_deg: Interval { mean, low: mean, high: mean },
+        };
+        report.groups[1].scores = vec![PredictorScores {
+            predictor: "robomorph".to_owned(),
+            horizon_errors: vec![error(0.1, 0.0123), error(4.0 / 3.0, 2.5)],
+            ..PredictorScores::default()
+        }];
+        assert_eq!(
+            lines(&over_horizons(&report).means()),
+            [
+                "predictor  scenarios            0.1 s  1.333 s",
+                "robomorph  out of distribution  0.012     2.50",
+            ]
+        );
     }
 
     fn interval(mean: f64) -> Option<Interval> {

@@ -33,7 +33,8 @@ pub fn text(report: &Report) -> String {
         text += &format!("failed: {failure}\n\n");
     }
     let by_frequency = evaluation::by_frequency(report).into_iter().map(Table::means);
-    let tables = std::iter::once(evaluation::errors(report))
+    let tables = [evaluation::errors(report), evaluation::over_horizons(report).means()]
+        .into_iter()
         .chain(by_frequency)
         .chain([evaluation::continuity(report)]);
     text.extend(tables.map(|table| table.with_title()));

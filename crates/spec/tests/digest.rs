@@ -99,6 +99,19 @@ fn constant_velocity_among_all_baselines_leaves_the_digest_alone() {
 }
 
 #[test]
+fn horizons_at_their_default_leave_the_digest_alone() {
+    let evaluate = |fields: &str| {
+        parse(format!(r#"{{"kind": "evaluate"{fields}}}"#).as_bytes()).map(|job| job.digest())
+    };
+    let usual = evaluate("").unwrap();
+    assert_eq!(evaluate(r#", "horizons_s": [0.1, 0.5, 1.33]"#).unwrap(), usual);
+    assert_ne!(evaluate(r#", "horizons_s": []"#).unwrap(), usual);
+    let refused = evaluate(r#", "horizons_s": [0.1, 0.1004]"#).unwrap_err();
+    assert!(refused.to_string().contains("100 ms twice"), "{refused}");
+    evaluate(r#", "horizons_s": [0]"#).unwrap_err();
+}
+
+#[test]
 fn an_evaluation_without_data_is_one_over_both_families() {
     let spec = |extra: &str| parse(format!(r#"{{"kind": "evaluate"{extra}}}"#).as_bytes()).unwrap();
     let JobSpec::Evaluate(evaluate) = spec("") else { panic!("not an evaluation") };

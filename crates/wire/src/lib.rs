@@ -76,10 +76,10 @@ pub use presets::Presets;
 pub use problem::Problem;
 pub use queue::Queue;
 pub use report::{
-    Calibration, CellSummary, DataNoise, FailureSummary, GroupSummary, Interval, IntervalSummary,
-    Latency, PairedDifference, PredictorInfo, PredictorKind, PredictorScores, PredictorSummary,
-    Report, RolloutSummary, SamplingInfo, Shift, ShiftDifference, ShiftScores, ShiftSummary,
-    TrainedOn, WorstCase, at_noise,
+    Calibration, CellSummary, DataNoise, FailureSummary, GroupSummary, HorizonError, Interval,
+    IntervalSummary, Latency, PairedDifference, PredictorInfo, PredictorKind, PredictorScores,
+    PredictorSummary, Report, RolloutSummary, SamplingInfo, Shift, ShiftDifference, ShiftScores,
+    ShiftSummary, TrainedOn, WorstCase, at_noise,
 };
 pub use runs::{Artifact, LatestMetric, Metric, MetricPoint, Run};
 pub use states::{

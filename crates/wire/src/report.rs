@@ -358,6 +358,10 @@ measures! {
         pub joint_rmse_deg: Vec<f64>,
         /// Root mean square over scenarios and joints, a value per step of the horizon.
         pub step_rmse_deg: Vec<f64>,
+        /// Errors over the first parts of the horizon, in the order of the spec's `horizons_s`.
+        /// Missing in older reports.
+        #[serde(default, skip_serializing_if = "Vec::is_empty")]
+        pub horizon_errors: Vec<HorizonError>,
         /// Error of the first sample of the horizon: root mean square over scenarios and joints.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         pub first_sample_deg: Option<Interval> = Continuity "first sample" Degrees,
@@ -397,6 +401,15 @@ measures! {
         #[serde(default, skip_serializing_if = "Vec::is_empty")]
         pub calibration: Vec<Calibration>,
     }
+}
+
+/// The error over the first part of the horizon.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct HorizonError {
+    /// The length of that part, s.
+    pub seconds: f64,
+    /// RMSE over it: mean over joints and scenarios, degrees.
+    pub rmse_deg: Interval,
 }
 
 /// Central intervals of one probability.

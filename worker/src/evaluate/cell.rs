@@ -4,8 +4,8 @@ use std::time::Instant;
 
 use evaluation::metrics::{band_edge_hz, highest_component_hz, occupied_band_hz};
 use evaluation::{
-    CellResult, PredictorErrors, Scoring, evaluate_cell, measured_jitter_deg, measured_left_limits,
-    within_torque_limits,
+    CellResult, ErrorHorizon, PredictorErrors, Scoring, evaluate_cell, measured_jitter_deg,
+    measured_left_limits, within_torque_limits,
 };
 use models::context_warnings;
 use serde::{Deserialize, Serialize};
@@ -55,7 +55,9 @@ pub(super) fn cell(attempt: &Attempt, spec: &EvaluateSpec, index: usize) -> Resu
     let band_edge_hz = band_edge(data.spec(), cell, &scenarios, pre_roll + context);
     let samples = spec.samples as usize;
     let limits_rad = data.spec().limits_rad();
-    let scoring = Scoring { pre_roll, context, samples, band_edge_hz, limits_rad };
+    let horizon = scenarios.samples() - pre_roll - context;
+    let horizons = ErrorHorizon::all(&spec.horizons_s, scenarios.rate_hz(), horizon);
+    let scoring = Scoring { pre_roll, context, samples, band_edge_hz, limits_rad, horizons };
     let files = PredictionFile::open_all(attempt, spec)?;
     let given = |file: &PredictionFile| file.answer(spec, &data, &scenarios, cell.first);
     let given = files.iter().map(given).collect::<Result<Vec<_>, TaskError>>()?;
@@ -86,6 +88,7 @@ pub(super) fn cell(attempt: &Attempt, spec: &EvaluateSpec, index: usize) -> Resu
         position_noise_rad: cell.position_noise_rad,
         first: cell.first,
         joints: scenarios.joints(),
+        horizons_s: scoring.horizons.iter().map(|horizon| horizon.seconds).collect(),
         predictors: errors,
         measured_jitter_deg: measured_jitter_deg(&scenarios, &scoring),
         measured_left_limits: measured_left_limits(&scenarios, &scoring),
@@ -94,8 +97,8 @@ pub(super) fn cell(attempt: &Attempt, spec: &EvaluateSpec, index: usize) -> Resu
     };
     let seed = data.spec().simulation().map(|spec| spec.seed);
     let artifact = format!("cell-{index:03}.parquet");
-    let table = vec![rows::record_batch(&result, seed)?];
-    let footer = rows::footer(&attempt.task.spec, scenarios.joints());
+    let table = vec![rows::record_batch(&result, &result.horizons_s, seed)?];
+    let footer = rows::footer(&attempt.task.spec, scenarios.joints(), &result.horizons_s);
     let written = attempt.store.put_table(attempt.fence(), &artifact, table, &footer);
     let run = attempt.wait(written)?.0;
     attempt.complete(&CellRecord { result, table: TableAt { run, artifact } })

@@ -78,6 +78,7 @@ mod tests {
             position_noise_rad: 0.0,
             first: 0,
             joints: 7,
+            horizons_s: Vec::new(),
             predictors: names.iter().map(named).collect(),
             measured_jitter_deg: None,
             measured_left_limits: None,

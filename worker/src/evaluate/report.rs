@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use arrow_array::RecordBatch;
-use evaluation::{CellResult, Setting, summarize};
+use evaluation::{CellResult, ErrorHorizon, Setting, summarize};
 use jobs::EvaluateTask;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
@@ -30,7 +30,7 @@ pub(super) fn report(attempt: &Attempt, spec: &EvaluateSpec) -> Result<(), TaskE
     let tasks = attempt.wait(attempt.store.tasks(attempt.task.job))?;
     let files = PredictionFile::open_all(attempt, spec)?;
     let predictors = Predictors::new(spec, data.spec(), &files, &checkpoints)?;
-    let Cells { cells, tables, renamed } = cells(attempt, &tasks, &PresentNames::of(&predictors))?;
+    let Cells { cells, renamed } = cells(attempt, &tasks, &PresentNames::of(&predictors))?;
     tracing::info!(cells = cells.len(), "puts the cells together");
     attempt.check_stop()?;
 
@@ -68,7 +68,13 @@ pub(super) fn report(attempt: &Attempt, spec: &EvaluateSpec) -> Result<(), TaskE
     let asked = ExampleInputs { spec, data: &data, files: &files, checkpoints, predictors };
     examples::put(attempt, &asked, &cells)?;
     let joints = data.spec().joints();
-    let footer = rows::footer(&attempt.task.spec, joints);
+    let horizon = spec.horizon(data.spec().samples()) as usize;
+    let horizons = ErrorHorizon::all(&spec.horizons_s, data.spec().rate_hz(), horizon);
+    let horizons_s: Vec<f64> = horizons.iter().map(|horizon| horizon.seconds).collect();
+    let seed = data.spec().simulation().map(|spec| spec.seed);
+    let tables = cells.iter().map(|cell| rows::record_batch(cell, &horizons_s, seed));
+    let tables = tables.collect::<Result<_, _>>()?;
+    let footer = rows::footer(&attempt.task.spec, joints, &horizons_s);
     let written = attempt.store.put_table(attempt.fence(), "scenarios.parquet", tables, &footer);
     attempt.wait(written)?;
     attempt.complete(&EvaluationResult { headline: Headline::of(&report) })
@@ -82,11 +88,10 @@ fn data_noise(data: &DataSpec) -> Option<DataNoise> {
     (noise.position_rad > 0.0 || noise.torque_nm > 0.0).then_some(noise)
 }
 
-/// The results of the cells in order, and the rows of their tables.
+/// The results of the cells, in order.
 #[derive(Default)]
 struct Cells {
     cells: Vec<CellResult>,
-    tables: Vec<RecordBatch>,
     /// The present names of predictors, by those that some cell has for them.
     renamed: HashMap<String, String>,
 }
@@ -95,18 +100,9 @@ fn cells(attempt: &Attempt, tasks: &[Task], names: &PresentNames) -> Result<Cell
     let mut found = Cells::default();
     for record in results(tasks, |task| matches!(task, EvaluateTask::Cell(_))) {
         let CellRecord { mut result, table } = record?;
-        let mut rows = read_table(attempt, &table)?;
-        rows::complete(&mut result, &rows)?;
-        let changes = names.give_to(&mut result);
-        if !changes.is_empty() {
-            rows = rows
-                .iter()
-                .map(|batch| rows::renamed(batch, &changes))
-                .collect::<Result<_, _>>()?;
-        }
-        found.tables.extend(rows);
+        rows::complete(&mut result, &read_table(attempt, &table)?)?;
+        found.renamed.extend(names.give_to(&mut result));
         found.cells.push(result);
-        found.renamed.extend(changes);
     }
     Ok(found)
 }

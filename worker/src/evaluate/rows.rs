@@ -1,21 +1,22 @@
 //! The result table as Parquet: one row per scenario, joint and predictor.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use arrow_array::{
     Array, ArrayRef, Float32Array, Float64Array, Int32Array, Int64Array, RecordBatch, StringArray,
 };
 use arrow_schema::ArrowError;
-use evaluation::{CellResult, Measure, Row};
+use evaluation::{CellResult, ErrorHorizon, Measure, Row};
 use serde_json::Value;
 use spec::{Column, ColumnType};
 use store::{TableReader, table_schema};
 
 const PREDICTOR: &str = "predictor";
 
-/// All columns, in order: first those that identify a row, then the measured values.
-pub(super) fn columns(joints: usize) -> Vec<Column> {
+/// All columns, in order: first those that identify a row, then the measured values, and at last
+/// the errors over the first parts of the horizon.
+pub(super) fn columns(joints: usize, horizons_s: &[f64]) -> Vec<Column> {
     let nullable = |column: Column| Column { nullable: true, ..column };
     let about = [
         Column::new("cell", ColumnType::Int32, "number of the cell, from 0"),
@@ -40,20 +41,28 @@ pub(super) fn columns(joints: usize) -> Vec<Column> {
         let in_degrees = measure.name().contains("deg");
         nullable(if in_degrees { column.unit("deg") } else { column })
     });
-    about.into_iter().chain(measured).collect()
+    let horizons = horizons_s.iter().map(|&seconds| {
+        let about = format!("root mean square error over the first {seconds} s of the horizon");
+        let name = ErrorHorizon::column(seconds);
+        nullable(Column::new(&name, ColumnType::Float32, about).unit("deg"))
+    });
+    about.into_iter().chain(measured).chain(horizons).collect()
 }
 
 /// The file's metadata.
-pub(super) fn footer(spec: &Value, joints: usize) -> BTreeMap<String, String> {
-    let columns = serde_json::to_string(&columns(joints)).unwrap_or_default();
+pub(super) fn footer(spec: &Value, joints: usize, horizons_s: &[f64]) -> BTreeMap<String, String> {
+    let columns = serde_json::to_string(&columns(joints, horizons_s)).unwrap_or_default();
     BTreeMap::from([
         ("torqued.spec".to_owned(), spec.to_string()),
         ("torqued.columns".to_owned(), columns),
     ])
 }
 
+/// The rows of a cell, with columns for the errors over the first `horizons_s` of the horizon. They
+/// are null where the cell does not have them.
 pub(super) fn record_batch(
     result: &CellResult,
+    horizons_s: &[f64],
     seed: Option<u64>,
 ) -> Result<RecordBatch, ArrowError> {
     let overflow = |value: &dyn std::fmt::Display| {
@@ -80,7 +89,12 @@ pub(super) fn record_batch(
         let values: Float32Array = rows.iter().map(|row| row.get(measure)).collect();
         Arc::new(values) as ArrayRef
     }));
-    RecordBatch::try_new(table_schema(&columns(result.joints)), arrays)
+    arrays.extend(horizons_s.iter().map(|seconds| {
+        let place = result.horizons_s.iter().position(|measured| measured == seconds);
+        let values: Float32Array = rows.iter().map(|row| row.horizon(place?)).collect();
+        Arc::new(values) as ArrayRef
+    }));
+    RecordBatch::try_new(table_schema(&columns(result.joints, horizons_s)), arrays)
 }
 
 /// All rows of a table, in row groups.
@@ -91,12 +105,12 @@ pub(super) fn read(table: &TableReader) -> Result<Vec<RecordBatch>, store::Store
 
 /// Reads the errors of scenarios from the table into a result. The result is stored without them.
 pub(super) fn complete(result: &mut CellResult, table: &[RecordBatch]) -> Result<(), ArrowError> {
-    let joints = result.joints.max(1);
+    let (joints, horizons) = (result.joints.max(1), result.horizons_s.len());
     let mut rows = Vec::new();
     for batch in table {
         let predictors = column::<StringArray>(batch, PREDICTOR)?;
         let first = rows.len();
-        let row = |k: usize| Row::empty(predictors.value(k), (first + k) % joints + 1);
+        let row = |k: usize| Row::empty(predictors.value(k), (first + k) % joints + 1, horizons);
         rows.extend((0..batch.num_rows()).map(row));
         for measure in Measure::ALL {
             if batch.column_by_name(measure.name()).is_none() {
@@ -108,6 +122,12 @@ pub(super) fn complete(result: &mut CellResult, table: &[RecordBatch]) -> Result
                 row.set(measure, value);
             }
         }
+        for (k, &seconds) in result.horizons_s.iter().enumerate() {
+            let values = column::<Float32Array>(batch, &ErrorHorizon::column(seconds))?;
+            for (row, value) in rows[first..].iter_mut().zip(values) {
+                row.set_horizon(k, value);
+            }
+        }
     }
     if result.take_rows(&rows) {
         return Ok(());
@@ -115,22 +135,6 @@ pub(super) fn complete(result: &mut CellResult, table: &[RecordBatch]) -> Result
     let detail =
         format!("the table of cell {} does not have the rows of its predictors", result.cell);
     Err(ArrowError::InvalidArgumentError(detail))
-}
-
-/// The same rows with other names of predictors. `changes` has the new names by the old ones.
-pub(super) fn renamed(
-    batch: &RecordBatch,
-    changes: &HashMap<String, String>,
-) -> Result<RecordBatch, ArrowError> {
-    let place = batch.schema().index_of(PREDICTOR)?;
-    let names = column::<StringArray>(batch, PREDICTOR)?.iter().map(|name| {
-        let name = name.unwrap_or_default();
-        changes.get(name).map_or(name, String::as_str)
-    });
-    let names = StringArray::from_iter_values(names);
-    let mut columns = batch.columns().to_vec();
-    columns[place] = Arc::new(names);
-    RecordBatch::try_new(batch.schema(), columns)
 }
 
 fn column<'a, A: Array + 'static>(batch: &'a RecordBatch, name: &str) -> Result<&'a A, ArrowError> {
@@ -159,6 +163,7 @@ mod tests {
             samples: 1,
             band_edge_hz: Some(8.0),
             limits_rad: vec![spec::Range::new(-1.0, 1.0); JOINTS],
+            horizons: ErrorHorizon::all(&[0.1, 0.5], 60.0, 40),
         };
         let predictors: [Box<dyn Predictor>; 1] = [Box::new(HoldLast)];
         CellResult {
@@ -168,6 +173,7 @@ mod tests {
             position_noise_rad: 1e-3,
             first: 200,
             joints: JOINTS,
+            horizons_s: vec![0.1, 0.5],
             predictors: evaluate_cell(&scenarios.view(), &scoring, &predictors),
             measured_jitter_deg: None,
             measured_left_limits: None,
@@ -181,8 +187,8 @@ mod tests {
         let made = result();
         let folder = tempfile::tempdir().unwrap();
         let object = ObjectWriter::in_folder(folder.path(), "cell.parquet").unwrap();
-        let batch = record_batch(&made, Some(7)).unwrap();
-        let footer = footer(&Value::Null, JOINTS);
+        let batch = record_batch(&made, &made.horizons_s, Some(7)).unwrap();
+        let footer = footer(&Value::Null, JOINTS, &made.horizons_s);
         let mut writer = TableWriter::table(object, batch.schema(), &footer).unwrap();
         writer.write(batch).unwrap();
         writer.finish().unwrap();
@@ -195,10 +201,22 @@ mod tests {
         assert_eq!(found, made);
     }
 
+    /// A cell that an earlier version evaluated lacks horizons, and stands in one table with others.
+    #[test]
+    fn horizons_that_a_cell_does_not_have_are_null() {
+        let mut earlier = result();
+        let horizons_s = std::mem::take(&mut earlier.horizons_s);
+        let batch = record_batch(&earlier, &horizons_s, None).unwrap();
+        let same = record_batch(&result(), &horizons_s, None).unwrap();
+        assert_eq!(batch.schema(), same.schema());
+        let nulls = |batch: &RecordBatch| batch["rmse_100_ms_deg"].null_count();
+        assert_eq!((nulls(&batch), nulls(&same)), (batch.num_rows(), 0));
+    }
+
     #[test]
     fn a_table_of_another_cell_is_refused() {
         let made = result();
-        let batch = record_batch(&made, None).unwrap();
+        let batch = record_batch(&made, &made.horizons_s, None).unwrap();
         let mut other = made;
         other.predictors[0].predictor = "another".to_owned();
         assert!(complete(&mut other, &[batch]).is_err());

@@ -9,7 +9,7 @@ use wire::Warning;
 use crate::metrics::{JitterMeter, beyond_limits_deg, has_diverged, squares_deg2};
 use crate::predictor::Answer;
 use crate::scores::{Measure, ScenarioErrors, ScoredAs, degrees};
-use crate::{EvaluationError, Predictor};
+use crate::{ErrorHorizon, EvaluationError, Predictor};
 
 /// The errors of every predictor on the same scenarios of one cell.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -29,6 +29,10 @@ pub struct CellResult {
     pub first: u64,
     /// Joints of every robot.
     pub joints: usize,
+    /// Lengths of the first parts of the horizon whose errors its rows have, s. Empty in results of
+    /// versions that did not measure them.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub horizons_s: Vec<f64>,
     /// The errors, in the order of the asked predictors.
     pub predictors: Vec<PredictorErrors>,
     /// The jitter of the measured motions, see [`measured_jitter_deg`].
@@ -131,6 +135,8 @@ pub struct Scoring {
     pub band_edge_hz: Option<f64>,
     /// Limits of each joint's position; empty where they are not known.
     pub limits_rad: Vec<Range>,
+    /// First parts of the horizon whose errors are measured as well.
+    pub horizons: Vec<ErrorHorizon>,
 }
 
 /// Asks each predictor the same question and scores the answers.
@@ -151,6 +157,7 @@ pub fn evaluate_cell(
         row: observed.horizon() * observed.joints(),
         joints: observed.joints(),
         limits_rad: &scoring.limits_rad,
+        horizons: &scoring.horizons,
         meter: meter(&observed, scoring),
     };
     predictors.iter().map(|predictor| scorer.errors(&**predictor, &observed, scoring)).collect()
@@ -225,6 +232,7 @@ struct Scorer<'a> {
     row: usize,
     joints: usize,
     limits_rad: &'a [Range],
+    horizons: &'a [ErrorHorizon],
     meter: Option<JitterMeter>,
 }
 
@@ -343,6 +351,7 @@ impl Scorer<'_> {
                 joints: self.joints,
                 patch,
                 limits_rad: self.limits_rad,
+                horizons: self.horizons,
                 meter: self.meter.as_ref(),
             };
             ScenarioErrors::new(truth, predicted, &samples, scored_as)

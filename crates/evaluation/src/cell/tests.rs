@@ -12,6 +12,7 @@ fn scoring() -> Scoring {
         samples: 4,
         band_edge_hz: Some(8.0),
         limits_rad: vec![Range::new(-2.0, 2.0); JOINTS],
+        horizons: ErrorHorizon::all(&[0.1, 9.0], 60.0, 40),
     }
 }
 
@@ -78,6 +79,7 @@ fn result(predictors: &[Box<dyn Predictor>]) -> CellResult {
         position_noise_rad: 0.0,
         first: 200,
         joints: JOINTS,
+        horizons_s: scoring().horizons.iter().map(|horizon| horizon.seconds).collect(),
         predictors: evaluate_cell(&scenarios().view(), &scoring(), predictors),
         measured_jitter_deg: measured_jitter_deg(&scenarios().view(), &scoring()),
         measured_left_limits: measured_left_limits(&scenarios().view(), &scoring()),
@@ -170,6 +172,23 @@ fn the_rows_of_a_scenario_hold_its_errors() {
         assert_eq!(read.scenarios, made);
     }
     assert!(!read.take_rows(&rows[7..]), "a scenario is missing");
+}
+
+#[test]
+fn the_error_over_the_whole_horizon_is_the_error_and_a_shorter_one_is_of_the_first_steps() {
+    let found = result(&[Box::new(HoldLast)]);
+    assert_eq!(found.horizons_s, [0.1, 40.0 / 60.0]);
+    let errors = &found.predictors[0];
+    for scenario in errors.scenarios.iter().flatten() {
+        assert_eq!(Some(&scenario.horizons[1]), scenario.get(Measure::RmseDeg));
+    }
+    for joint in 0..JOINTS {
+        let by_step: f64 = errors.step_squares_deg2[..6].iter().map(|step| step[joint]).sum();
+        let scenarios = errors.scenarios.iter().flatten();
+        let of_scenario = |errors: &ScenarioErrors| f64::from(errors.horizons[0][joint]).powi(2);
+        let by_scenario = 6.0 * scenarios.map(of_scenario).sum::<f64>();
+        assert!((by_step / by_scenario - 1.0).abs() < 1e-5, "{by_step} {by_scenario}");
+    }
 }
 
 #[test]

@@ -22,7 +22,8 @@ pub(crate) mod tests {
     use super::comparisons::paired_difference;
     use super::*;
     use crate::{
-        CellResult, EvaluationError, Failure, HoldLast, Predictor, Scoring, evaluate_cell,
+        CellResult, ErrorHorizon, EvaluationError, Failure, HoldLast, Predictor, Scoring,
+        evaluate_cell,
     };
 
     /// A predictor with a name and a kind only.
@@ -54,6 +55,7 @@ pub(crate) mod tests {
             position_noise_rad: 0.0,
             first: 2 * cell as u64,
             joints: 7,
+            horizons_s: Vec::new(),
             predictors: vec![errors("baseline", baseline), errors("model", model)],
             measured_jitter_deg: None,
             measured_left_limits: None,
@@ -151,15 +153,24 @@ pub(crate) mod tests {
             samples: 1,
             band_edge_hz: None,
             limits_rad: vec![Range::new(-2.0, 2.0); JOINTS],
+            horizons: ErrorHorizon::all(&[1.0 / 60.0, 0.5], 60.0, 40),
         };
         let predictors: [Box<dyn Predictor>; 1] = [Box::new(HoldLast)];
         let cell = CellResult {
+            horizons_s: scoring.horizons.iter().map(|horizon| horizon.seconds).collect(),
             predictors: evaluate_cell(&scenarios.view(), &scoring, &predictors),
             warnings: vec![Warning::no_motion(1e-3, 2)],
             ..cell(0, 0.15, 1.0, 2.0)
         };
         let predictors = vec![named("hold-last", PredictorKind::Baseline)];
-        let report = summarize(Setting { predictors, ..setting() }, &[cell]).unwrap();
+        let unmeasured = CellResult { cell: 1, horizons_s: Vec::new(), ..cell.clone() };
+        let report = summarize(Setting { predictors, ..setting() }, &[cell, unmeasured]).unwrap();
+        let [over_one, over_half] = &report.cells[0].scores[0].horizon_errors[..] else {
+            panic!("two horizons")
+        };
+        assert_eq!((over_one.seconds, over_half.seconds), (1.0 / 60.0, 0.5));
+        assert!(over_one.rmse_deg.mean < over_half.rmse_deg.mean);
+        assert_eq!(report.groups[0].scores[0].horizon_errors, [], "a cell has none");
         let group = &report.groups[0];
         let first = group.scores[0].first_sample_deg.unwrap();
         assert!((first.mean - group.scores[0].step_rmse_deg[0]).abs() < 1e-5, "{first:?}");
@@ -167,7 +178,7 @@ pub(crate) mod tests {
         assert_eq!(group.scores[0].seam_jump_deg, None);
         let rollouts = &group.rollouts[0];
         assert_eq!((rollouts.left_limits, rollouts.diverged), (Some(0.0), 0.0));
-        assert_eq!((report.warnings.len(), report.scenarios()), (1, 3));
+        assert_eq!((report.warnings.len(), report.scenarios()), (1, 6));
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 use spec::Bootstrap;
-use wire::{Calibration, Interval, IntervalSummary, PredictorInfo, PredictorScores};
+use wire::{Calibration, HorizonError, Interval, IntervalSummary, PredictorInfo, PredictorScores};
 
 use crate::bootstrap::stratified_mean;
 use crate::scores::{
@@ -27,11 +27,15 @@ pub(super) fn scores(
 struct Measured<'a> {
     cells: Vec<&'a PredictorErrors>,
     strata: Vec<Vec<&'a ScenarioErrors>>,
+    /// Lengths of the horizons over which all cells have errors, s.
+    horizons_s: &'a [f64],
     bootstrap: Bootstrap,
 }
 
 impl<'a> Measured<'a> {
     fn of(predictor: &str, cells: &[&'a CellResult], bootstrap: Bootstrap) -> Option<Self> {
+        let horizons_s: &[f64] = cells.first().map_or(&[], |cell| &cell.horizons_s);
+        let all_have = cells.iter().all(|cell| cell.horizons_s == horizons_s);
         let cells: Vec<&PredictorErrors> =
             cells.iter().map(|cell| cell.errors(predictor)).collect::<Option<_>>()?;
         let strata: Vec<Vec<&ScenarioErrors>> = cells
@@ -41,6 +45,7 @@ impl<'a> Measured<'a> {
         (strata.iter().map(Vec::len).sum::<usize>() > 0).then_some(Self {
             cells,
             strata,
+            horizons_s: if all_have { horizons_s } else { &[] },
             bootstrap,
         })
     }
@@ -55,6 +60,7 @@ impl<'a> Measured<'a> {
             predictor: predictor.to_owned(),
             joint_rmse_deg: (0..self.joints()).map(joint_rmse_deg).collect::<Option<_>>()?,
             step_rmse_deg: self.step_rmse_deg(),
+            horizon_errors: self.horizon_errors(),
             intervals: INTERVALS.iter().filter_map(|interval| self.central(interval)).collect(),
             calibration: self.calibration(),
             ..PredictorScores::default()
@@ -80,6 +86,18 @@ impl<'a> Measured<'a> {
             self.cells.iter().flat_map(move |cell| &cell.step_squares_deg2[step]).sum::<f64>()
         };
         (0..steps).map(|step| (squares(step) / entries).sqrt()).collect()
+    }
+
+    fn horizon_errors(&self) -> Vec<HorizonError> {
+        let over = |(k, &seconds): (usize, &f64)| {
+            let of_scenario = |errors: &&ScenarioErrors| errors.horizons.get(k).map(mean_of);
+            let strata = self.strata.iter();
+            let values: Vec<Vec<f64>> = strata
+                .map(|stratum| stratum.iter().map(of_scenario).collect())
+                .collect::<Option<_>>()?;
+            Some(HorizonError { seconds, rmse_deg: stratified_mean(&values, self.bootstrap) })
+        };
+        self.horizons_s.iter().enumerate().filter_map(over).collect()
     }
 
     fn central(&self, interval: &CentralInterval) -> Option<IntervalSummary> {
@@ -117,10 +135,7 @@ impl<'a> Measured<'a> {
     }
 
     fn mean(&self, measure: Measure) -> Option<Interval> {
-        let mean = |of_joints: &PerJoint| {
-            of_joints.iter().map(|value| f64::from(*value)).sum::<f64>() / of_joints.len() as f64
-        };
-        Some(stratified_mean(&self.values(measure, mean)?, self.bootstrap))
+        Some(stratified_mean(&self.values(measure, mean_of)?, self.bootstrap))
     }
 
     /// Over scenarios and joints. The root is monotonic, so its interval is the root of that of the
@@ -134,4 +149,8 @@ impl<'a> Measured<'a> {
             stratified_mean(&self.values(measure, square)?, self.bootstrap);
         Some(Interval { mean: mean.sqrt(), low: low.sqrt(), high: high.sqrt() })
     }
+}
+
+fn mean_of(joints: &PerJoint) -> f64 {
+    joints.iter().map(|value| f64::from(*value)).sum::<f64>() / joints.len() as f64
 }

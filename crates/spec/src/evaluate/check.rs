@@ -1,5 +1,7 @@
 //! Checks the values of an evaluation.
 
+use std::ops::RangeInclusive;
+
 use super::spec::EvaluateSpec;
 use crate::MAX_POSITION_NOISE_RAD;
 use crate::check::{Check, Violations, first_repeated};
@@ -9,6 +11,12 @@ const MAX_SAMPLES: u32 = 256;
 
 /// Largest number of noise levels. Each repeats the whole evaluation.
 const MAX_LEVELS: usize = 10;
+
+/// Most parts of the horizon whose errors are measured.
+const MAX_HORIZONS: usize = 10;
+
+/// Lengths of these parts, s.
+const HORIZON_S: RangeInclusive<f64> = 1e-3..=1e4;
 
 impl Check for EvaluateSpec {
     fn check(&self, violations: &mut Violations) {
@@ -24,6 +32,15 @@ impl Check for EvaluateSpec {
         violations.within("context", self.context, 1..=9_999);
         if let Some(horizon) = self.horizon {
             violations.within("horizon", horizon, 1..=9_999);
+        }
+        violations.length("horizons_s", self.horizons_s.len(), 0..=MAX_HORIZONS);
+        violations.all_within("horizons_s", &self.horizons_s, &HORIZON_S);
+        // Columns are named by whole milliseconds.
+        let milliseconds = self.horizons_s.iter().map(|seconds| (1e3 * seconds).round().to_bits());
+        let milliseconds: Vec<u64> = milliseconds.collect();
+        if let Some(twice) = first_repeated(&milliseconds) {
+            let twice = format!("{} ms twice", f64::from_bits(*twice));
+            violations.add("horizons_s", twice, "lengths at least a millisecond apart");
         }
         if let Some(rounds) = self.rounds {
             violations.within("rounds", rounds, 0..=1000);

@@ -37,6 +37,10 @@ pub struct EvaluateSpec {
     /// Number of samples to predict. Default: all samples of the data after `rounds` and `context`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub horizon: Option<u32>,
+    /// Lengths of the first parts of the horizon over which errors are measured as well, s: up to
+    /// 10. A length above the horizon becomes the horizon.
+    #[serde(default = "horizons_s", skip_serializing_if = "are_usual_horizons")]
+    pub horizons_s: Vec<f64>,
     /// Number of windows before the scored window. Consecutive windows are one sample apart.
     /// Predictions that start `shifted` begin this many control periods earlier. Default: 8 if there
     /// are such predictions, and 0 otherwise.
@@ -187,6 +191,15 @@ impl Default for Bootstrap {
 
 const fn context() -> u32 {
     320
+}
+
+/// A step of a controller, half a second, and the paper's horizon.
+fn horizons_s() -> Vec<f64> {
+    vec![0.1, 0.5, 1.33]
+}
+
+fn are_usual_horizons(seconds: &[f64]) -> bool {
+    seconds == horizons_s()
 }
 
 fn noiseless() -> Vec<f64> {
