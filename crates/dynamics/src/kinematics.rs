@@ -139,6 +139,24 @@ pub struct Pose {
 pub(crate) const POSE: usize = 7;
 
 impl Kinematics {
+    /// Changes every length that is not zero: along x and z of all joints, of the hand, and further
+    /// shifts. The order is always the same.
+    pub fn for_each_length(&mut self, mut change: impl FnMut(&mut f64)) {
+        let mut if_any = |length: &mut f64| {
+            if *length != 0.0 {
+                change(length);
+            }
+        };
+        let Self { joints, hand, .. } = self;
+        joints.iter_mut().for_each(|row| if_any(&mut row.a_m));
+        joints.iter_mut().for_each(|row| if_any(&mut row.d_m));
+        if_any(&mut hand.d_m);
+        if_any(&mut hand.a_m);
+        for row in joints.iter_mut().chain([hand]) {
+            row.shift_m.iter_mut().for_each(&mut if_any);
+        }
+    }
+
     /// Pose of the hand's frame in the world at positions `q` (rad), with qw not negative.
     ///
     /// The hand's z points from the flange to the fingers, its y along their motion.

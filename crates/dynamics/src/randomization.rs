@@ -57,19 +57,7 @@ fn scaled(
 /// Multiplies every length that is not zero by a factor of its own.
 fn draw_kinematics(nominal: &Kinematics, fraction: f64, draws: &mut Draws) -> Kinematics {
     let mut kinematics = *nominal;
-    let Kinematics { joints, hand, .. } = &mut kinematics;
-    let mut draw = |length: &mut f64| {
-        if *length != 0.0 {
-            *length *= draws.factor(fraction);
-        }
-    };
-    joints.iter_mut().for_each(|row| draw(&mut row.a_m));
-    joints.iter_mut().for_each(|row| draw(&mut row.d_m));
-    draw(&mut hand.d_m);
-    draw(&mut hand.a_m);
-    for row in joints.iter_mut().chain([hand]) {
-        row.shift_m.iter_mut().for_each(&mut draw);
-    }
+    kinematics.for_each_length(|length| *length *= draws.factor(fraction));
     kinematics
 }
 

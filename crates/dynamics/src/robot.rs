@@ -54,10 +54,30 @@ impl Robot {
 
     /// The nominal arm of `spec`. The hand holds a payload in the middle of its ranges.
     pub fn nominal(spec: &RobotSpec) -> Self {
-        let Nominal { links, attached, kinematics } = Nominal::of(spec.description());
+        let nominal = Nominal::of(spec.description());
+        Self::assembled(spec, &nominal, nominal.kinematics)
+    }
+
+    /// The nominal arm of `spec` with other lengths. The hand is at the flange of `kinematics`.
+    pub fn with_kinematics(spec: &RobotSpec, kinematics: Kinematics) -> Self {
+        Self::assembled(spec, &Nominal::of(spec.description()), kinematics)
+    }
+
+    /// The robot with `payload` welded to the hand.
+    #[must_use]
+    pub fn holding(mut self, payload: Payload) -> Self {
+        if let Some(last) = self.links.last_mut() {
+            *last =
+                Hand::default().with(&payload.body(), [0.0; 3]).welded_to(last, &self.kinematics);
+        }
+        Self { payload: Some(payload), ..self }
+    }
+
+    fn assembled(spec: &RobotSpec, nominal: &Nominal, kinematics: Kinematics) -> Self {
+        let Nominal { links, attached, .. } = nominal;
         let hand = attached.iter().fold(Hand::default(), |hand, (body, at)| hand.with(body, *at));
         let parts = Parts {
-            links,
+            links: *links,
             hand,
             damping: spec.damping_nm_s_rad.as_slice().into(),
             armature: spec.armature_kg_m2.as_slice().into(),

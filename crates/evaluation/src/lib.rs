@@ -24,7 +24,7 @@ mod scores;
 
 pub use baselines::{
     Arx, ConstantVelocity, DampedIntegrator, FittedDamping, HoldLast, Identification, LeastSquares,
-    NominalArm, baseline,
+    NominalArm, baseline, prior_knowledge,
 };
 pub use cell::{
     CellResult, Failure, PredictorErrors, Rollouts, Scoring, evaluate_cell, measured_jitter_deg,

@@ -5,7 +5,7 @@ use std::collections::HashMap;
 
 use evaluation::{
     FirstPrediction, Given, LeakyLearned, Learned, NominalArm, OracleStarted, Predictor, Start,
-    baseline,
+    baseline, prior_knowledge,
 };
 use models::Sampling;
 use series::SeriesView;
@@ -20,6 +20,7 @@ pub(super) const SHIFT: usize = 1;
 
 pub(super) struct Predictors<'a> {
     arm: NominalArm,
+    data: &'a DataSpec,
     spec: &'a EvaluateSpec,
     files: &'a [PredictionFile],
     pub learned: Vec<LearnedRun<'a>>,
@@ -41,7 +42,7 @@ type FirstKey = (usize, String);
 impl<'a> Predictors<'a> {
     pub fn new(
         spec: &'a EvaluateSpec,
-        data: &DataSpec,
+        data: &'a DataSpec,
         files: &'a [PredictionFile],
         checkpoints: &'a [LoadedCheckpoint],
     ) -> Result<Self, SpecError> {
@@ -54,7 +55,7 @@ impl<'a> Predictors<'a> {
             .iter()
             .map(|predictor| (predictor.first_key(), FirstPrediction::new()))
             .collect();
-        let predictors = Self { arm: NominalArm::of(data), spec, files, learned, first };
+        let predictors = Self { arm: NominalArm::of(data), data, spec, files, learned, first };
         predictors.check_names()?;
         Ok(predictors)
     }
@@ -77,7 +78,7 @@ impl<'a> Predictors<'a> {
         let baselines = self.spec.baselines.iter().map(|&name| PredictorInfo {
             name: baseline(name, &self.arm).name().to_owned(),
             kind: PredictorKind::Baseline,
-            told: Some(name.prior_knowledge().to_owned()),
+            told: Some(prior_knowledge(name, self.data)),
             digest: None,
             file: None,
             replicates: None,

@@ -1,24 +1,24 @@
 //! Classical identification: an expert's fit of a model of the arm.
 
-use dynamics::{Anchor, InstructionSet, Joints, Motion, Replay, RigidBody, Robot};
+use dynamics::{Anchor, InstructionSet, Joints, Motion, Replay};
 use models::Interrupt;
 use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
 use series::Observed;
-use spec::{Integrator, RobotSpec};
+use spec::Integrator;
 
 use super::NominalArm;
+use super::prior::{Arm, Freedom, Prior};
 use crate::{EvaluationError, Predictor};
 
 /// Fits each robot's dynamic parameters by Gauss-Newton through the simulator of this project, to
 /// the positions of the context. Then it simulates the horizon.
 ///
-/// The estimate is the maximum a posteriori of these parameters ([`Layout`]). Every link has its
+/// The estimate is the maximum a posteriori of these parameters ([`Prior`]). Every link has its
 /// mass, the three coordinates of its centre and the stretch along its three axes, so that every
 /// candidate is physical. Every joint has its damping and its velocity at the first sample. The
-/// position there is the measured one. A priori each parameter lies around the nominal arm's, with
-/// the spread of [`RobotSpec`], in logarithms (centres in proportion). Hand, fingers and payload
-/// count as part of the last link. Gravity, friction, armature and lengths are the nominal arm's.
+/// position there is the measured one. Armatures, friction, lengths and the payload are parameters
+/// where the data's robots vary in them, and otherwise the nominal arm's.
 ///
 /// Residuals are measured minus simulated positions, [`COMPARED_HZ`] times a second. The simulation
 /// is set to the measured position at the end of the context and every [`STRETCH_S`] before it, and
@@ -37,72 +37,15 @@ use crate::{EvaluationError, Predictor};
 /// that is not finite either, the answer is the last position.
 #[derive(Clone, Debug)]
 pub struct Identification {
-    nominal: Robot,
-    spread: Spread,
+    prior: Prior,
     replay: Replay,
     /// The simulation for derivatives.
     coarse: Replay,
-    freedom: Freedom,
-}
-
-/// The fitted parameters.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Freedom {
-    Nothing,
-    /// Dampings, and velocities at the first sample.
-    Dampings,
-    Everything,
-}
-
-/// Standard deviation of each parameter a priori. For a uniform law it is its half-width / √3.
-#[derive(Clone, Copy, Debug)]
-struct Spread {
-    mass: f64,
-    com: f64,
-    stretch: f64,
-    damping: f64,
 }
 
 /// Parameters in standard deviations of the prior.
 type Parameters = DVector<f64>;
 
-const PER_LINK: usize = 7;
-
-/// The order of an arm's parameters: those of links, then dampings, then velocities.
-#[derive(Clone, Copy, Debug)]
-struct Layout {
-    joints: usize,
-    freedom: Freedom,
-}
-
-impl Layout {
-    fn damping(self) -> usize {
-        match self.freedom {
-            Freedom::Everything => PER_LINK * self.joints,
-            Freedom::Nothing | Freedom::Dampings => 0,
-        }
-    }
-
-    fn velocity(self) -> usize {
-        match self.freedom {
-            Freedom::Everything | Freedom::Dampings => self.damping() + self.joints,
-            Freedom::Nothing => 0,
-        }
-    }
-
-    /// With seven joints, all parameters and the arm itself make 64 robots, a whole number of
-    /// vectors.
-    fn parameters(self) -> usize {
-        match self.freedom {
-            Freedom::Everything | Freedom::Dampings => self.velocity() + self.joints,
-            Freedom::Nothing => 0,
-        }
-    }
-}
-
-/// Spread of the velocity around the estimate from the first three samples, rad/s. A light joint
-/// forgets its velocity within a sample or two, so that these samples do not determine it.
-const VELOCITY_SPREAD: f64 = 1.0;
 /// Least standard deviation of measured from simulated positions, rad, about the resolution of
 /// encoders. A smaller one would fit rounding errors, with twice the steps and no better
 /// predictions.
@@ -157,16 +100,10 @@ impl Identification {
             other => other,
         };
         Self {
-            nominal: Robot::nominal(robot),
-            spread: Spread::of(robot),
+            prior: Prior::new(robot, freedom),
             coarse: Replay { integrator: coarse, ..replay },
             replay,
-            freedom,
         }
-    }
-
-    fn layout(&self) -> Layout {
-        Layout { joints: self.nominal.joints(), freedom: self.freedom }
     }
 
     /// Positions `[sample, joint]` of the horizon.
@@ -177,7 +114,7 @@ impl Identification {
         interrupt: &Interrupt,
     ) -> Vec<f32> {
         interrupt.leave_if_raised();
-        let joints = self.nominal.joints();
+        let joints = self.prior.joints();
         let torques = observed.u(scenario).values();
         let positions = observed.y(scenario).values();
         let known = positions.len();
@@ -190,8 +127,8 @@ impl Identification {
             stride: whole(observed.rate_hz() / COMPARED_HZ),
         };
         let fitted = fit.solve(interrupt);
-        let nominal = Parameters::zeros(self.layout().parameters());
-        let candidates = [fitted, nominal].map(|p| fit.arm_at(&p));
+        let nominal = Parameters::zeros(self.prior.parameters());
+        let candidates = [fitted, nominal].map(|numbers| self.prior.arm_at(numbers.as_slice()));
         let q = self.replay.run(&candidates.each_ref().map(|arm| fit.motion(arm, torques)));
         let is_finite = |q: &&[f32]| q.iter().all(|q| q.is_finite());
         match q.chunks_exact(torques.len()).find(is_finite) {
@@ -215,7 +152,7 @@ fn anchors(positions: &[f32], joints: usize, stride: usize) -> Vec<Anchor> {
 
 impl Predictor for Identification {
     fn name(&self) -> &'static str {
-        match self.freedom {
+        match self.prior.freedom() {
             Freedom::Nothing => "nominal-simulator",
             Freedom::Dampings => "simulator-fitted-damping",
             Freedom::Everything => "identification",
@@ -241,18 +178,6 @@ fn whole(samples: f64) -> usize {
     samples.round().max(1.0) as usize
 }
 
-impl Spread {
-    fn of(spec: &RobotSpec) -> Self {
-        let deviation = |half_width: f64| half_width / 3.0_f64.sqrt();
-        Self {
-            mass: deviation(spec.mass_fraction),
-            com: deviation(spec.com_fraction),
-            stretch: deviation(spec.inertia_fraction),
-            damping: deviation(spec.damping_fraction),
-        }
-    }
-}
-
 /// State at the first sample, with the velocities that follow from the positions.
 struct Start {
     q: Joints<f64>,
@@ -271,13 +196,6 @@ impl Start {
             }),
         }
     }
-}
-
-/// A candidate robot.
-struct Arm {
-    robot: Robot,
-    /// Velocity in addition to that of [`Start`].
-    extra_velocity: Joints<f64>,
 }
 
 /// Candidate parameters with their residuals and cost.
@@ -302,7 +220,7 @@ struct Fit<'a> {
 impl Fit<'_> {
     /// Iterates to the end. Gives zeros, the nominal arm, if that cannot be simulated.
     fn solve(&self, interrupt: &Interrupt) -> Parameters {
-        let parameters = self.arm.layout().parameters();
+        let parameters = self.arm.prior.parameters();
         let mut estimate = Parameters::zeros(parameters);
         if parameters == 0 {
             return estimate;
@@ -390,13 +308,15 @@ impl Fit<'_> {
 
     /// The compared positions: the last sample and every [`Fit::stride`]th one before it.
     fn kept<'q>(&self, positions: &'q [f32]) -> impl Iterator<Item = f64> + use<'q> {
-        let samples = positions.chunks_exact(self.arm.nominal.joints());
+        let samples = positions.chunks_exact(self.arm.prior.joints());
         samples.rev().step_by(self.stride).flatten().map(|q| f64::from(*q))
     }
 
     /// Positions `[robot, sample, joint]` over the context.
     fn simulate(&self, replay: &Replay, robots: &[Parameters]) -> Vec<f32> {
-        let arms: Vec<Arm> = robots.iter().map(|parameters| self.arm_at(parameters)).collect();
+        let prior = &self.arm.prior;
+        let arms: Vec<Arm> =
+            robots.iter().map(|numbers| prior.arm_at(numbers.as_slice())).collect();
         let motions: Vec<Motion<'_>> =
             arms.iter().map(|arm| self.motion(arm, self.torques)).collect();
         replay.run(&motions)
@@ -406,31 +326,5 @@ impl Fit<'_> {
         let Start { q, qd } = &self.start;
         let qd0 = Joints::from_fn(qd.len(), |joint| qd[joint] + arm.extra_velocity[joint]);
         Motion { robot: &arm.robot, q0: *q, qd0, u, anchors: &self.anchors }
-    }
-
-    fn arm_at(&self, parameters: &Parameters) -> Arm {
-        let Identification { nominal, spread, .. } = self.arm;
-        let layout = self.arm.layout();
-        let parameters = parameters.as_slice();
-        let mut robot = nominal.clone();
-        let of_links = parameters[..layout.damping()].chunks_exact(PER_LINK);
-        for (link, of_link) in robot.links.iter_mut().zip(of_links) {
-            let stretch = [4, 5, 6].map(|k| (spread.stretch * of_link[k]).exp());
-            *link = RigidBody {
-                mass: link.mass * (spread.mass * of_link[0]).exp(),
-                com: std::array::from_fn(|k| link.com[k] * (1.0 + spread.com * of_link[1 + k])),
-                ..link.stretched(stretch)
-            };
-        }
-        for (damping, of_joint) in
-            robot.damping.iter_mut().zip(&parameters[layout.damping()..layout.velocity()])
-        {
-            *damping *= (spread.damping * of_joint).exp();
-        }
-        let mut extra_velocity = Joints::splat(layout.joints, 0.0);
-        for (extra, velocity) in extra_velocity.iter_mut().zip(&parameters[layout.velocity()..]) {
-            *extra = VELOCITY_SPREAD * velocity;
-        }
-        Arm { robot, extra_velocity }
     }
 }

@@ -10,9 +10,10 @@ pub(crate) mod fixture;
 mod hold_last;
 mod identification;
 mod least_squares;
+mod prior;
 mod rollout;
 
-use spec::{Baseline, DataSpec, Integrator, Precision, RobotSpec};
+use spec::{Baseline, DataSpec, InertiaScheme, Integrator, Precision, RobotSpec};
 
 use self::filtered::Filtered;
 use crate::Predictor;
@@ -58,6 +59,39 @@ impl NominalArm {
                 precision: Precision::default(),
             },
         }
+    }
+}
+
+/// What a baseline knows of the arms of `data` before it sees a context. Reports call it `told`.
+///
+/// `identification` is told how simulated robots differ. Nobody knows that of recordings: there it
+/// assumes the randomization of the arm that their import names, and friction and payload only if
+/// the import gives them.
+pub fn prior_knowledge(name: Baseline, data: &DataSpec) -> String {
+    let told = name.prior_knowledge();
+    if name != Baseline::Identification {
+        return told.to_owned();
+    }
+    let untold: Vec<&str> = match data {
+        DataSpec::Simulation(spec) => {
+            let robot = &spec.robot;
+            let is_free = robot.inertia_scheme == InertiaScheme::PerEntry;
+            if is_free && robot.inertia_fraction > 0.0 {
+                vec!["products of inertia"]
+            } else {
+                vec![]
+            }
+        }
+        DataSpec::Import(spec) => {
+            let robot = spec.robot();
+            let parts =
+                [("friction", robot.friction.is_none()), ("payload", robot.payload.is_none())];
+            parts.into_iter().filter_map(|(part, is_absent)| is_absent.then_some(part)).collect()
+        }
+    };
+    match untold.as_slice() {
+        [] => told.to_owned(),
+        parts => format!("{told}; not {}", parts.join(" and ")),
     }
 }
 

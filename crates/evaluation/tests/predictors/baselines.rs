@@ -1,4 +1,6 @@
-use evaluation::{Identification, LeastSquares, NominalArm, Predictor, baseline, rmse_deg};
+use evaluation::{
+    Identification, LeastSquares, NominalArm, Predictor, baseline, prior_knowledge, rmse_deg,
+};
 use models::{Interrupt, Interrupted};
 use serde_json::json;
 use series::Series;
@@ -28,7 +30,42 @@ fn identification_finds_an_arm_as_it_was_drawn() {
     }
 }
 
-/// Lengths, armature and friction are not estimated. The result is the closest arm without them.
+/// Armatures, friction, lengths and payload are fitted where the data's robots differ in them.
+#[test]
+fn identification_finds_everything_that_robots_differ_in() {
+    let payload =
+        json!({"mass_kg": [0.0, 3.0], "center_m": [[-0.05, 0.05], [0.0, 0.0], [0.05, 0.2]]});
+    let varied = json!({"robot": {
+        "gravity": "compensated", "armature_fraction": 0.3, "geometry_fraction": 0.05,
+        "friction": {"phi1_fraction": 0.5}, "payload": payload,
+    }});
+    let spec = simulation(400, &varied);
+    let scenarios = scenarios(&spec, 6);
+    let told = error(&Identification::new(&arm(&spec)), &scenarios, 320);
+    let middle = json!({"robot": {
+        "gravity": "compensated", "friction": {"phi1_fraction": 0.0},
+        "payload": {"mass_kg": [1.5, 1.5], "center_m": [[0.0, 0.0], [0.0, 0.0], [0.125, 0.125]]},
+    }});
+    let not_told = error(&Identification::new(&arm(&simulation(400, &middle))), &scenarios, 320);
+    assert!(told < 0.03, "{told}°");
+    assert!(told < 0.2 * not_told, "{told}°, not told {not_told}°");
+}
+
+#[test]
+fn a_table_says_what_identification_is_not_told() {
+    let told = |fields: &serde_json::Value| {
+        let data = DataSpec::Simulation(simulation(400, fields));
+        prior_knowledge(Baseline::Identification, &data)
+    };
+    assert_eq!(told(&json!({})), Baseline::Identification.prior_knowledge());
+    let per_entry = told(&json!({"robot": {"inertia_scheme": "per-entry"}}));
+    assert!(per_entry.ends_with("; not products of inertia"), "{per_entry}");
+    let recorded = prior_knowledge(Baseline::Identification, &DataSpec::Import(import()));
+    assert!(recorded.ends_with("; not friction and payload"), "{recorded}");
+    assert_eq!(prior_knowledge(Baseline::Arx, &DataSpec::Import(import())), "nothing");
+}
+
+/// Without being told of lengths and armature, the result is the closest arm without them.
 #[test]
 fn identification_of_an_arm_it_has_no_model_of_is_still_better_than_none() {
     let unknown = json!({"robot": {
