@@ -43,6 +43,15 @@ fn is_of_this_package(variable: &str) -> bool {
 /// # Errors
 /// The program cannot be started.
 pub fn run(command: &mut Command) -> anyhow::Result<Finished> {
+    run_named("", command)
+}
+
+/// Runs a command like [`run`], with `label` in front of every line that it copies. The output that
+/// it returns has no labels.
+///
+/// # Errors
+/// The program cannot be started.
+pub fn run_named(label: &str, command: &mut Command) -> anyhow::Result<Finished> {
     let program = command.get_program().to_string_lossy().into_owned();
     let mut child = command
         .stdout(Stdio::piped())
@@ -61,7 +70,7 @@ pub fn run(command: &mut Command) -> anyhow::Result<Finished> {
     drop(sender);
     let mut text = String::new();
     for line in lines {
-        eprintln!("{line}");
+        eprintln!("{label}{line}");
         text.push_str(&line);
         text.push('\n');
     }

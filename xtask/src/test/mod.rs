@@ -7,6 +7,7 @@ mod one_crate;
 
 use std::num::NonZeroUsize;
 use std::process::{Command, ExitCode};
+use std::thread;
 use std::time::Instant;
 
 use clap::Args;
@@ -72,11 +73,11 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     // Deletes the list of an earlier run, if there is one.
     let _ = std::fs::remove_file(skipped_tests());
     let mut flaky = Vec::new();
-    for step in steps(arguments) {
-        let name = step.name;
-        let (counts, text) = take(step);
-        record(name, counts, &text);
-        flaky.extend(failures::flaky(&text).map(str::to_owned));
+    for steps in steps(arguments) {
+        for (name, counts, text) in take(steps) {
+            record(name, counts, &text);
+            flaky.extend(failures::flaky(&text).map(str::to_owned));
+        }
     }
     for (name, text) in &failed {
         eprintln!("\n== failed: {name}");
@@ -98,11 +99,26 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     Ok(if total.failed == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
-/// Runs a step. Gives its counts and its output.
-fn take(mut step: Step) -> (Counts, String) {
+/// Runs steps side by side. Gives the name, the counts and the output of each.
+fn take(steps: Vec<Step>) -> Vec<(&'static str, Counts, String)> {
+    let is_alone = steps.len() == 1;
+    let run = |step: Step| {
+        let label = if is_alone { String::new() } else { format!("{}: ", step.name) };
+        (step.name, take_one(step, &label))
+    };
+    thread::scope(|scope| {
+        let running: Vec<_> =
+            steps.into_iter().map(|step| scope.spawn(move || run(step))).collect();
+        let ended = running.into_iter().map(|step| step.join().expect("a step does not panic"));
+        ended.map(|(name, (counts, text))| (name, counts, text)).collect()
+    })
+}
+
+/// Runs a step, with `label` in front of its lines. Gives its counts and its output.
+fn take_one(mut step: Step, label: &str) -> (Counts, String) {
     eprintln!("\n== {}", step.name);
     let started = Instant::now();
-    let (counts, text) = match process::run(&mut step.command) {
+    let (counts, text) = match process::run_named(label, &mut step.command) {
         Ok(finished) => {
             let counts = match step.count {
                 Some(count) => {
@@ -123,7 +139,8 @@ fn take(mut step: Step) -> (Counts, String) {
     (counts, text)
 }
 
-fn steps(Arguments { quick, devices, .. }: &Arguments) -> Vec<Step> {
+/// All steps in their order. Those of one list run side by side.
+fn steps(Arguments { quick, devices, .. }: &Arguments) -> Vec<Vec<Step>> {
     let mut steps = vec![
         Step {
             name: "formatting",
@@ -149,6 +166,7 @@ fn steps(Arguments { quick, devices, .. }: &Arguments) -> Vec<Step> {
             count: Some(counts::cargo_test),
         },
     ];
+    let mut beside = Vec::new();
     if *devices {
         steps.push(Step {
             name: "device tests",
@@ -164,12 +182,13 @@ fn steps(Arguments { quick, devices, .. }: &Arguments) -> Vec<Step> {
             count: None,
         });
         steps.push(Step { name: "packages", command: dist(), count: None });
-        steps.push(Step {
+        // These wait for servers, workers and pages for most of their time.
+        beside.push(Step {
             name: "installed packages",
             command: with_product(installed_packages()),
             count: Some(counts::unittest),
         });
-        steps.push(Step {
+        beside.push(Step {
             name: "readers",
             command: with_product(command(
                 install::PYTHON,
@@ -177,7 +196,7 @@ fn steps(Arguments { quick, devices, .. }: &Arguments) -> Vec<Step> {
             )),
             count: Some(counts::unittest),
         });
-        steps.push(Step {
+        beside.push(Step {
             name: "browser",
             command: with_product(command(
                 "node",
@@ -186,6 +205,8 @@ fn steps(Arguments { quick, devices, .. }: &Arguments) -> Vec<Step> {
             count: Some(counts::node),
         });
     }
+    let mut steps: Vec<Vec<Step>> = steps.into_iter().map(|step| vec![step]).collect();
+    steps.extend(Some(beside).filter(|beside| !beside.is_empty()));
     steps
 }
 
