@@ -11,9 +11,8 @@ use std::time::Duration;
 use reqwest::{Method, RequestBuilder, Response, StatusCode, Url};
 use serde::de::DeserializeOwned;
 use wire::{
-    Attempts, Audit, Checkpoint, ControlReport, CreatedToken, Dataset, Evaluation, Job,
-    LabelChange, Logs, Metric, NewToken, Presets, Queue, Task, Tasks, Token, Tokens, Worker,
-    Workers,
+    Attempts, Audit, Checkpoint, CreatedToken, Dataset, Evaluation, Job, LabelChange, Logs, Metric,
+    NewToken, Presets, Queue, Task, Tasks, Token, Tokens, Worker, Workers,
 };
 
 pub use download::Fetched;
@@ -217,8 +216,8 @@ impl Client {
         self.get(&format!("/v1/evaluations/{id}")).await
     }
 
-    /// The report of a control job.
-    pub async fn control_report(&self, run: i64) -> Result<ControlReport, ClientError> {
+    /// The report of a run, whose type depends on the kind of its job.
+    pub async fn report<T: DeserializeOwned>(&self, run: i64) -> Result<T, ClientError> {
         self.get(&format!("/v1/runs/{run}/artifacts/report.json")).await
     }
 

@@ -49,8 +49,12 @@ pub async fn follow_to_end(
                 }
             }
             (JobKind::Control, Some(run)) => {
-                let report = client.control_report(run).await?;
+                let report = client.report(run).await?;
                 print!("{}", reports::closed_loop::text(&job.name, &report));
+            }
+            (JobKind::Identify, Some(run)) => {
+                let report = client.report(run).await?;
+                print!("\n{}\n\n{}", job.name, reports::identification::text(&report));
             }
             _ if job.dataset.is_none() && job.checkpoints.is_empty() => {
                 if let Some(findings) = wire::findings(&client.tasks(job.id).await?) {

@@ -5,9 +5,9 @@ use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;
 
-use serde_json::Value;
+use serde_json::{Value, json};
 
-use crate::product::{run_to_end, torqued};
+use crate::product::{Product, run_to_end, torqued};
 
 /// A pendulum about a horizontal axis. The described link weighs 2 kg, the true one 2.2 kg.
 const URDF: &str = r#"<?xml version="1.0"?>
@@ -67,7 +67,7 @@ fn identify(folder: &Path, more: &[&str]) -> (Option<i32>, String, String) {
     run_to_end(command.args(files).args(flags).args(more).current_dir(folder))
 }
 
-fn json(path: &Path) -> Value {
+fn read_json(path: &Path) -> Value {
     serde_json::from_slice(&fs::read(path).unwrap()).unwrap()
 }
 
@@ -82,10 +82,10 @@ fn a_urdf_and_logs_become_an_identified_urdf() {
     let (code, output, errors) = identify(folder, &[]);
     assert_eq!(code, Some(0), "{errors}");
     assert!(errors.contains("one.csv: the last line, 2502, is cut off and left out"), "{errors}");
-    assert!(output.contains("Errors on the validation in degrees"), "{output}");
+    assert!(output.contains("Errors on the validation, °"), "{output}");
 
     let found = folder.join("found");
-    let description = json(&found.join("description.json"));
+    let description = read_json(&found.join("description.json"));
     let joint = &description["joints"][0];
     let number = |value: &Value| value.as_f64().unwrap();
     let within =
@@ -98,7 +98,7 @@ fn a_urdf_and_logs_become_an_identified_urdf() {
 
     let parameters = fs::read_to_string(found.join("parameters.csv")).unwrap();
     assert_eq!(parameters.lines().count(), 1 + 15);
-    let report = json(&found.join("report.json"));
+    let report = read_json(&found.join("report.json"));
     let errors = report["arm"]["validation_errors"].as_array().unwrap();
     let of = |name: &str| {
         let errors = errors.iter().find(|errors| errors["predictor"] == name).unwrap();
@@ -145,6 +145,117 @@ fn logs_that_do_not_fit_the_arm_are_refused_before_any_work() {
     }
 }
 
+/// The pendulum's logs as datasets, which the commands of a user make: `one`, `two` and `three`.
+fn import(product: &Product, folder: &Path) -> [Value; 3] {
+    fs::write(folder.join("arm.urdf"), URDF).unwrap();
+    let (code, arm, errors) =
+        run_to_end(torqued(&["robot", "show", "arm.urdf", "--json"]).current_dir(folder));
+    assert_eq!(code, Some(0), "{errors}");
+    let arm: Value = serde_json::from_str(&arm).unwrap();
+    let spec = json!({
+        "kind": "import", "format": "csv", "columns": {"time": "t", "u": ["u1"], "q": ["q1"]},
+        "robot": {"model": arm}, "ranges": {"u_nm": [-50, 50]},
+        "rate_hz": 125, "samples": 2400, "split": {"kind": "windows", "stride": 2400},
+    });
+    fs::write(folder.join("import.json"), spec.to_string()).unwrap();
+    let mut dataset = 0;
+    [0.3, 0.7, 0.1].map(|phase| {
+        let text = log(phase).replace(',', ".").replace(';', ",");
+        let (whole, _) = text.rsplit_once('\n').unwrap();
+        fs::write(folder.join("log.csv"), whole).unwrap();
+        let spec = ["log.csv", "--spec", "import.json", "--wait", "--server", &product.url];
+        let (code, output, errors) =
+            run_to_end(torqued(&["import"]).args(spec).current_dir(folder));
+        assert_eq!(code, Some(0), "{output}{errors}");
+        dataset += 1;
+        json!({"dataset": dataset})
+    })
+}
+
+#[tokio::test]
+async fn an_identification_is_a_job_that_survives_its_worker() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = tempfile::tempdir().unwrap();
+    let product = Product::start(data.path());
+    let [one, two, three] = import(&product, folder.path());
+    let spec = json!({"kind": "identify", "data": one, "validation": two, "load": three});
+    let first = product.submit(&spec).await;
+    let first = product.succeeded(first).await;
+    assert_eq!(first["progress"]["done"], 100);
+    let run = product.get(&format!("/v1/runs/{}", first["run"])).await;
+    let digests = |run: &Value| -> Vec<(Value, Value)> {
+        let files = run["artifacts"].as_array().unwrap().iter();
+        files.map(|file| (file["name"].clone(), file["sha256"].clone())).collect()
+    };
+    let names: Vec<Value> = digests(&run).into_iter().map(|(name, _)| name).collect();
+    for name in ["report.json", "description.json", "parameters.csv", "arm.xml", "motion.svg"] {
+        assert!(names.contains(&json!(name)), "{names:?}");
+    }
+    let file = |name: &str| format!("/v1/runs/{}/artifacts/{name}", first["run"]);
+    let report = product.get(&file("report.json")).await;
+    let error = |name: &str| {
+        let errors = report["arm"]["validation_errors"].as_array().unwrap();
+        let errors = errors.iter().find(|errors| errors["predictor"] == name).unwrap();
+        errors["rmse_deg"][2].as_f64().unwrap()
+    };
+    assert!(error("identified") < 0.1 * error("description"), "{report:#}");
+    // The third log has no load: a load of next to nothing is found.
+    let load = report["load"]["parameters"].as_array().unwrap();
+    let mass = load.iter().find(|parameter| parameter["name"] == "load_mass").unwrap();
+    assert!(mass["value"].as_f64().unwrap() < 0.2, "{mass}");
+
+    // The identified arm is simulated at once.
+    let description = product.get(&file("description.json")).await;
+    let simulation = json!({
+        "kind": "simulate", "trajectories": 2, "samples": 60,
+        "robot": {"model": description, "friction": {}, "gravity": "on"},
+        "excitation": {"multisine": {}},
+    });
+    let simulation = product.submit(&simulation).await;
+    product.succeeded(simulation).await;
+
+    // A worker dies in the middle. The next one gives the same files.
+    let (_, again) = product.post("/v1/jobs?force=true", spec.to_string()).await;
+    let again = again["id"].as_i64().unwrap();
+    product.task_when(again, |task| task["progress"]["done"].as_u64() > Some(0)).await;
+    product.kill_worker().await;
+    let again = product.succeeded(again).await;
+    let repeated = product.get(&format!("/v1/runs/{}", again["run"])).await;
+    assert_eq!(digests(&repeated), digests(&run));
+}
+
+#[tokio::test]
+async fn an_identification_names_what_does_not_fit() {
+    let data = tempfile::tempdir().unwrap();
+    let product = Product::start(data.path());
+    let simulate = |gravity: &str, samples: u32| {
+        json!({
+            "kind": "simulate", "trajectories": 1, "samples": samples,
+            "robot": {"gravity": gravity}, "excitation": {"chirp": {}},
+        })
+    };
+    let refused = async |spec: Value, said: &str| {
+        let (status, answer) = product.post("/v1/jobs", spec.to_string()).await;
+        assert_eq!(status.as_u16(), 422, "{answer:#}");
+        assert!(answer.to_string().contains(said), "{answer:#}");
+    };
+    let identify = |simulation: Value| {
+        json!({
+            "kind": "pipeline",
+            "jobs": {
+                "data": simulation,
+                "arm": {"kind": "identify", "data": {"job": "data"}},
+            },
+        })
+    };
+    refused(identify(simulate("compensated", 300)), "lack the arm's weight").await;
+    refused(identify(simulate("on", 100)), "trajectories of 1.67 s").await;
+    let nobody = json!({"kind": "identify", "data": {"dataset": 7}});
+    refused(nobody, "the id of a dataset").await;
+    let stream = json!({"kind": "identify", "data": {"stream": {"preset": "D1-chirp"}}});
+    refused(stream, "a stream").await;
+}
+
 /// Runs on the recordings of a real UR10e, which are not part of the repository.
 #[test]
 fn a_real_ur10e_is_predicted_on_another_day_and_its_load_is_found() {
@@ -161,7 +272,7 @@ fn a_real_ur10e_is_predicted_on_another_day_and_its_load_is_found() {
     command.args(["--u", "14-19", "--gains", "14.87,13.26,11.13,10.62,11.03,11.47", "--out"]);
     let (code, _, errors) = run_to_end(command.arg(&out).current_dir(folder));
     assert_eq!(code, Some(0), "{errors}");
-    let report = json(&out.join("report.json"));
+    let report = read_json(&out.join("report.json"));
     let of = |errors: &Value, horizon: usize| {
         let errors = errors.as_array().unwrap();
         let identified = errors.iter().find(|errors| errors["predictor"] == "identified").unwrap();

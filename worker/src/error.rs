@@ -1,9 +1,11 @@
 //! Why a worker, a task or an estimate ends without a result.
 
+use identification::IdentificationError;
 use models::{DeviceKind, Interrupted, ModelError};
 use store::{JobId, Retry, StoreError};
 use thiserror::Error;
 
+use crate::identify::ArmFileError;
 use crate::stop::StopReason;
 
 /// Why a worker cannot go on at all.
@@ -62,6 +64,10 @@ pub enum TaskError {
     Import(#[from] recordings::ImportError),
     #[error(transparent)]
     Evaluation(#[from] evaluation::EvaluationError),
+    #[error(transparent)]
+    Identification(IdentificationError),
+    #[error(transparent)]
+    ArmFile(#[from] ArmFileError),
     #[error("a figure could not be drawn")]
     Figure(#[from] figures::FigureError),
     #[error(transparent)]
@@ -96,6 +102,15 @@ impl From<Interrupted> for TaskError {
     }
 }
 
+impl From<IdentificationError> for TaskError {
+    fn from(error: IdentificationError) -> Self {
+        match error {
+            IdentificationError::Stopped => Self::Stopped,
+            error => Self::Identification(error),
+        }
+    }
+}
+
 impl TaskError {
     /// Whether another attempt could succeed. That is so only for failures of the disk, the
     /// database or the device.
@@ -114,6 +129,8 @@ impl TaskError {
             | Self::Diverged { .. }
             | Self::Evaluation(_)
             | Self::Import(_)
+            | Self::Identification(_)
+            | Self::ArmFile(_)
             | Self::Figure(_)
             | Self::Series(_)
             | Self::Columns(_)

@@ -16,8 +16,8 @@ use crate::app::{App, Paging};
 use crate::error::ApiError;
 use crate::extract::Path;
 use crate::page::answer::{InPage, PageError, html};
-use crate::page::control::ClosedLoop;
-use crate::page::kinds::{closed_loop, headlines, own_page};
+use crate::page::job_result::JobResult;
+use crate::page::kinds::{headlines, own_page};
 use crate::page::labels::Labelled;
 use crate::page::parts::{Bar, Commands, FileLink, JobHeader, Link};
 use crate::page::rows::{Row, results};
@@ -41,7 +41,7 @@ struct JobPage {
     digest: String,
     short_digest: String,
     results: Vec<Link>,
-    closed_loop: Option<ClosedLoop>,
+    result: Option<JobResult>,
     files: Vec<FileLink>,
     rows: Vec<Row>,
     tasks: Vec<TaskRow>,
@@ -96,7 +96,7 @@ pub async fn show(
         None => None,
     };
     let outcome = headlines(&app, &[&job]).await?.remove(&id).unwrap_or_default();
-    let closed_loop = closed_loop(&app, &job).await?;
+    let result = JobResult::of(&app, &job).await?;
     let files = match job.run {
         Some(run) if own_page(job.kind, id, run).is_none() => app.run(run).await?.artifacts,
         _ => Vec::new(),
@@ -109,7 +109,7 @@ pub async fn show(
         digest: job.digest.to_string(),
         short_digest: job.digest.short(),
         results: results(&job),
-        closed_loop,
+        result,
         files: files.into_iter().map(FileLink::from).collect(),
         rows,
         tasks_left_out: all.saturating_sub(tasks.len() as u64),

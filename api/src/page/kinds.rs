@@ -5,11 +5,10 @@ use std::collections::BTreeMap;
 
 use serde::Deserialize;
 use spec::{JobKind, ValidationMetric};
-use wire::{ControlReport, Job, JobState, findings_of};
+use wire::{ControlReport, IdentificationReport, Job, JobState, findings_of};
 
 use crate::app::App;
 use crate::error::ApiError;
-use crate::page::control::ClosedLoop;
 use crate::page::parts::Link;
 use crate::page::text;
 use crate::page::verification::outcome;
@@ -20,14 +19,6 @@ pub fn own_page(kind: JobKind, job: i64, run: i64) -> Option<Link> {
         JobKind::Train => Some(Link::new(format!("/runs/{run}"), "loss curve")),
         JobKind::Evaluate => Some(Link::new(format!("/evaluations/{job}"), "figure and table")),
         _ => None,
-    }
-}
-
-/// The results of a control job for the page of the job.
-pub async fn closed_loop(app: &App, job: &Job) -> Result<Option<ClosedLoop>, ApiError> {
-    match job.kind {
-        JobKind::Control => ClosedLoop::of(app, job).await,
-        _ => Ok(None),
     }
 }
 
@@ -42,6 +33,8 @@ enum Source {
     Evaluation(i64),
     /// The report of a control job, which is the result of its last task.
     ClosedLoop,
+    /// The report of an identification, which is the result of its task.
+    Identification,
     Result,
 }
 
@@ -54,6 +47,7 @@ impl Source {
             (JobKind::Train, _) => job.run.map(Self::Metric),
             (JobKind::Evaluate, _) => job.run.map(Self::Evaluation),
             (JobKind::Control, _) => Some(Self::ClosedLoop),
+            (JobKind::Identify, _) => Some(Self::Identification),
             _ if has_succeeded && job.members.is_empty() => Some(Self::Result),
             _ => None,
         }
@@ -83,8 +77,11 @@ pub async fn headlines(app: &App, jobs: &[&Job]) -> Result<BTreeMap<i64, String>
         })
         .collect();
     let verifications = of(|job, source| (source == Source::Agreement).then_some(job.id));
-    let others =
-        of(|job, source| matches!(source, Source::ClosedLoop | Source::Result).then_some(job.id));
+    let others = of(|job, source| {
+        let has_result =
+            matches!(source, Source::ClosedLoop | Source::Identification | Source::Result);
+        has_result.then_some(job.id)
+    });
 
     let datasets = app.datasets_by_id(&datasets).await?;
     let recorded = app.latest_values(&recorded, ValidationMetric::RmseDeg.key()).await?;
@@ -105,6 +102,10 @@ pub async fn headlines(app: &App, jobs: &[&Job]) -> Result<BTreeMap<i64, String>
             Source::Evaluation(_) => evaluations.get(&job.id).map(reports::headline),
             Source::ClosedLoop => results.get(&job.id).and_then(|result| {
                 ControlReport::deserialize(result).ok().as_ref().map(reports::closed_loop::headline)
+            }),
+            Source::Identification => results.get(&job.id).and_then(|result| {
+                let report = IdentificationReport::deserialize(result).ok();
+                report.as_ref().map(reports::identification::headline)
             }),
             Source::Agreement => agreements.get(&job.id).copied().map(outcome),
             Source::Result => results.get(&job.id).and_then(findings_of),

@@ -3,13 +3,13 @@
 mod answer;
 mod assets;
 mod checkpoint;
-mod control;
 mod dataset;
 mod docs;
 mod evaluation;
 mod experiments;
 mod filter_query;
 mod job;
+mod job_result;
 mod kinds;
 mod labels;
 mod lists;

@@ -30,7 +30,7 @@ use crate::limits::{LOG_WAIT_SECONDS, LOGS_MAXIMUM, PAGE_MAXIMUM, POINTS_MAXIMUM
     // not follow. The report of a control job is an artifact, and a stream uses WebSocket. The data
     // of events is inside text messages.
     components(schemas(
-        Problem, spec::PipelineMember, wire::ControlReport, wire::StreamMessage, wire::StreamReply,
+        Problem, spec::PipelineMember, wire::ControlReport, wire::IdentificationReport, wire::StreamMessage, wire::StreamReply,
         wire::Event,
     )),
     modifiers(&TokenScheme),

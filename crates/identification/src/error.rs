@@ -93,6 +93,9 @@ pub enum IdentificationError {
         /// From 1.
         link: usize,
     },
+    /// The caller of the search has ended it.
+    #[error("stopped on request")]
+    Stopped,
     /// There is nothing to learn from.
     #[error("there are no recordings")]
     NoRecordings,

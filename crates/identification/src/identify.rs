@@ -1,17 +1,18 @@
 //! The steps from recordings to an arm.
 
-use dynamics::{LINK_PARAMETERS, RigidBody};
+use std::ops::ControlFlow;
+
 use nalgebra::{DMatrix, DVector};
 use spec::RobotDescription;
+use wire::{ArmReport, HorizonErrors, TorqueResidual};
 
 use crate::IdentificationError;
-use crate::arm::{Arm, JointParameter, NUMBERS, Parameter, Prior, described_friction_speed};
+use crate::arm::{Arm, Prior, described_friction_speed};
+use crate::estimates::{DESCRIBED, Estimates, IDENTIFIED, doubts};
+use crate::figure::Curves;
 use crate::motion::{Motion, Recording};
-use crate::normal_equations::minimize;
-use crate::report::{
-    DESCRIBED, HorizonErrors, IDENTIFIED, ParameterEstimate, Report, TorqueResidual,
-};
-use crate::rollouts::{RolloutFit, Windows};
+use crate::normal_equations::{inverse, minimize};
+use crate::rollouts::{HORIZONS_S, RolloutFit, Windows};
 use crate::torques::Torques;
 
 /// The settings of an identification.
@@ -39,10 +40,23 @@ pub struct Identification {
     /// The arm.
     pub arm: Arm,
     /// Residuals, errors and parameters.
-    pub report: Report,
+    pub report: ArmReport,
+    /// Torques and motions beside a recording.
+    pub curves: Curves,
 }
 
-/// Seconds from one window of the fit to the next.
+/// Hears of every step of a search, of which there are at most [`Settings::steps`]. The search ends
+/// with [`IdentificationError::Stopped`] when it breaks.
+pub type Progress<'a> = &'a mut dyn FnMut() -> ControlFlow<()>;
+
+impl Settings {
+    /// The most steps of [`identify`], and of [`identify_load`].
+    pub fn steps(&self) -> u64 {
+        (FRICTION_SPEEDS_RAD_S.len() + 1 + self.motion_steps) as u64
+    }
+}
+
+/// Seconds from one window of the fit to the next, unless there would be too many.
 const EVERY_S: f64 = 0.67;
 /// Seconds from one window of a report to the next.
 const REPORTED_EVERY_S: f64 = 1.0;
@@ -59,6 +73,7 @@ pub fn identify(
     recordings: &[Recording],
     validation: &[Recording],
     settings: &Settings,
+    progress: Progress<'_>,
 ) -> Result<Identification, IdentificationError> {
     let mut speeds = FRICTION_SPEEDS_RAD_S.to_vec();
     speeds.extend(described_friction_speed(description));
@@ -66,7 +81,7 @@ pub fn identify(
         .into_iter()
         .map(|speed| Prior::of(description, speed, settings.gain_deviation))
         .collect::<Result<Vec<_>, _>>()?;
-    search(priors, recordings, validation, settings)
+    search(priors, recordings, validation, settings, progress)
 }
 
 /// Identifies the load in the hand of an arm that [`identify`] found. All recordings have the same
@@ -80,8 +95,9 @@ pub fn identify_load(
     recordings: &[Recording],
     validation: &[Recording],
     settings: &Settings,
+    progress: Progress<'_>,
 ) -> Result<Identification, IdentificationError> {
-    search(vec![Prior::loaded(arm)], recordings, validation, settings)
+    search(vec![Prior::loaded(arm)], recordings, validation, settings, progress)
 }
 
 /// The prior whose regression leaves the least torque, and the arm from there.
@@ -90,6 +106,7 @@ fn search(
     recordings: &[Recording],
     validation: &[Recording],
     settings: &Settings,
+    progress: Progress<'_>,
 ) -> Result<Identification, IdentificationError> {
     let joints = priors.first().map_or(0, |prior| prior.arm.joints());
     let motions = motions(recordings, joints, settings)?;
@@ -101,18 +118,31 @@ fn search(
     let mut warnings = Vec::new();
     check_motion(&motions, joints, &mut warnings)?;
 
-    let fits = priors.into_iter().map(|prior| fit_torques(prior, &motions));
-    let best = fits.min_by(|a, b| a.misfit.total_cmp(&b.misfit));
+    let mut best: Option<TorqueFit> = None;
+    for prior in priors {
+        let fit = fit_torques(prior, &motions)?;
+        if best.as_ref().is_none_or(|best| fit.misfit < best.misfit) {
+            best = Some(fit);
+        }
+        if progress().is_break() {
+            return Err(IdentificationError::Stopped);
+        }
+    }
     let Some(TorqueFit { prior, mut arm, torques, covariance, .. }) = best else {
         return Err(IdentificationError::NoRecordings);
     };
     if settings.motion_steps > 0 {
-        arm = fit_motions(&motions, &prior, &arm, &torques, &covariance, settings.motion_steps);
+        let steps = settings.motion_steps;
+        arm = fit_motions(&motions, &prior, &arm, &torques, &covariance, steps, progress)?;
     }
-    let mut report = Report {
-        parameters: parameters(&prior, &arm, &torques),
+    let Estimates { parameters, directions, correlated } = Estimates::new(&prior, &arm, &torques);
+    let mut report = ArmReport {
+        parameters,
+        directions,
+        correlated,
         torques: residuals(&torques, &prior, &arm),
         validation_torques: Vec::new(),
+        horizons_s: HORIZONS_S.to_vec(),
         errors: errors(&motions, &prior, &arm),
         validation_errors: Vec::new(),
         warnings,
@@ -121,8 +151,10 @@ fn search(
         report.validation_torques = residuals(&Torques::new(&arm, &validation), &prior, &arm);
         report.validation_errors = errors(&validation, &prior, &arm);
     }
-    report.warn();
-    Ok(Identification { arm, report })
+    let doubts = doubts(&report);
+    report.warnings.extend(doubts);
+    let curves = Curves::new(validation.first().unwrap_or(&motions[0]), &prior, &arm);
+    Ok(Identification { arm, report, curves })
 }
 
 /// Checks that there are recordings, and that all have the same rate.
@@ -188,7 +220,7 @@ struct TorqueFit {
     misfit: f64,
 }
 
-fn fit_torques(prior: Prior, motions: &[Motion]) -> TorqueFit {
+fn fit_torques(prior: Prior, motions: &[Motion]) -> Result<TorqueFit, IdentificationError> {
     const ROUNDS: usize = 4;
     const STEPS: usize = 40;
 
@@ -203,13 +235,14 @@ fn fit_torques(prior: Prior, motions: &[Motion]) -> TorqueFit {
             equations
         };
         let cost = |numbers: &DVector<f64>| torques.cost(&of(numbers)) + distance(numbers, &prior);
-        arm = of(&minimize(arm.numbers.clone(), STEPS, at, cost));
+        let unseen = || ControlFlow::Continue(());
+        arm = of(&minimize(arm.numbers.clone(), STEPS, at, cost, unseen)?);
     }
     let mut equations = torques.normal_equations(&arm);
     equations.add_prior(&arm.numbers, &prior.arm.numbers, &prior.deviations);
     let covariance = inverse(equations.curvature);
     let misfit = torques.residuals_nm(&arm).iter().map(|residual| residual.ln()).sum();
-    TorqueFit { prior, arm, torques, covariance, misfit }
+    Ok(TorqueFit { prior, arm, torques, covariance, misfit })
 }
 
 /// ½ Σ ((numbers − the prior's) / deviations)².
@@ -221,11 +254,6 @@ fn distance(numbers: &DVector<f64>, prior: &Prior) -> f64 {
     0.5 * distances.norm_squared()
 }
 
-fn inverse(curvature: DMatrix<f64>) -> DMatrix<f64> {
-    let size = curvature.nrows();
-    curvature.cholesky().map_or_else(|| DMatrix::zeros(size, size), |factor| factor.inverse())
-}
-
 /// Moves the arm until its simulations follow the motions. The regression on torques goes on to
 /// count.
 fn fit_motions(
@@ -235,7 +263,8 @@ fn fit_motions(
     torques: &Torques,
     covariance: &DMatrix<f64>,
     steps: usize,
-) -> Arm {
+    progress: Progress<'_>,
+) -> Result<Arm, IdentificationError> {
     let windows = Windows::new(motions, EVERY_S);
     let step = |variance: f64, deviation: f64| {
         if deviation == 0.0 { 0.0 } else { (0.1 * variance.sqrt()).clamp(1e-4, 0.02) }
@@ -257,7 +286,7 @@ fn fit_motions(
         let arm = of(numbers);
         fit.cost(&arm) + torques.cost(&arm) + distance(numbers, prior)
     };
-    of(&minimize(arm.numbers.clone(), steps, at, cost))
+    Ok(of(&minimize(arm.numbers.clone(), steps, at, cost, progress)?))
 }
 
 fn residuals(torques: &Torques, prior: &Prior, arm: &Arm) -> Vec<TorqueResidual> {
@@ -265,10 +294,10 @@ fn residuals(torques: &Torques, prior: &Prior, arm: &Arm) -> Vec<TorqueResidual>
     let both = torques.residuals_nm(&prior.arm).into_iter().zip(torques.residuals_nm(arm));
     (1..)
         .zip(deviations.into_iter().zip(both))
-        .map(|(joint, (deviation_nm, (nominal_nm, identified_nm)))| TorqueResidual {
+        .map(|(joint, (deviation_nm, (described_nm, identified_nm)))| TorqueResidual {
             joint,
             deviation_nm,
-            nominal_nm,
+            described_nm,
             identified_nm,
         })
         .collect()
@@ -284,95 +313,7 @@ fn errors(motions: &[Motion], prior: &Prior, arm: &Arm) -> Vec<HorizonErrors> {
     ];
     all.map(|(predictor, rmse)| HorizonErrors {
         predictor: predictor.to_owned(),
-        rmse_deg: rmse.map(f64::to_degrees),
+        rmse_deg: rmse.map(|rmse| Some(rmse.to_degrees()).filter(|rmse| rmse.is_finite())).into(),
     })
     .into()
-}
-
-/// Values, and standard deviations through the slopes of each parameter in the arm's numbers.
-fn parameters(prior: &Prior, arm: &Arm, torques: &Torques) -> Vec<ParameterEstimate> {
-    const STEP: f64 = 1e-5;
-
-    let mut equations = torques.normal_equations(arm);
-    equations.add_prior(&arm.numbers, &prior.arm.numbers, &prior.deviations);
-    let covariance = inverse(equations.curvature);
-    let estimates =
-        |begin: usize, of: &dyn Fn(&Arm) -> Vec<f64>, named: &[(String, &'static str)]| {
-            let (nominal, values) = (of(&prior.arm), of(arm));
-            let slopes: Vec<DVector<f64>> = (0..values.len())
-                .map(|number| {
-                    let moved = |by: f64| {
-                        let mut numbers = arm.numbers.clone();
-                        numbers[begin + number] += by;
-                        DVector::from_vec(of(&arm.with_numbers(numbers)))
-                    };
-                    (moved(STEP) - moved(-STEP)) / (2.0 * STEP)
-                })
-                .collect();
-            let slopes = DMatrix::from_columns(&slopes);
-            let count = values.len();
-            let own = prior.deviations.rows(begin, count);
-            // A number that is known has no variance.
-            let known = own.map(|deviation| if deviation == 0.0 { 0.0 } else { 1.0 });
-            let mask = DMatrix::from_diagonal(&known);
-            let after = &mask * covariance.view((begin, begin), (count, count)) * &mask;
-            let before = DMatrix::from_diagonal(&own.map(|deviation| deviation * deviation));
-            let variances = (&slopes * after * slopes.transpose()).diagonal();
-            let of_prior = (&slopes * before * slopes.transpose()).diagonal();
-            let estimate = |k: usize| ParameterEstimate {
-                name: named[k].0.clone(),
-                unit: named[k].1,
-                joint: None,
-                nominal: nominal[k],
-                value: values[k],
-                deviation: variances[k].max(0.0).sqrt(),
-                seen: if of_prior[k] == 0.0 {
-                    None
-                } else {
-                    Some((1.0 - variances[k] / of_prior[k]).clamp(0.0, 1.0))
-                },
-            };
-            (0..count).map(estimate).collect::<Vec<_>>()
-        };
-    let names: Vec<(String, &'static str)> = Parameter::ALL.into_iter().map(named).collect();
-    let of_joints = (0..arm.joints()).flat_map(|joint| {
-        let of = move |arm: &Arm| arm.parameters(joint).to_vec();
-        estimates(joint * NUMBERS, &of, &names)
-            .into_iter()
-            .map(move |estimate| ParameterEstimate { joint: Some(joint + 1), ..estimate })
-    });
-    let mut all: Vec<ParameterEstimate> = of_joints.collect();
-    if arm.load_in_hand().is_some() {
-        let names: Vec<(String, &'static str)> = Parameter::ALL[..LINK_PARAMETERS]
-            .iter()
-            .map(|parameter| named(*parameter))
-            .map(|(name, unit)| (format!("load_{name}"), unit))
-            .collect();
-        let of = |arm: &Arm| arm.load_in_hand().map_or_else(Vec::new, |load| body_values(&load));
-        all.extend(estimates(arm.joints() * NUMBERS, &of, &names));
-    }
-    all
-}
-
-/// Mass, centre and inertia about it, in the order of [`Parameter::ALL`].
-fn body_values(body: &RigidBody) -> Vec<f64> {
-    let RigidBody { mass, com: [x, y, z], inertia: [[xx, xy, xz], [_, yy, yz], [_, _, zz]] } =
-        *body;
-    vec![mass, x, y, z, xx, xy, xz, yy, yz, zz]
-}
-
-pub(crate) fn named(parameter: Parameter) -> (String, &'static str) {
-    const AXES: [&str; 3] = ["x", "y", "z"];
-    const ENTRIES: [&str; 6] = ["xx", "xy", "xz", "yy", "yz", "zz"];
-
-    match parameter {
-        Parameter::Mass => ("mass".to_owned(), "kg"),
-        Parameter::Center(axis) => (format!("center_{}", AXES[axis]), "m"),
-        Parameter::Inertia(entry) => (format!("inertia_{}", ENTRIES[entry]), "kg·m²"),
-        Parameter::Joint(JointParameter::Coulomb) => ("coulomb".to_owned(), "N·m"),
-        Parameter::Joint(JointParameter::Viscous) => ("viscous".to_owned(), "N·m·s/rad"),
-        Parameter::Joint(JointParameter::Offset) => ("offset".to_owned(), "N·m"),
-        Parameter::Joint(JointParameter::Rotor) => ("rotor".to_owned(), "kg·m²"),
-        Parameter::Joint(JointParameter::Gain) => ("gain".to_owned(), "1"),
-    }
 }

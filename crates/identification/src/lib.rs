@@ -21,12 +21,13 @@
 mod arm;
 mod body;
 mod error;
+mod estimates;
 mod excitation;
+mod figure;
 mod fourier;
 mod identify;
 mod motion;
 mod normal_equations;
-mod report;
 mod rollouts;
 mod torques;
 
@@ -36,8 +37,8 @@ pub use excitation::{
     Excitation, ExcitationError, ExcitationReport, ExcitationSettings, JointExcitation,
     ParameterPrediction, RandomMotions, excite,
 };
+pub use figure::{Curves, Trace};
 pub use fourier::{Fourier, FourierJoint, MotionState};
-pub use identify::{Identification, Settings, identify, identify_load};
+pub use identify::{Identification, Progress, Settings, identify, identify_load};
 pub use motion::Recording;
-pub use report::{HorizonErrors, ParameterEstimate, Report, TorqueResidual};
 pub use rollouts::HORIZONS_S;

@@ -78,6 +78,21 @@ impl Motion {
         smooth(&self.filter, &self.qd.iter().map(sign).collect::<Vec<Vec<f64>>>())
     }
 
+    /// The first `seconds`.
+    pub(crate) fn beginning(&self, seconds: f64) -> Self {
+        let samples = self.samples_in(seconds).min(self.samples());
+        let first = |rows: &[Vec<f64>]| rows[..samples].to_vec();
+        Self {
+            name: self.name.clone(),
+            q: first(&self.q),
+            qd: first(&self.qd),
+            qdd: first(&self.qdd),
+            u: first(&self.u),
+            recorded_u: first(&self.recorded_u),
+            ..*self
+        }
+    }
+
     pub(crate) fn samples(&self) -> usize {
         self.q.len()
     }

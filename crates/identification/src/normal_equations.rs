@@ -1,6 +1,10 @@
 //! Least squares by Gauss-Newton steps with damping (Levenberg and Marquardt).
 
+use std::ops::ControlFlow;
+
 use nalgebra::{DMatrix, DVector};
+
+use crate::IdentificationError;
 
 /// A sum of squares around some numbers: its half value, its gradient and its approximate second
 /// derivatives.
@@ -47,13 +51,18 @@ impl NormalEquations {
 
 /// Moves `numbers` to a minimum. `at` evaluates the sum of squares with derivatives, `cost` without.
 ///
-/// It ends after `steps`, or when a step lowers the cost by less than a part in 10⁵.
+/// It ends after `steps`, or when a step lowers the cost by less than a part in 10⁵. It tells
+/// `progress` of every step.
+///
+/// # Errors
+/// [`IdentificationError::Stopped`] when `progress` breaks.
 pub(crate) fn minimize(
     mut numbers: DVector<f64>,
     steps: usize,
     mut at: impl FnMut(&DVector<f64>) -> NormalEquations,
     mut cost: impl FnMut(&DVector<f64>) -> f64,
-) -> DVector<f64> {
+    mut progress: impl FnMut() -> ControlFlow<()>,
+) -> Result<DVector<f64>, IdentificationError> {
     const LEAST_GAIN: f64 = 1e-5;
     const LARGEST_DAMPING: f64 = 1e8;
 
@@ -69,12 +78,21 @@ pub(crate) fn minimize(
                 _ => damping *= 10.0,
             }
         };
-        let Some((cost, moved)) = lowered else { return numbers };
+        let Some((cost, moved)) = lowered else { return Ok(numbers) };
         numbers = moved;
+        if progress().is_break() {
+            return Err(IdentificationError::Stopped);
+        }
         damping = (damping * 0.1).max(1e-9);
         if equations.cost - cost < LEAST_GAIN * equations.cost {
-            return numbers;
+            return Ok(numbers);
         }
     }
-    numbers
+    Ok(numbers)
+}
+
+/// The inverse of second derivatives; 0 if rounding has made them indefinite.
+pub(crate) fn inverse(curvature: DMatrix<f64>) -> DMatrix<f64> {
+    let size = curvature.nrows();
+    curvature.cholesky().map_or_else(|| DMatrix::zeros(size, size), |factor| factor.inverse())
 }

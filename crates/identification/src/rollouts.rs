@@ -6,6 +6,7 @@ use simd::InstructionSet;
 use spec::{Integrator, Precision};
 
 use crate::arm::Arm;
+use crate::figure::Trace;
 use crate::motion::{Motion, whole};
 use crate::normal_equations::NormalEquations;
 
@@ -15,6 +16,10 @@ pub const HORIZONS_S: [f64; 3] = [0.1, 0.5, 1.33];
 
 /// The longest step of the integration, s. Coulomb friction bends within a millisecond.
 const LONGEST_STEP_S: f64 = 5e-4;
+
+/// The most windows. Their simulations with every number changed are kept in memory: 1 GB at 250 Hz
+/// and 7 joints.
+const MOST_WINDOWS: usize = 1000;
 
 /// A part of a motion that is predicted.
 struct Window<'a> {
@@ -33,11 +38,13 @@ pub(crate) struct Windows<'a> {
 }
 
 impl<'a> Windows<'a> {
-    /// Windows of the longest horizon, one every `every_s` seconds. All motions have the same rate.
+    /// Windows of the longest horizon, one every `every_s` seconds, or [`MOST_WINDOWS`] evenly. All
+    /// motions have the same rate.
     pub(crate) fn new(motions: &'a [Motion], every_s: f64) -> Self {
         let (joints, rate_hz) = (motions[0].joints, motions[0].rate_hz);
         let horizon = motions[0].samples_in(HORIZONS_S[HORIZONS_S.len() - 1]);
-        let every = motions[0].samples_in(every_s).max(1);
+        let all_samples: usize = motions.iter().map(Motion::samples).sum();
+        let every = motions[0].samples_in(every_s).max(all_samples / MOST_WINDOWS).max(1);
         let windows = motions.iter().flat_map(|motion| {
             let last = motion.samples().saturating_sub(horizon + motion.uncertain() + 1);
             (motion.uncertain()..last).step_by(every).map(move |start| Window { motion, start })
@@ -56,6 +63,42 @@ impl<'a> Windows<'a> {
                 instructions: InstructionSet::best(),
             },
         }
+    }
+
+    /// Windows that begin where the one before ends.
+    pub(crate) fn back_to_back(motions: &'a [Motion]) -> Self {
+        Self::new(motions, HORIZONS_S[HORIZONS_S.len() - 1])
+    }
+
+    /// The positions of each joint in all windows of the only motion, beside those of two arms,
+    /// degrees.
+    pub(crate) fn traces(&self, described: &Arm, identified: &Arm) -> Vec<Trace> {
+        let positions = self.positions(&[described.clone(), identified.clone()]);
+        let samples = || {
+            (0..self.count())
+                .flat_map(|window| (0..self.length - 1).map(move |sample| (window, sample)))
+        };
+        let trace = |joint: usize| {
+            let of = |arm: usize| -> Vec<f64> {
+                let at = |(window, sample): (usize, usize)| {
+                    let place = (window * self.length + sample) * self.joints + joint;
+                    f64::from(positions[arm][place]).to_degrees()
+                };
+                samples().map(at).collect()
+            };
+            let time = |(window, sample): (usize, usize)| {
+                (self.windows[window].start + sample) as f64 / self.rate_hz
+            };
+            Trace {
+                times_s: samples().map(time).collect(),
+                measured: samples()
+                    .map(|(window, sample)| self.measured(window, sample, joint).to_degrees())
+                    .collect(),
+                described: of(0),
+                identified: of(1),
+            }
+        };
+        (0..self.joints).map(trace).collect()
     }
 
     pub(crate) fn count(&self) -> usize {

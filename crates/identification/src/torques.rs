@@ -4,6 +4,7 @@ use dynamics::{Joints, LINK_PARAMETERS, torque_regressor};
 use nalgebra::{DMatrix, DVector};
 
 use crate::arm::{Arm, JOINT_NUMBERS, NUMBERS};
+use crate::figure::Trace;
 use crate::fourier::MotionState;
 use crate::motion::{Motion, whole};
 use crate::normal_equations::NormalEquations;
@@ -29,6 +30,9 @@ pub(crate) struct Torques {
     joints: Vec<JointRegression>,
     /// Where each recording begins in the rows.
     begins: Vec<usize>,
+    /// Samples from one row to the next, and before the first of a recording.
+    every: usize,
+    first: usize,
 }
 
 impl Torques {
@@ -39,9 +43,11 @@ impl Torques {
         let mut rows: Vec<Vec<f64>> = vec![Vec::new(); joints];
         let mut torques: Vec<Vec<f64>> = vec![Vec::new(); joints];
         let mut begins = Vec::new();
+        let (mut every, mut first) = (1, 0);
         for motion in motions {
             begins.push(torques[0].len());
-            let every = whole(motion.rate_hz / ROWS_PER_SECOND).max(1);
+            every = whole(motion.rate_hz / ROWS_PER_SECOND).max(1);
+            first = motion.uncertain();
             let coulomb = motion.coulomb(arm.friction_speed_rad_s);
             let known = motion.uncertain()..motion.samples() - motion.uncertain();
             for sample in known.step_by(every) {
@@ -62,7 +68,8 @@ impl Torques {
             let square = torques.norm_squared();
             JointRegression { rows, torques, gram, moment, square, weight: 1.0 }
         };
-        Self { joints: rows.into_iter().zip(torques).map(joint).collect(), begins }
+        let joints = rows.into_iter().zip(torques).map(joint).collect();
+        Self { joints, begins, every, first }
     }
 
     /// The root mean square of each joint's torque less the arm's, N·m.
@@ -71,6 +78,20 @@ impl Torques {
             (joint.square_of(&linear) / joint.torques.len() as f64).sqrt()
         };
         self.joints.iter().zip(measured(arm)).map(of).collect()
+    }
+
+    /// The torques of each joint of the only recording, which is `motion`, beside those of two arms.
+    pub(crate) fn traces(&self, motion: &Motion, described: &Arm, identified: &Arm) -> Vec<Trace> {
+        let arms = measured(described).zip(measured(identified));
+        let trace = |(joint, (described, identified)): (&JointRegression, (_, _))| Trace {
+            times_s: (0..joint.torques.len())
+                .map(|row| (self.first + row * self.every) as f64 / motion.rate_hz)
+                .collect(),
+            measured: joint.torques.as_slice().to_vec(),
+            described: (&joint.rows * DVector::clone(&described)).as_slice().to_vec(),
+            identified: (&joint.rows * DVector::clone(&identified)).as_slice().to_vec(),
+        };
+        self.joints.iter().zip(arms).map(trace).collect()
     }
 
     /// Standard deviation of each joint's torque, N·m.

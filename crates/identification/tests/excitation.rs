@@ -2,6 +2,8 @@
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+use std::ops::ControlFlow;
+
 use dynamics::{RigidBody, Robot, bias_forces, mass_matrix};
 use identification::{
     Excitation, ExcitationError, ExcitationSettings, MotionState, Recording, Settings, excite,
@@ -223,7 +225,8 @@ fn identified_arms_are_off_by_what_was_predicted() {
             u: states.iter().map(&mut noisy).collect(),
         };
         let settings = Settings { motion_steps: 0, ..Settings::default() };
-        let found = identify(&described, &[recording], &[], &settings).unwrap();
+        let unheard = &mut || ControlFlow::Continue(());
+        let found = identify(&described, &[recording], &[], &settings, unheard).unwrap();
         for (k, estimate) in found.report.parameters.iter().enumerate() {
             let truth = truth(&arm, k / 15)[k % 15];
             if predicted[k].seen.is_some() {

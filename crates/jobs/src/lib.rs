@@ -37,6 +37,7 @@ mod description;
 mod error;
 mod evaluate;
 mod execution;
+mod identify;
 mod import;
 mod inputs;
 mod kind;

@@ -11,6 +11,7 @@ mod cell;
 pub mod channels;
 pub mod closed_loop;
 pub mod evaluation;
+pub mod identification;
 pub mod numbers;
 mod outcome;
 pub mod robot;

@@ -10,9 +10,9 @@ use crate::preset::{self, presets_of, text_for_object};
 use crate::schema::Components;
 use crate::shorten::shorten;
 use crate::{
-    Baseline, ControlSpec, DataSpec, Digest, Doubt, EvaluateSpec, Execution, ImportSpec, JobKind,
-    PipelineSpec, PresetPlace, Product, Reference, SimulateSpec, SpecError, TrainSpec, VerifySpec,
-    for_each_kind, stream,
+    Baseline, ControlSpec, DataSpec, Digest, Doubt, EvaluateSpec, Execution, IdentifySpec,
+    ImportSpec, JobKind, PipelineSpec, PresetPlace, Product, Reference, SimulateSpec, SpecError,
+    TrainSpec, VerifySpec, for_each_kind, stream,
 };
 
 macro_rules! job_specs {

@@ -30,6 +30,7 @@ macro_rules! for_each_kind {
             control => Control(ControlSpec),
             import => Import(ImportSpec),
             verify => Verify(VerifySpec),
+            identify => Identify(IdentifySpec),
         }
     };
 }

@@ -54,6 +54,7 @@ mod error;
 mod error_text;
 mod evaluate;
 mod execution;
+mod identify;
 mod import;
 mod job;
 mod job_kind;
@@ -91,6 +92,7 @@ pub use evaluate::{
     SamplerSteps, SamplingRun, ScenarioCell, Start,
 };
 pub use execution::Execution;
+pub use identify::{IdentifyRobot, IdentifySpec};
 pub use import::{
     AngleUnit, FileFormat, ImportColumns, ImportRanges, ImportSpec, ImportUnits, Resampling, Split,
     TimeUnit,

@@ -22,6 +22,7 @@ mod evaluations;
 mod events;
 mod headline;
 mod health;
+mod identification;
 mod imports;
 mod jobs;
 mod labels;
@@ -59,6 +60,10 @@ pub use events::{
 };
 pub use headline::{EvaluationResult, Headline, MeanError};
 pub use health::{Health, Readiness};
+pub use identification::{
+    ArmReport, Correlation, Directions, HorizonErrors, IdentificationReport, ParameterEstimate,
+    TorqueResidual,
+};
 pub use imports::ImportCounts;
 pub use jobs::{Job, Member, Progress};
 pub use labels::{LabelChange, TextChange};

@@ -11,9 +11,10 @@ use std::process::ExitCode;
 use anyhow::{Context, ensure};
 use clap::Args;
 use identification::{Excitation, ExcitationSettings, MotionState, excite};
+use serde::Serialize;
 use serde_json::json;
 
-use crate::commands::identify::{check_folder, pretty};
+use crate::commands::identify::check_folder;
 use crate::output::write_json;
 use crate::robots::RobotArguments;
 
@@ -190,4 +191,9 @@ fn write_trajectory(path: &Path, rate_hz: f64, found: &Excitation) -> anyhow::Re
         }
     }
     Ok(file.flush()?)
+}
+
+/// A document as JSON for people to read.
+fn pretty(value: &impl Serialize) -> anyhow::Result<String> {
+    Ok(serde_json::to_string_pretty(value)? + "\n")
 }

@@ -1,20 +1,20 @@
 //! From a URDF and logs to an identified arm, without a server.
 
 mod log;
-mod tables;
 
 use std::fs;
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, ensure};
 use clap::Args;
-use identification::{Identification, Recording, Settings, identify, identify_load};
+use identification::{Recording, Settings, identify, identify_load};
 use log::{Log, LogArguments};
-use serde::Serialize;
+use worker::{ArmFile, IdentifiedArm};
 
 use crate::output::write_json;
-use crate::robots::{Robot, RobotArguments, Urdf};
+use crate::robots::{RobotArguments, Urdf};
 
 #[derive(Debug, Args)]
 pub struct Arguments {
@@ -60,14 +60,6 @@ pub struct Arguments {
 /// Standard deviation of the gains of motors whose torque is computed from their current.
 const GAIN_DEVIATION_OF_CURRENTS: f64 = 0.15;
 
-/// What is printed and written as `report.json`.
-#[derive(Serialize)]
-struct Reports<'a> {
-    arm: &'a identification::Report,
-    #[serde(skip_serializing_if = "Option::is_none")]
-    load: Option<&'a identification::Report>,
-}
-
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let settings = settings(arguments)?;
     let robot = arguments.robot.read()?;
@@ -88,22 +80,30 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let recordings = |logs: &[Log]| -> Vec<Recording> {
         logs.iter().map(|log| log.recording(rate_hz)).collect()
     };
-    let found = identify(description, &recordings(&logs), &recordings(&validation), &settings)?;
+    let progress = &mut || ControlFlow::Continue(());
+    let (fit, validation) = (recordings(&logs), recordings(&validation));
+    let found = identify(description, &fit, &validation, &settings, progress)?;
     let load = match loads.as_slice() {
         [] => None,
-        loads => Some(identify_load(&found.arm, &recordings(loads), &[], &settings)?),
+        loads => Some(identify_load(&found.arm, &recordings(loads), &[], &settings, progress)?),
     };
 
-    let reports = Reports { arm: &found.report, load: load.as_ref().map(|load| &load.report) };
-    write(&arguments.out, &robot, &found, load.as_ref(), &reports)?;
+    let arm = IdentifiedArm {
+        described: description,
+        urdf: robot.urdf.as_ref().map(|Urdf { text, arm }| (text.as_str(), arm)),
+        found: &found,
+        load: load.as_ref(),
+    };
+    for ArmFile { name, bytes, .. } in arm.files()? {
+        let path = arguments.out.join(name);
+        fs::write(&path, bytes).with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    let report = arm.report();
     if arguments.json {
-        write_json(&reports)?;
+        write_json(&report)?;
         return Ok(ExitCode::SUCCESS);
     }
-    print!("{}", tables::text(&found.report));
-    if let Some(load) = &load {
-        print!("\n{}", tables::load(&load.report));
-    }
+    print!("{}", reports::identification::text(&report));
     println!(
         "\nThe identified arm is in {}: use it as `robot.model`, and look at parameters.csv.",
         arguments.out.display()
@@ -140,36 +140,4 @@ pub fn check_folder(folder: &Path) -> anyhow::Result<()> {
     let is_empty = fs::read_dir(folder).with_context(place)?.next().is_none();
     ensure!(is_empty, "{} has files, allowed: a folder that is empty or does not exist", place());
     Ok(())
-}
-
-fn write(
-    folder: &Path,
-    robot: &Robot,
-    found: &Identification,
-    load: Option<&Identification>,
-    reports: &Reports<'_>,
-) -> anyhow::Result<()> {
-    let write = |name: &str, text: &str| {
-        let path = folder.join(name);
-        fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))
-    };
-    let described = robot.description();
-    write("parameters.csv", &tables::parameters(&found.report))?;
-    let identified = found.arm.description(described);
-    write("description.json", &pretty(&identified)?)?;
-    let of_urdf = robot.urdf.as_ref();
-    write("arm.xml", &urdf::mjcf(&identified, of_urdf.map(|urdf| &urdf.arm))?)?;
-    if let Some(Urdf { text, arm }) = of_urdf {
-        write("arm.urdf", &urdf::write(text, arm, &identified)?)?;
-    }
-    if let Some(load) = load {
-        write("loaded.json", &pretty(&load.arm.description(described))?)?;
-        write("load.csv", &tables::parameters(&load.report))?;
-    }
-    write("report.json", &pretty(reports)?)
-}
-
-/// A document as JSON for people to read.
-pub fn pretty(value: &impl Serialize) -> anyhow::Result<String> {
-    Ok(serde_json::to_string_pretty(value)? + "\n")
 }

@@ -9,8 +9,8 @@ use super::limits::Limits;
 use super::objective::Objective;
 use super::search::Candidate;
 use crate::arm::{NUMBERS, Parameter, Prior};
+use crate::estimates::named;
 use crate::fourier::MotionState;
-use crate::identify::named;
 
 /// How a joint uses its limits. Limits are the description's, without the margin.
 #[derive(Clone, Debug, PartialEq, Serialize)]

@@ -60,6 +60,7 @@ fn root_of(spec: &JobSpec) -> &'static str {
         JobSpec::Control(_) => "ControlSpec",
         JobSpec::Import(_) => "ImportSpec",
         JobSpec::Verify(_) => "VerifySpec",
+        JobSpec::Identify(_) => "IdentifySpec",
         JobSpec::Pipeline(_) => "PipelineSpec",
     }
 }

@@ -1,0 +1,99 @@
+//! The results of a job on its page, for kinds without a page of their own: sentences, figures and
+//! tables.
+
+use reports::{Table, closed_loop, identification};
+use spec::JobKind;
+use wire::{Artifact, ControlReport, IdentificationReport, Job, Warning};
+
+use crate::app::App;
+use crate::error::ApiError;
+
+/// Sentences, figures and tables.
+pub struct JobResult {
+    pub setting: String,
+    pub warnings: Vec<String>,
+    pub figures: Vec<FigureLink>,
+    pub tables: Vec<Table>,
+}
+
+pub struct FigureLink {
+    pub url: String,
+    pub says: &'static str,
+    pub height: u32,
+}
+
+/// A figure that a job may leave: its file, what it shows, and its height in px.
+type KnownFigure = (&'static str, &'static str, u32);
+
+const OF_CONTROL: [KnownFigure; 2] = [
+    (
+        "tracking.svg",
+        "RMS tracking error over time, a line for each controller. The table below holds the means.",
+        420,
+    ),
+    (
+        "robot-00.svg",
+        "Positions of joints 1, 4 and 7 of the first robot beside their path, a line for each \
+         controller.",
+        780,
+    ),
+];
+
+const OF_IDENTIFICATION: [KnownFigure; 2] = [
+    (
+        "motion.svg",
+        "Measured positions beside simulations of the described and the identified arm. Each \
+         simulation begins anew every 1.33 s.",
+        900,
+    ),
+    (
+        "torques.svg",
+        "Measured torques beside those that the described and the identified arm need for the \
+         measured motion.",
+        900,
+    ),
+];
+
+impl JobResult {
+    /// `None` for a job without a report, and for kinds that show their results elsewhere.
+    pub async fn of(app: &App, job: &Job) -> Result<Option<Self>, ApiError> {
+        let Some(run) = job.run else { return Ok(None) };
+        let result = match job.kind {
+            JobKind::Control => app.report(run).await?.as_ref().map(Self::of_control),
+            JobKind::Identify => app.report(run).await?.as_ref().map(Self::of_identification),
+            _ => None,
+        };
+        let Some((result, figures)) = result else { return Ok(None) };
+        let artifacts = app.run(run).await?.artifacts;
+        let figures = figures.iter().filter_map(|figure| FigureLink::of(figure, &artifacts));
+        Ok(Some(Self { figures: figures.collect(), ..result }))
+    }
+
+    fn of_control(report: &ControlReport) -> (Self, &'static [KnownFigure]) {
+        let result = Self {
+            setting: closed_loop::setting(report),
+            warnings: Warning::sentences(&report.warnings, report.robots, "robots"),
+            figures: Vec::new(),
+            tables: closed_loop::tables(report),
+        };
+        (result, &OF_CONTROL)
+    }
+
+    fn of_identification(report: &IdentificationReport) -> (Self, &'static [KnownFigure]) {
+        let result = Self {
+            setting: identification::setting(report),
+            warnings: identification::warnings(report),
+            figures: Vec::new(),
+            tables: identification::tables(report),
+        };
+        (result, &OF_IDENTIFICATION)
+    }
+}
+
+impl FigureLink {
+    /// `None` if the job did not leave the figure.
+    fn of((name, says, height): &KnownFigure, artifacts: &[Artifact]) -> Option<Self> {
+        let artifact = artifacts.iter().find(|artifact| artifact.name == *name)?;
+        Some(Self { url: artifact.url.clone(), says, height: *height })
+    }
+}

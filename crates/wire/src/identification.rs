@@ -1,0 +1,112 @@
+//! The report of an identification: the parameters of an arm, and how well they explain recordings.
+//!
+//! The task of an identify job writes it as `report.json`.
+
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+/// The result of an identification.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct IdentificationReport {
+    /// The arm.
+    pub arm: ArmReport,
+    /// The load in its hand, if recordings with one were given. Its parameters are those of the arm
+    /// and then the load's.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub load: Option<ArmReport>,
+}
+
+/// An arm's parameters and how well they explain recordings.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ArmReport {
+    /// The parameters of all links and joints.
+    pub parameters: Vec<ParameterEstimate>,
+    /// Directions in the space of parameters.
+    #[serde(default)]
+    pub directions: Directions,
+    /// Pairs of parameters that the recordings tell apart badly, the worst first, at most 10.
+    #[serde(default)]
+    pub correlated: Vec<Correlation>,
+    /// Residual torques on the recordings of the fit.
+    pub torques: Vec<TorqueResidual>,
+    /// Residual torques on the recordings of the validation, if there are any.
+    pub validation_torques: Vec<TorqueResidual>,
+    /// How far ahead motions are predicted, s.
+    pub horizons_s: Vec<f64>,
+    /// Errors of predictors on the recordings of the fit.
+    pub errors: Vec<HorizonErrors>,
+    /// Errors of predictors on the recordings of the validation, if there are any.
+    pub validation_errors: Vec<HorizonErrors>,
+    /// Reasons to doubt the results, one sentence each.
+    pub warnings: Vec<String>,
+}
+
+/// A parameter's values.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct ParameterEstimate {
+    /// `mass`, `center_x`, `inertia_xx`, `coulomb`, `viscous`, `offset`, `rotor`, `gain`, ..; those
+    /// of a load begin with `load_`.
+    pub name: String,
+    /// The unit.
+    pub unit: String,
+    /// The joint and its link, from 1; `None` for a load in the hand, whose frame is the hand's.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub joint: Option<u32>,
+    /// The description's value. A number that it lacks has the value at which the search began.
+    pub described: f64,
+    /// The identified value.
+    pub value: f64,
+    /// Its standard deviation.
+    pub deviation: f64,
+    /// The share of the prior's variance that the data removed, 0 to 1. A parameter near 0 is not
+    /// seen in these motions. `None` where nothing was unknown.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub seen: Option<f64>,
+}
+
+/// How many independent combinations of the parameters the recordings determine, and how evenly.
+/// Parameters are measured in standard deviations of the prior.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Directions {
+    /// Combinations that are not known beforehand.
+    pub unknown: u32,
+    /// Combinations about which the recordings say more than the prior.
+    pub determined: u32,
+    /// The largest standard deviation of a determined combination over the smallest: the condition
+    /// number of the weighted regressor.
+    pub condition: f64,
+}
+
+/// Two parameters whose errors go together.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Correlation {
+    /// The parameter with its joint, such as `mass 3`.
+    pub a: String,
+    /// The other one.
+    pub b: String,
+    /// Their coefficient of correlation, -1 to 1.
+    pub coefficient: f64,
+}
+
+/// A joint's torque less that of the arm.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct TorqueResidual {
+    /// From 1.
+    pub joint: u32,
+    /// Standard deviation of the measured torque, N·m.
+    pub deviation_nm: f64,
+    /// Root mean square of what the description leaves, N·m.
+    pub described_nm: f64,
+    /// Root mean square of what the identified arm leaves, N·m.
+    pub identified_nm: f64,
+}
+
+/// The errors of a predictor over each horizon: the root mean square over the horizon, averaged over
+/// joints and windows.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct HorizonErrors {
+    /// `hold`, `constant velocity`, `description` or `identified`.
+    pub predictor: String,
+    /// In the order of the report's `horizons_s`, degrees. `None` for a simulation that diverged.
+    pub rmse_deg: Vec<Option<f64>>,
+}

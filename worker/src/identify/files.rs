@@ -1,0 +1,101 @@
+//! The files that an identification leaves, as a job and on the command line.
+
+use identification::Identification;
+use serde::Serialize;
+use spec::RobotDescription;
+use thiserror::Error;
+use wire::IdentificationReport;
+
+/// Why the files of an identified arm cannot be written.
+#[derive(Debug, Error)]
+pub enum ArmFileError {
+    /// A figure cannot be drawn.
+    #[error("a figure could not be drawn")]
+    Figure(#[from] figures::FigureError),
+    /// The arm does not fit into a URDF or a MuJoCo model.
+    #[error(transparent)]
+    Urdf(#[from] urdf::UrdfError),
+    /// A number cannot be written as JSON.
+    #[error("a result could not be written")]
+    Json(#[from] serde_json::Error),
+}
+
+/// An identified arm, perhaps with a load, and the arm that the search began from.
+#[derive(Clone, Copy, Debug)]
+pub struct IdentifiedArm<'a> {
+    /// The described arm.
+    pub described: &'a RobotDescription,
+    /// The text of its URDF and what was read from it, if it comes from one.
+    pub urdf: Option<(&'a str, &'a urdf::Arm)>,
+    /// The arm that was found.
+    pub found: &'a Identification,
+    /// The arm with the load that was found.
+    pub load: Option<&'a Identification>,
+}
+
+/// A file of an identified arm.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ArmFile {
+    /// Its name, such as `arm.urdf`.
+    pub name: &'static str,
+    /// Its type, as in `Content-Type`.
+    pub media_type: &'static str,
+    /// Its content.
+    pub bytes: Vec<u8>,
+}
+
+const JSON: &str = "application/json";
+const CSV: &str = "text/csv";
+const SVG: &str = "image/svg+xml";
+const XML: &str = "application/xml";
+
+impl IdentifiedArm<'_> {
+    /// The report on the arm and its load.
+    pub fn report(&self) -> IdentificationReport {
+        IdentificationReport {
+            arm: self.found.report.clone(),
+            load: self.load.map(|load| load.report.clone()),
+        }
+    }
+
+    /// The description of the arm that was found.
+    pub fn description(&self) -> RobotDescription {
+        self.found.arm.description(self.described)
+    }
+
+    /// The description, the URDF if the arm came from one, the MuJoCo model, parameters, figures
+    /// and the report.
+    ///
+    /// # Errors
+    /// See [`ArmFileError`].
+    pub fn files(&self) -> Result<Vec<ArmFile>, ArmFileError> {
+        let file = |name, media_type, bytes: Vec<u8>| ArmFile { name, media_type, bytes };
+        let identified = self.description();
+        let Self { found, urdf, .. } = self;
+        let mujoco = urdf::mjcf(&identified, urdf.map(|(_, arm)| arm))?;
+        let parameters = reports::identification::parameters_csv(&found.report);
+        let mut files = vec![
+            file("report.json", JSON, pretty(&self.report())?),
+            file("description.json", JSON, pretty(&identified)?),
+            file("arm.xml", XML, mujoco.into_bytes()),
+            file("parameters.csv", CSV, parameters.into_bytes()),
+            file("torques.svg", SVG, found.curves.torques_svg()?.into_bytes()),
+            file("motion.svg", SVG, found.curves.positions_svg()?.into_bytes()),
+            file("curves.csv", CSV, found.curves.to_csv().into_bytes()),
+        ];
+        if let Some((text, arm)) = urdf {
+            files.push(file("arm.urdf", XML, urdf::write(text, arm, &identified)?.into_bytes()));
+        }
+        if let Some(load) = self.load {
+            let loaded = load.arm.description(self.described);
+            let parameters = reports::identification::parameters_csv(&load.report);
+            files.push(file("loaded.json", JSON, pretty(&loaded)?));
+            files.push(file("load.csv", CSV, parameters.into_bytes()));
+        }
+        Ok(files)
+    }
+}
+
+fn pretty(value: &impl Serialize) -> Result<Vec<u8>, ArmFileError> {
+    Ok((serde_json::to_string_pretty(value)? + "\n").into_bytes())
+}

@@ -1,0 +1,114 @@
+//! Identifications: one task, which reads recordings and finds an arm.
+//!
+//! The result is a function of the recordings and the spec, so another attempt after a crash gives
+//! the same files.
+
+mod files;
+
+use std::ops::ControlFlow;
+
+use identification::{Recording, Settings, identify, identify_load};
+use spec::{DataSource, IdentifySpec, RobotDescription, SpecError};
+
+use crate::attempt::Attempt;
+use crate::dataset::DatasetReader;
+use crate::error::TaskError;
+use crate::kinds::KindModule;
+
+pub use files::{ArmFile, ArmFileError, IdentifiedArm};
+
+pub(crate) const MODULE: KindModule = KindModule { run, computes_models: false };
+
+fn run(attempt: &Attempt) -> Result<(), TaskError> {
+    let spec: IdentifySpec = attempt.spec()?;
+    let described = described(&spec)?;
+    let fit = recordings(attempt, &spec, &spec.data)?;
+    let of = |source: &Option<DataSource>| -> Result<Vec<Recording>, TaskError> {
+        source.as_ref().map_or(Ok(Vec::new()), |source| recordings(attempt, &spec, source))
+    };
+    let (validation, loads) = (of(&spec.validation)?, of(&spec.load)?);
+
+    let settings = settings(&spec);
+    let searches = if loads.is_empty() { 1 } else { 2 };
+    let steps = searches * settings.steps();
+    let mut done = 0;
+    let mut progress = || -> ControlFlow<()> {
+        done += 1;
+        // The last percent is for the files.
+        attempt.show((99 * done / steps).min(99))
+    };
+    attempt.progress.say("fits the arm".to_owned());
+    let found = identify(described, &fit, &validation, &settings, &mut progress)?;
+    let load = if loads.is_empty() {
+        None
+    } else {
+        attempt.progress.say("fits the load".to_owned());
+        Some(identify_load(&found.arm, &loads, &[], &settings, &mut progress)?)
+    };
+    attempt.check_stop()?;
+
+    let arm = IdentifiedArm { described, urdf: None, found: &found, load: load.as_ref() };
+    let report = arm.report();
+    for warning in reports::identification::warnings(&report) {
+        tracing::warn!("{warning}");
+    }
+    for ArmFile { name, media_type, bytes } in arm.files()? {
+        attempt.put(name, media_type, bytes)?;
+    }
+    attempt.complete(&report)
+}
+
+/// Submission has filled in the arm that the data name.
+fn described(spec: &IdentifySpec) -> Result<&RobotDescription, TaskError> {
+    let missing = || TaskError::Missing { what: "the described", name: "arm".to_owned() };
+    Ok(spec.robot.as_ref().ok_or_else(missing)?.model.description())
+}
+
+fn settings(spec: &IdentifySpec) -> Settings {
+    Settings {
+        low_pass_hz: spec.low_pass_hz,
+        motion_steps: spec.motion_steps as usize,
+        gain_deviation: spec.gain_deviation,
+    }
+}
+
+/// The trajectories of a dataset, each as a recording.
+fn recordings(
+    attempt: &Attempt,
+    spec: &IdentifySpec,
+    source: &DataSource,
+) -> Result<Vec<Recording>, TaskError> {
+    let dataset = DatasetReader::open(attempt, source)?;
+    let used = spec.used(dataset.count());
+    let samples = used * u64::from(dataset.spec.samples());
+    if samples > IdentifySpec::MOST_SAMPLES {
+        let most = IdentifySpec::MOST_SAMPLES;
+        let found = format!("{used} trajectories with {samples} samples together");
+        let allowed = format!("at most {most} samples: use fewer trajectories");
+        return Err(SpecError::one("trajectories", found, allowed).into());
+    }
+    let names = match dataset.spec.simulation() {
+        Some(_) => Vec::new(),
+        None => dataset.recordings()?,
+    };
+    let series = dataset.read(0..used)?;
+    let joints = series.joints();
+    let rows = |values: &[f32]| -> Vec<Vec<f64>> {
+        values
+            .chunks_exact(joints)
+            .map(|row| row.iter().copied().map(f64::from).collect())
+            .collect()
+    };
+    let view = series.view();
+    let recording = |at: usize| {
+        let name = names.get(at).filter(|name| !name.is_empty());
+        let name = name.map_or_else(|| format!("trajectory {at}"), |name| format!("{name} ({at})"));
+        Recording {
+            name,
+            rate_hz: view.rate_hz(),
+            q: rows(view.y(at).values()),
+            u: rows(view.u(at).values()),
+        }
+    };
+    Ok((0..view.robots()).map(recording).collect())
+}
