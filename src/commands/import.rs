@@ -17,7 +17,7 @@ use crate::output::write_json;
 
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// The recordings, or a model's predictions: a Parquet or CSV file
+    /// The recordings, or a model's predictions: a Parquet, CSV, NumPy (.npz) or MCAP file
     #[arg(value_name = "FILE")]
     file: PathBuf,
 
@@ -68,7 +68,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         (None, Some(dataset)) => {
             let dataset = client.dataset(dataset).await?;
             let format = format_of(&arguments.file).with_context(|| {
-                format!("{} ends neither in .parquet nor in .csv", arguments.file.display())
+                format!("{} ends in none of {}", arguments.file.display(), endings())
             })?;
             mapping_of_predictions(&dataset, arguments.context, format)?
         }
@@ -145,8 +145,9 @@ fn read_spec(path: &Path, file: &Path) -> anyhow::Result<Value> {
         );
         ensure!(
             known.is_some(),
-            "the name {} does not show whether the file is Parquet or CSV; add \"format\" to {}",
+            "the name {} has none of the endings {}; add \"format\" to {}",
             file.display(),
+            endings(),
             path.display()
         );
         fields.insert("format".to_owned(), serde_json::to_value(known)?);
@@ -158,6 +159,11 @@ fn read_spec(path: &Path, file: &Path) -> anyhow::Result<Value> {
 fn format_of(file: &Path) -> Option<FileFormat> {
     let extension = file.extension()?.to_str()?;
     FileFormat::ALL.into_iter().find(|format| extension.eq_ignore_ascii_case(format.as_str()))
+}
+
+/// The extensions that imply a format.
+fn endings() -> String {
+    FileFormat::ALL.map(|format| format!(".{}", format.as_str())).join(", ")
 }
 
 /// Whether the name has the extension of a compressed file.
@@ -219,6 +225,7 @@ mod tests {
         };
         assert_eq!(format("{}", "a.CSV").unwrap(), "csv");
         assert_eq!(format("{}", "a.b.parquet").unwrap(), "parquet");
+        assert_eq!(format("{}", "arm.npz").unwrap(), "npz");
         assert_eq!(format(r#"{"format": "csv"}"#, "a.txt").unwrap(), "csv");
         assert!(format("{}", "a.txt").unwrap_err().to_string().contains("a.txt"));
         assert!(format("{}", "a.csv.gz").unwrap_err().to_string().contains("gunzip"));

@@ -274,6 +274,63 @@ async fn a_position_that_jumps_is_refused_and_one_that_stays_is_doubtful() {
     assert!(log.contains("stays at 0.5 rad"), "{log}");
 }
 
+/// A rosbag becomes a dataset, and its LeRobot export the same one. A fast log without a header is
+/// filtered.
+#[tokio::test]
+async fn logs_are_imported_as_they_are() {
+    let folder = tempfile::tempdir().unwrap();
+    let product = Product::start(&folder.path().join("data"));
+    let imported = |file: &Path, mapping: &Value| {
+        let spec = folder.path().join("mapping.json");
+        std::fs::write(&spec, mapping.to_string()).unwrap();
+        let (code, output, errors) =
+            import(&product, file.to_str().unwrap(), spec.to_str().unwrap());
+        assert_eq!(code, Some(0), "{output}{errors}");
+        output
+    };
+    let arm = std::fs::read_to_string("tests/data/arm_of_six.json").unwrap();
+    let arm: Value = serde_json::from_str(&arm).unwrap();
+    let names = ["shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"];
+    let mut mapping = json!({
+        "columns": {"time": "stamp", "u": ["effort"], "q": ["position"]},
+        "mcap": {"joints": names.map(|name| format!("{name}_joint"))},
+        "robot": {"model": arm}, "ranges": {"q_rad": [-2, 2], "u_nm": [-9, 9]}, "samples": 60,
+    });
+    imported(Path::new("tests/data/joint_states.mcap"), &mapping);
+
+    let exported = folder.path().join("lerobot");
+    let arguments = ["export", "--lerobot", "1", exported.to_str().unwrap(), "--server"];
+    let (code, _, errors) = run_to_end(torqued(&arguments).arg(&product.url));
+    assert_eq!(code, Some(0), "{errors}");
+    mapping["columns"] = json!({
+        "time": "timestamp", "recording": "episode_index", "u": ["action"], "q": ["observation.state"],
+    });
+    mapping.as_object_mut().unwrap().remove("mcap");
+    imported(&exported.join("data/chunk-000/file-000.parquet"), &mapping);
+    let tables = [1, 2].map(|id| format!("/v1/datasets/{id}/summary"));
+    let (first, second) = (product.get(&tables[0]).await, product.get(&tables[1]).await);
+    assert_eq!(first["channels"], second["channels"], "{first:#}");
+
+    let text = slow_motion(4000, |_, _| {});
+    let rows = text.lines().skip(1).enumerate();
+    let rows =
+        rows.map(|(row, line)| format!("{:.3};{}\n", row as f64 / 1000.0, line.replace(',', ";")));
+    let fast = folder.path().join("fast.csv");
+    std::fs::write(&fast, rows.collect::<String>() + "4.000;0.7;0.7").unwrap();
+    let numbers = |from: usize| (from..from + 7).map(|k| k.to_string()).collect::<Vec<_>>();
+    let output = imported(
+        &fast,
+        &json!({
+            "columns": {"time": "1", "u": numbers(2), "q": numbers(9)},
+            "csv": {"header": false, "separator": ";"},
+            "resampling": "linear", "samples": 100, "split": {"kind": "windows", "stride": 100},
+        }),
+    );
+    assert!(output.contains("warning: line 4001, the last one, is cut off"), "{output}");
+    let dataset = product.get("/v1/datasets/3").await;
+    assert_eq!(dataset["spec"]["low_pass_hz"].as_f64(), Some(24.0), "{dataset}");
+}
+
 /// The child waits with a full pipe while this test looks at it.
 #[cfg(target_os = "linux")]
 #[test]

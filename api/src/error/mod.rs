@@ -42,7 +42,8 @@ pub enum ApiError {
 
     #[error(
         "the body is {}; send a form (multipart/form-data) with the parts spec and file, or the \
-         file itself with Content-Type: text/csv or application/vnd.apache.parquet",
+         file itself with Content-Type: text/csv, application/vnd.apache.parquet, application/x-npz or \
+         application/x-mcap",
         found
             .as_ref()
             .map_or("of no declared type".to_owned(), |kind| format!("declared as {kind}"))

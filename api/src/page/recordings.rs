@@ -21,8 +21,13 @@ pub fn facts(counts: &ImportCounts) -> Vec<Fact> {
         dropped => format!("{} of them too short", text::count(dropped)),
     };
     let left_over = text::count(counts.dropped_samples);
-    vec![
+    let mut facts = vec![
         Fact::new("Recordings", text::count(counts.recordings), too_short),
         Fact::new("Left over", left_over, "samples in no trajectory"),
-    ]
+    ];
+    if counts.filtered_recordings > 0 {
+        let filtered = text::count(counts.filtered_recordings);
+        facts.push(Fact::new("Filtered", filtered, "recordings, before samples were left out"));
+    }
+    facts
 }

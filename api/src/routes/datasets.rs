@@ -65,6 +65,8 @@ pub struct UploadForm {
         (UploadForm = "multipart/form-data"),
         (Vec<u8> = "text/csv"),
         (Vec<u8> = "application/vnd.apache.parquet"),
+        (Vec<u8> = "application/x-npz"),
+        (Vec<u8> = "application/x-mcap"),
     )),
     responses(
         (status = 202, body = Job, headers(("Location" = String))),

@@ -9,7 +9,7 @@ use wire::ImportCounts;
 use crate::error::{ImportError, RowError};
 use crate::frozen::Frozen;
 use crate::jumps::Jumps;
-use crate::recording::Recording;
+use crate::recording::{Recording, rounded};
 use crate::rows::Rows;
 use crate::samples::Sampling;
 use crate::tables::{ImportedTrajectories, Origin, TableSchemas, Tables};
@@ -32,25 +32,38 @@ pub struct Conversion<I> {
     window: Window,
     tables: Tables,
     counts: ImportCounts,
+    folded: Option<Folded>,
+    /// The line of a CSV file that was cut off.
+    cut_line: Option<u64>,
+}
+
+/// The first recording of which samples were left out without a low-pass, and the number of others.
+struct Folded {
+    recording: Option<String>,
+    rate_hz: f64,
+    others: u64,
 }
 
 impl<I: Iterator<Item = Result<Rows, ImportError>>> Conversion<I> {
     /// A conversion of the rows of `source` into tables with these `schemas`.
     pub fn new(source: I, spec: &ImportSpec, schemas: TableSchemas) -> Self {
-        let sampling = Sampling::new(spec);
+        let spec = ImportSpec { columns: spec.joint_columns(), ..spec.clone() };
+        let sampling = Sampling::new(&spec);
         let tables = Tables::new(schemas, sampling.channel_count());
         Self {
-            spec: spec.clone(),
             source,
             sampling,
             rows: Rows::default(),
             next: 0,
             recording: None,
-            jumps: Jumps::new(spec),
-            frozen: Frozen::new(spec),
-            window: Window::new(spec),
+            jumps: Jumps::new(&spec),
+            frozen: Frozen::new(&spec),
+            window: Window::new(&spec),
             tables,
             counts: ImportCounts::default(),
+            folded: None,
+            cut_line: None,
+            spec,
         }
     }
 
@@ -85,17 +98,38 @@ impl<I: Iterator<Item = Result<Rows, ImportError>>> Conversion<I> {
     /// When the file gave no trajectory.
     pub fn finish(self) -> Result<ImportCounts, ImportError> {
         let trajectories = self.tables.count();
-        let warnings = self.frozen.warnings();
+        let mut warnings = self.warnings();
+        warnings.extend(self.frozen.warnings());
         let counts = ImportCounts { trajectories, warnings, ..self.counts };
         if counts.trajectories > 0 {
             return Ok(counts);
         }
-        let ImportCounts { rows, recordings, dropped_samples, .. } = counts;
+        let ImportCounts { rows, recordings, dropped_samples, repeated_rows, .. } = counts;
+        let repeated = match repeated_rows {
+            0 => String::new(),
+            rows => format!(" ({rows} rows repeat the time of the row before)"),
+        };
         Err(ImportError::file(format!(
             "it gives no trajectory: its {rows} rows are {recordings} recordings with \
-             {dropped_samples} samples together, and a trajectory needs {}",
+             {dropped_samples} samples together{repeated}, and a trajectory needs {}",
             self.spec.samples
         )))
+    }
+
+    fn warnings(&self) -> Vec<String> {
+        let mut warnings = Vec::new();
+        if let Some(line) = self.cut_line {
+            warnings.push(format!("line {line}, the last one, is cut off and was left out"));
+        }
+        match self.counts.repeated_rows {
+            0 => {}
+            1 => warnings
+                .push("one row repeats the time of the row before and was left out".to_owned()),
+            rows => warnings
+                .push(format!("{rows} rows repeat the time of the row before and were left out")),
+        }
+        warnings.extend(self.folded.as_ref().map(|folded| folded.warning(&self.spec)));
+        warnings
     }
 
     /// Number of trajectories so far.
@@ -105,6 +139,7 @@ impl<I: Iterator<Item = Result<Rows, ImportError>>> Conversion<I> {
 
     fn read_rows(&mut self) -> Result<bool, ImportError> {
         let Some(rows) = self.source.next().transpose()? else { return Ok(false) };
+        self.cut_line = self.cut_line.or(rows.cut_line);
         self.rows = rows;
         self.next = 0;
         Ok(true)
@@ -113,7 +148,7 @@ impl<I: Iterator<Item = Result<Rows, ImportError>>> Conversion<I> {
     /// Moves a sample of the recording into its window. Returns false if there is none.
     fn cut(&mut self) -> Result<bool, ImportError> {
         let Some(recording) = &mut self.recording else { return Ok(false) };
-        let Some(sample) = recording.advance(&self.spec) else { return Ok(false) };
+        let Some(sample) = recording.advance() else { return Ok(false) };
         // A recording that becomes one trajectory must also end with it.
         if self.window.push(sample) && self.spec.split != Split::Whole {
             let name = recording.name.clone();
@@ -151,16 +186,21 @@ impl<I: Iterator<Item = Result<Rows, ImportError>>> Conversion<I> {
         if !goes_on {
             let (name, place) = (name.cloned(), self.rows.place(index));
             self.end_recording()?;
-            self.recording = Some(Recording::new(name, place));
+            self.recording = Some(Recording::new(name, place, &self.spec));
         }
         if let Some(recording) = &mut self.recording {
             let name = &recording.name;
             let named = |error| RowError { recording: name.clone(), ..error };
             let sample = self.sampling.sample(&self.rows, index, recording.rows).map_err(named)?;
-            recording.check(&sample, &self.spec)?;
-            self.jumps.accept(&sample).map_err(named)?;
-            self.frozen.accept(&sample, name.as_deref()).map_err(named)?;
-            recording.accept(sample);
+            if recording.repeats(&sample) {
+                self.counts.repeated_rows += 1;
+            } else {
+                recording.check(&sample, &self.spec)?;
+                self.jumps.accept(&sample).map_err(named)?;
+                self.frozen.accept(&sample, name.as_deref()).map_err(named)?;
+                let name = name.clone();
+                recording.accept(sample).map_err(|error| RowError { recording: name, ..error })?;
+            }
         }
         self.next += 1;
         self.counts.rows += 1;
@@ -168,11 +208,22 @@ impl<I: Iterator<Item = Result<Rows, ImportError>>> Conversion<I> {
     }
 
     fn end_recording(&mut self) -> Result<(), ImportError> {
-        let Some(recording) = self.recording.take() else { return Ok(()) };
-        let name = &recording.name;
-        self.jumps.finish().map_err(|error| RowError { recording: name.clone(), ..error })?;
+        let Some(recording) = &mut self.recording else { return Ok(()) };
+        let name = recording.name.clone();
+        let named = |error| RowError { recording: name.clone(), ..error };
+        self.jumps.finish().map_err(named)?;
         self.frozen.finish(name.as_deref());
         recording.check_rate(&self.spec)?;
+        recording.finish().map_err(named)?;
+        while self.cut()? {}
+        let Some(recording) = self.recording.take() else { return Ok(()) };
+        self.counts.filtered_recordings += u64::from(recording.is_filtered());
+        if let Some(rate_hz) = recording.folded_rate_hz(&self.spec) {
+            match &mut self.folded {
+                Some(folded) => folded.others += 1,
+                None => self.folded = Some(Folded { recording: name, rate_hz, others: 0 }),
+            }
+        }
         if self.spec.split == Split::Whole {
             self.check_length(&recording)?;
             self.keep_trajectory(recording.name.as_deref())?;
@@ -196,6 +247,25 @@ impl<I: Iterator<Item = Result<Rows, ImportError>>> Conversion<I> {
             found: format!("the recording that begins here has {} samples", recording.samples),
             allowed: format!("samples = {expected}; or a split into windows"),
         })
+    }
+}
+
+impl Folded {
+    fn warning(&self, spec: &ImportSpec) -> String {
+        let recording = match &self.recording {
+            Some(name) => format!("recording {name:?}"),
+            None => "the recording".to_owned(),
+        };
+        let others = match self.others {
+            0 => String::new(),
+            others => format!(", as from {others} others"),
+        };
+        format!(
+            "{recording} has {} Hz, and samples were left out of it without a low-pass{others}: motion and \
+             noise above {} Hz are folded into the dataset; set low_pass_hz",
+            rounded(self.rate_hz),
+            spec.rate_hz / 2.0,
+        )
     }
 }
 

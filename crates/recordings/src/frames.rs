@@ -9,7 +9,7 @@ use std::io::{self, ErrorKind, Read, Write};
 use spec::{FileFormat, ImportSpec, TimeUnit};
 
 use crate::ImportError;
-use crate::rows::{MAX_BATCH_ROWS, MAX_NAME_BYTES, Rows, TimeColumn, channel_columns};
+use crate::rows::{MAX_BATCH_ROWS, MAX_NAME_BYTES, Rows, TimeColumn, channel_count};
 
 const ROWS: u8 = b'r';
 const END: u8 = b'e';
@@ -25,7 +25,10 @@ const MAX_REFUSAL_BYTES: usize = 16 * 1024;
 pub(crate) fn write_rows(out: &mut impl Write, rows: &Rows) -> io::Result<()> {
     let mut content = Vec::new();
     content.extend(length(rows.count)?);
-    content.extend(rows.lines.iter().flatten().flat_map(|line| line.to_le_bytes()));
+    if let Some(lines) = &rows.lines {
+        content.extend(lines.iter().flat_map(|line| line.to_le_bytes()));
+        content.extend(rows.cut_line.unwrap_or(0).to_le_bytes());
+    }
     match &rows.time {
         None => content.push(0),
         Some(TimeColumn::Integer(times)) => {
@@ -91,7 +94,7 @@ impl<R: Read> Frames<R> {
             has_lines: spec.format == FileFormat::Csv,
             has_time: spec.columns.time.is_some(),
             has_names: spec.columns.recording.is_some(),
-            channels: channel_columns(&spec.columns).len(),
+            channels: channel_count(spec),
             next_row: 0,
             is_over: false,
         }
@@ -130,16 +133,17 @@ impl<R: Read> Frames<R> {
 
     fn longest_rows(&self) -> usize {
         let row = 8 + 8 + 4 + MAX_NAME_BYTES + 8 * self.channels;
-        4 + 1 + MAX_BATCH_ROWS * row
+        4 + 8 + 1 + MAX_BATCH_ROWS * row
     }
 
     fn rows(&self, content: &[u8]) -> Option<Rows> {
         let mut content = Content(content);
         let count = content.length().filter(|count| *count <= MAX_BATCH_ROWS)?;
-        let lines = match self.has_lines {
-            true => Some(content.numbers(count)?),
-            false => None,
+        let (lines, cut_line) = match self.has_lines {
+            true => (Some(content.numbers(count)?), content.numbers(1)?.first().copied()),
+            false => (None, None),
         };
+        let cut_line = cut_line.filter(|line| *line > 0);
         let time = match content.take(1)? {
             [0] if !self.has_time => None,
             [1] if self.has_time => Some(TimeColumn::Integer(content.numbers(count)?)),
@@ -158,7 +162,7 @@ impl<R: Read> Frames<R> {
         let channels = channels.collect::<Option<_>>()?;
         let is_whole = content.0.is_empty();
         let first = self.next_row;
-        is_whole.then_some(Rows { first, count, lines, time, recording, channels })
+        is_whole.then_some(Rows { first, count, lines, cut_line, time, recording, channels })
     }
 }
 
@@ -252,6 +256,7 @@ mod tests {
             first,
             count,
             lines: Some((first + 2..).take(count).collect()),
+            cut_line: (first > 0).then_some(9),
             time: Some(TimeColumn::Integer((0..count as i64).map(|k| i64::MAX - k).collect())),
             recording: Some(names.iter().map(|name| (*name).to_owned()).collect()),
             channels: (0..14).map(|channel| vec![f64::from(channel) + 0.1; count]).collect(),

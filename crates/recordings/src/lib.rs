@@ -18,6 +18,7 @@ mod frozen;
 mod isolation;
 mod jumps;
 mod recording;
+mod resampling;
 mod rows;
 mod samples;
 mod tables;

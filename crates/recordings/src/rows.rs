@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use spec::{ImportColumns, MAX_JOINTS, TimeUnit};
+use spec::{ImportColumns, ImportSpec, MAX_JOINTS, TimeUnit};
 
 use crate::{Place, RowError};
 
@@ -14,11 +14,13 @@ pub struct Rows {
     pub(crate) count: usize,
     /// The lines in which the rows of a CSV file begin; `None` for Parquet.
     pub(crate) lines: Option<Vec<u64>>,
+    /// The last line of a CSV file, if it was cut off. It is none of the rows.
+    pub(crate) cut_line: Option<u64>,
     /// Times as written in the file; `None` without a time column.
     pub(crate) time: Option<TimeColumn>,
     /// Names of recordings; `None` without a recording column.
     pub(crate) recording: Option<Vec<String>>,
-    /// Values, one list per column of [`channel_columns`], in the file's units.
+    /// Values, one list per channel, in the file's units: torques, positions, velocities.
     pub(crate) channels: Vec<Vec<f64>>,
 }
 
@@ -52,6 +54,11 @@ pub(crate) const MAX_NAME_BYTES: usize = 200;
 pub(crate) fn channel_columns(columns: &ImportColumns) -> Vec<&str> {
     let all = [Some(&columns.u), Some(&columns.q), columns.qd.as_ref()];
     all.into_iter().flatten().flatten().map(String::as_str).collect()
+}
+
+/// Number of channels of a sample: torques, positions and, if there are any, velocities.
+pub(crate) fn channel_count(spec: &ImportSpec) -> usize {
+    spec.joints() * if spec.columns.qd.is_some() { 3 } else { 2 }
 }
 
 /// The largest number of channels of a sample: torques, positions, velocities.

@@ -63,7 +63,10 @@ impl Sampling {
         ];
         let mut channels = Vec::new();
         for (names, factor, unit, limits, maybe_degrees, turns) in groups {
-            for (column, (range, range_source)) in names.into_iter().flatten().zip(limits) {
+            let gains = columns.gains.as_deref().filter(|_| unit == "N·m").unwrap_or_default();
+            let factors = gains.iter().copied().chain(std::iter::repeat(factor));
+            let limited = names.into_iter().flatten().zip(limits);
+            for ((column, (range, range_source)), factor) in limited.zip(factors) {
                 let column = column.clone();
                 channels.push(Channel {
                     column,

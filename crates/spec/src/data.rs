@@ -3,7 +3,6 @@
 use crate::{Cell, Column, ImportSpec, Observations, Range, RobotSpec, SimulateSpec};
 
 /// The spec that makes trajectories, of a dataset or a stream.
-#[expect(clippy::large_enum_variant, reason = "few exist at a time")]
 #[derive(Clone, Debug, PartialEq)]
 pub enum DataSpec {
     /// Simulated arms.

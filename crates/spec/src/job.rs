@@ -18,7 +18,6 @@ use crate::{
 macro_rules! job_specs {
     ($($name:ident => $Kind:ident($Spec:ident),)*) => {
         /// A job that a user can submit.
-        #[expect(clippy::large_enum_variant, reason = "few exist at a time")]
         #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
         #[serde(tag = "kind", rename_all = "snake_case")]
         #[expect(missing_docs, reason = "the type of each variant says what the job does")]

@@ -94,8 +94,8 @@ pub use evaluate::{
 pub use execution::Execution;
 pub use identify::{IdentifyRobot, IdentifySpec};
 pub use import::{
-    AngleUnit, FileFormat, ImportColumns, ImportRanges, ImportSpec, ImportUnits, Resampling, Split,
-    TimeUnit,
+    AngleUnit, CsvLayout, FileFormat, ImportColumns, ImportRanges, ImportSpec, ImportUnits,
+    LowPassHz, McapMessages, NoLowPass, Resampling, Split, TimeUnit,
 };
 pub use job::JobSpec;
 pub use job_kind::JobKind;

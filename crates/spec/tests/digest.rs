@@ -165,3 +165,38 @@ fn noise_at_its_default_is_not_part_of_a_spec() {
     assert_eq!(evaluate(json!({"position_noise_rad": [0]})), evaluate(json!({})));
     assert_ne!(evaluate(json!({"position_noise_rad": [0, 1e-3]})), evaluate(json!({})));
 }
+
+/// An import that was stored before there was a low-pass means none. One that is submitted now
+/// states its own.
+#[test]
+fn stored_imports_keep_their_digest_and_new_ones_state_their_low_pass() {
+    let names = |letter: &str| (1..=7).map(|k| format!("{letter}{k}")).collect::<Vec<_>>();
+    let import = |fields: &serde_json::Value| {
+        let mut import = json!({
+            "kind": "import", "file": "0".repeat(64), "format": "csv", "resampling": "linear",
+            "columns": {"time": "t", "u": names("u"), "q": names("q")},
+        });
+        import.as_object_mut().unwrap().extend(fields.as_object().unwrap().clone());
+        import
+    };
+    let stored: JobSpec = serde_json::from_value(import(&json!({}))).unwrap();
+    assert_eq!(stored.to_json().get("low_pass_hz"), None);
+    assert_eq!(
+        stored.digest().to_string(),
+        "83c1d2e371c6eb153455e50e25833a33a54279251ac475c25037a177d8d7086b"
+    );
+    let submitted = |fields| parse(import(&fields).to_string().as_bytes()).unwrap();
+    for (fields, edge) in [
+        (json!({}), json!(24.0)),
+        (json!({"low_pass_hz": null, "rate_hz": 100}), json!(40.0)),
+        (json!({"low_pass_hz": 10}), json!(10.0)),
+        (json!({"low_pass_hz": "none"}), json!("none")),
+    ] {
+        let job = submitted(fields);
+        assert_eq!(job.to_json()["low_pass_hz"], edge);
+        assert_eq!(parse(job.to_json().to_string().as_bytes()).unwrap(), job);
+        assert_ne!(job.digest(), stored.digest());
+    }
+    let even = submitted(json!({"resampling": "none"}));
+    assert_eq!(even.to_json().get("low_pass_hz"), None);
+}

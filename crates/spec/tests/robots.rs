@@ -214,7 +214,7 @@ fn a_recording_with_columns_for_another_number_of_joints_is_refused() {
     for (error, parts) in [
         (six.clone(), ["columns.u is 6 columns", "7 columns, one for each joint"]),
         (six, ["a Panda because none is named", "\"robot\": {\"model\": {...}}"]),
-        (lists, ["columns.u is 1 column,", "a column of lists cannot be imported yet"]),
+        (lists, ["columns.u is 1 column,", "7 columns, one for each joint"]),
         (seven, ["columns.q is 7 columns", "6 columns, one for each joint"]),
         (null, ["ranges.q_rad is null", "where no robot is given"]),
     ] {

@@ -17,7 +17,19 @@ pub struct ImportCounts {
     pub trajectories: u64,
     /// Samples at the dataset's rate that are not part of any trajectory.
     pub dropped_samples: u64,
-    /// Suspicious positions that may be right: at most one sentence for each joint.
+    /// Rows that repeat the time of the row before, and were left out.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub repeated_rows: u64,
+    /// Recordings that passed the low-pass because they are faster than the dataset.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub filtered_recordings: u64,
+    /// What was left out, and suspicious values that may be right: a sentence each, at most one for
+    /// each joint.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<String>,
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+const fn is_zero(count: &u64) -> bool {
+    *count == 0
 }

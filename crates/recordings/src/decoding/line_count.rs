@@ -12,6 +12,7 @@ pub(super) struct Lines {
     /// Number of bytes seen.
     bytes: u64,
     ends_in_return: bool,
+    ends_in_break: bool,
     /// Positions of the breaks that were seen and not passed.
     ahead: VecDeque<u64>,
     passed: u64,
@@ -25,6 +26,7 @@ impl Lines {
                 self.ahead.push_back(position);
             }
             self.ends_in_return = *byte == b'\r';
+            self.ends_in_break = self.ends_in_return || *byte == b'\n';
         }
         self.bytes += bytes.len() as u64;
     }
@@ -43,6 +45,11 @@ impl Lines {
     /// The line of the last byte that was passed.
     pub fn last(&self) -> u64 {
         self.passed + 1
+    }
+
+    /// Whether the bytes seen so far do not end with a break.
+    pub fn ends_open(&self) -> bool {
+        self.bytes > 0 && !self.ends_in_break
     }
 
     /// Breaks within a value.
@@ -65,6 +72,15 @@ mod tests {
     fn every_kind_of_break_counts_once() {
         for text in ["a\nb\nc", "a\r\nb\r\nc", "a\rb\rc", "a\r\nb\nc"] {
             assert_eq!(Lines::within(text.as_bytes()), 2, "{text:?}");
+        }
+    }
+
+    #[test]
+    fn a_text_ends_open_unless_a_break_ends_it() {
+        for (text, is_open) in [("", false), ("a", true), ("a\n", false), ("a\r", false)] {
+            let mut lines = Lines::default();
+            lines.see(text.as_bytes());
+            assert_eq!(lines.ends_open(), is_open, "{text:?}");
         }
     }
 

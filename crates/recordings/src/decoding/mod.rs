@@ -1,9 +1,15 @@
 //! Decodes in the child process: writes the rows of a file as frames to standard output.
 
 mod csv_rows;
+mod joint_state;
 mod line_count;
+mod mcap_rows;
+mod npz_rows;
 mod parquet_rows;
+mod section;
 mod signature;
+mod spaces;
+mod zip;
 
 use std::fs::File;
 use std::io::{self, Seek, SeekFrom, Write};
@@ -22,6 +28,8 @@ use crate::error::RowError;
 use crate::frames::{write_end, write_refusal, write_rows};
 use crate::rows::Rows;
 use csv_rows::CsvRows;
+use mcap_rows::McapRows;
+use npz_rows::NpzRows;
 use parquet_rows::ParquetRows;
 
 /// Why a file cannot be decoded.
@@ -105,6 +113,8 @@ pub fn decode<R: ChunkReader<T: 'static> + 'static>(
 enum Source<R: ChunkReader> {
     Parquet(Box<ParquetRows<R>>),
     Csv(Box<CsvRows>),
+    Npz(Box<NpzRows>),
+    Mcap(Box<McapRows<R>>),
 }
 
 impl<R: ChunkReader<T: 'static> + 'static> Source<R> {
@@ -112,10 +122,16 @@ impl<R: ChunkReader<T: 'static> + 'static> Source<R> {
         Ok(match spec.format {
             FileFormat::Parquet => Self::Parquet(Box::new(ParquetRows::open(file, spec)?)),
             FileFormat::Csv => {
-                if let Some(reason) = signature::describe(&first_bytes(&file)?) {
-                    return Err(DecodeError::File(reason));
-                }
+                check_signature(&file, &[])?;
                 Self::Csv(Box::new(CsvRows::open(Box::new(file.get_read(0)?), spec)?))
+            }
+            FileFormat::Npz => {
+                check_signature(&file, b"PK")?;
+                Self::Npz(Box::new(NpzRows::open(file, spec)?))
+            }
+            FileFormat::Mcap => {
+                check_signature(&file, b"\x89MCAP")?;
+                Self::Mcap(Box::new(McapRows::open(file, spec)?))
             }
         })
     }
@@ -124,7 +140,19 @@ impl<R: ChunkReader<T: 'static> + 'static> Source<R> {
         match self {
             Self::Parquet(rows) => rows.next(),
             Self::Csv(rows) => rows.next(),
+            Self::Npz(rows) => rows.next(),
+            Self::Mcap(rows) => rows.next(),
         }
+    }
+}
+
+/// Refuses a file of another format than the one that begins with `own`.
+fn check_signature<R: ChunkReader>(file: &R, own: &[u8]) -> Result<(), DecodeError> {
+    let first = first_bytes(file)?;
+    let is_own = !own.is_empty() && first.starts_with(own);
+    match signature::describe(&first).filter(|_| !is_own) {
+        Some(reason) => Err(DecodeError::File(reason)),
+        None => Ok(()),
     }
 }
 

@@ -1,5 +1,6 @@
 //! Rows of a Parquet file, one row group after the other and one batch at a time.
 
+use std::collections::HashMap;
 use std::sync::Arc;
 
 use arrow_array::cast::AsArray;
@@ -26,7 +27,7 @@ use parquet::file::serialized_reader::SerializedPageReader;
 use spec::{ImportSpec, TimeUnit};
 
 use super::{DecodeError, first_bytes, signature};
-use crate::error::Place;
+use crate::error::{Place, RowError};
 use crate::rows::{MAX_BATCH_ROWS, Rows, TimeColumn, absent, check_name, find_columns};
 
 const MAGIC: &[u8] = b"PAR1";
@@ -41,8 +42,8 @@ pub(super) struct ParquetRows<R> {
     file: SharedFile<R>,
     metadata: ArrowReaderMetadata,
     columns: Columns,
-    /// Positions of the columns in the file.
-    leaves: Vec<usize>,
+    /// The columns, in the order of `ImportColumns::named`.
+    leaves: Vec<Leaf>,
     next_row_group: usize,
     batches: Option<ParquetRecordBatchReader>,
     next_row: u64,
@@ -54,7 +55,23 @@ struct Columns {
     /// The unit that the type of the time has.
     time_unit: Option<TimeUnit>,
     recording: Option<String>,
-    channels: Vec<String>,
+    channels: Vec<Channels>,
+}
+
+/// A column with one channel, or with lists of several.
+struct Channels {
+    name: String,
+    /// Number of elements of each list; `None` for a flat column.
+    elements: Option<usize>,
+}
+
+/// A requested column.
+#[derive(Clone, Copy)]
+struct Leaf {
+    /// Its position among the leaves of the schema.
+    leaf: usize,
+    /// Number of elements of each list; `None` for a flat column.
+    elements: Option<usize>,
 }
 
 impl<R: ChunkReader + 'static> ParquetRows<R> {
@@ -70,12 +87,20 @@ impl<R: ChunkReader + 'static> ParquetRows<R> {
         let time_unit = check_types(metadata.metadata(), &leaves, spec)?;
         let schema = metadata.metadata().file_metadata().schema_descr();
         // In the order of `ImportColumns::named`.
-        let mut names = leaves.iter().map(|leaf| schema.column(*leaf).name().to_owned());
+        let mut columns = leaves.iter().map(|leaf| Channels {
+            name: schema.column(leaf.leaf).path().parts()[0].clone(),
+            elements: leaf.elements,
+        });
         let columns = Columns {
-            time: spec.columns.time.as_ref().and_then(|_| names.next()),
+            time: spec.columns.time.as_ref().and_then(|_| columns.next()).map(|time| time.name),
             time_unit,
-            recording: spec.columns.recording.as_ref().and_then(|_| names.next()),
-            channels: names.collect(),
+            recording: spec
+                .columns
+                .recording
+                .as_ref()
+                .and_then(|_| columns.next())
+                .map(|recording| recording.name),
+            channels: columns.collect(),
         };
         Ok(Self {
             file: SharedFile(Arc::new(file)),
@@ -128,16 +153,16 @@ impl<R: ChunkReader + 'static> ParquetRows<R> {
         let (file, metadata) = (self.file.clone(), self.metadata.clone());
         let builder = ParquetRecordBatchReaderBuilder::new_with_metadata(file, metadata);
         let schema = builder.parquet_schema();
-        let mask = ProjectionMask::leaves(schema, self.leaves.iter().copied());
+        let mask = ProjectionMask::leaves(schema, self.leaves.iter().map(|leaf| leaf.leaf));
         let builder = builder.with_projection(mask).with_row_groups(vec![index]);
         Ok(builder.with_batch_size(MAX_BATCH_ROWS).build()?)
     }
 
     /// Checks the number of values of a column. A decoder reads as many values as the row group has
     /// rows, and ignores further ones.
-    fn check_column(&self, row_group: usize, leaf: usize) -> Result<(), DecodeError> {
+    fn check_column(&self, row_group: usize, leaf: Leaf) -> Result<(), DecodeError> {
         let metadata = self.metadata.metadata().row_group(row_group);
-        let column = metadata.column(leaf);
+        let column = metadata.column(leaf.leaf);
         let rows = usize::try_from(metadata.num_rows()).unwrap_or(0);
         let named = |reason: String| {
             let name = column.column_path().string();
@@ -150,10 +175,18 @@ impl<R: ChunkReader + 'static> ParquetRows<R> {
             values = values.saturating_add(page.num_levels.unwrap_or(0));
             pages.skip_next_page()?;
         }
-        if values == rows {
+        // A list that is too short is found with its row.
+        let (is_right, lists) = match leaf.elements {
+            None => (values == rows, String::new()),
+            Some(elements) => {
+                (values <= rows.saturating_mul(elements), format!(" of {elements} elements"))
+            }
+        };
+        if is_right {
             return Ok(());
         }
-        Err(named(format!("its pages have {values} values where the row group has {rows} rows")))
+        let rows = format!("{rows} rows{lists}");
+        Err(named(format!("its pages have {values} values where the row group has {rows}")))
     }
 }
 
@@ -248,23 +281,44 @@ fn check_row_counts(metadata: &ParquetMetaData) -> Result<(), DecodeError> {
     Ok(())
 }
 
-/// Finds the requested columns. Columns inside others are ignored.
-fn find_leaves(metadata: &ParquetMetaData, spec: &ImportSpec) -> Result<Vec<usize>, DecodeError> {
+/// Finds the requested columns. Columns inside structs, and lists of lists, are ignored.
+fn find_leaves(metadata: &ParquetMetaData, spec: &ImportSpec) -> Result<Vec<Leaf>, DecodeError> {
     let schema = metadata.file_metadata().schema_descr();
-    let flat: Vec<(usize, &str)> = schema
+    let mut leaves_of: HashMap<usize, usize> = HashMap::new();
+    for leaf in 0..schema.num_columns() {
+        *leaves_of.entry(schema.get_column_root_idx(leaf)).or_default() += 1;
+    }
+    let is_list = |leaf: usize| schema.column(leaf).max_rep_level() == 1;
+    let known: Vec<(usize, &str)> = schema
         .columns()
         .iter()
         .enumerate()
-        .filter(|(_, column)| column.path().parts().len() == 1 && column.max_rep_level() == 0)
-        .map(|(leaf, column)| (leaf, column.name()))
+        .filter(|(leaf, column)| match column.max_rep_level() {
+            0 => column.path().parts().len() == 1,
+            1 => leaves_of[&schema.get_column_root_idx(*leaf)] == 1,
+            _ => false,
+        })
+        .map(|(leaf, column)| (leaf, column.path().parts()[0].as_str()))
         .collect();
-    let names: Vec<&str> = flat.iter().map(|(_, name)| *name).collect();
+    let names: Vec<&str> = known.iter().map(|(_, name)| *name).collect();
     let found = find_columns(&spec.columns, &names)
         .map_err(|error| DecodeError::File(format!("{error}{}", nested(metadata, spec))))?;
-    Ok(found.into_iter().map(|place| flat[place].0).collect())
+    let leaves = spec.columns.named().into_iter().zip(found).map(|((field, _), place)| {
+        let (leaf, name) = known[place];
+        let quantity = field.strip_suffix("[0]").filter(|quantity| spec.has_one_column(quantity));
+        match (is_list(leaf), quantity) {
+            (false, _) => Ok(Leaf { leaf, elements: None }),
+            (true, Some(_)) => Ok(Leaf { leaf, elements: Some(spec.joints()) }),
+            (true, None) => Err(DecodeError::File(format!(
+                "column {name:?} (columns.{field}) has lists, allowed: a flat column; a column with a list \
+                 of all joints is named alone, such as \"q\": [{name:?}]"
+            ))),
+        }
+    });
+    leaves.collect()
 }
 
-/// Words about the requested columns that have lists, such as `action` or `action[0]` of LeRobot.
+/// Words about requested elements of lists, such as `action[0]`, and about columns in structs.
 fn nested(metadata: &ParquetMetaData, spec: &ImportSpec) -> String {
     let schema = metadata.file_metadata().schema_descr();
     let mut lists: Vec<&str> = schema
@@ -282,8 +336,8 @@ fn nested(metadata: &ParquetMetaData, spec: &ImportSpec) -> String {
     let all: Vec<String> = lists.iter().map(|list| format!("{list:?}")).collect();
     let have = if lists.len() == 1 { "has" } else { "have" };
     format!(
-        "; {} {have} lists or structs, which cannot be imported yet: write each element as a column of \
-         its own, such as \"{first}_1\"",
+        "; {} {have} lists or structs: a column with a list of all joints is named alone, such as \
+         \"q\": [{first:?}]",
         all.join(" and "),
     )
 }
@@ -291,20 +345,21 @@ fn nested(metadata: &ParquetMetaData, spec: &ImportSpec) -> String {
 /// Checks the types of the columns. Returns the unit that the type of the time has.
 fn check_types(
     metadata: &ParquetMetaData,
-    leaves: &[usize],
+    leaves: &[Leaf],
     spec: &ImportSpec,
 ) -> Result<Option<TimeUnit>, DecodeError> {
     let descriptor = metadata.file_metadata().schema_descr();
     let mut unit = None;
     for ((field, name), leaf) in spec.columns.named().into_iter().zip(leaves) {
-        let mask = ProjectionMask::leaves(descriptor, [*leaf]);
+        let Leaf { leaf, elements } = *leaf;
+        let mask = ProjectionMask::leaves(descriptor, [leaf]);
         let schema = parquet_to_arrow_schema_by_columns(descriptor, mask, None)?;
         let column = schema.fields().first().ok_or_else(|| {
             DecodeError::File(format!("column {name:?} (columns.{field}) cannot be decoded"))
         })?;
         let found = column.data_type();
         if field == "time" {
-            unit = duration_unit(metadata, *leaf).or_else(|| own_unit(found));
+            unit = duration_unit(metadata, leaf).or_else(|| own_unit(found));
         }
         let allowed = if field == "time"
             && let Some(unit) = unit
@@ -315,7 +370,18 @@ fn check_types(
             }
             format!("units.time {:?}, or none, as the column says its unit", unit.as_str())
         } else {
+            let is_for_all = field != "time" && field != "recording" && spec.joints() > 1;
+            let lists = format!("lists of {} numbers", spec.joints());
             match (field.as_str(), found) {
+                (_, DataType::List(element)) if elements.is_some() => {
+                    if is_number(element.data_type()) {
+                        continue;
+                    }
+                    lists
+                }
+                (field, _) if is_for_all && spec.has_one_column(field.trim_end_matches("[0]")) => {
+                    format!("{lists}, as it is the only column")
+                }
                 ("recording", DataType::Utf8 | DataType::LargeUtf8) => continue,
                 ("recording", other) if other.is_integer() => continue,
                 ("recording", _) => "integers or text".to_owned(),
@@ -380,8 +446,14 @@ impl Columns {
         let time = self.time.as_deref().map(time).transpose()?;
         let recording =
             self.recording.as_deref().map(|name| names(&column(name)?, first, name)).transpose()?;
-        let channels = self.channels.iter().map(|name| numbers(name)).collect::<Result<_, _>>()?;
-        Ok(Rows { first, count: batch.num_rows(), lines: None, time, recording, channels })
+        let mut channels = Vec::new();
+        for Channels { name, elements } in &self.channels {
+            match elements {
+                None => channels.push(numbers(name)?),
+                Some(elements) => channels.extend(lists(&column(name)?, *elements, first, name)?),
+            }
+        }
+        Ok(Rows { first, count: batch.num_rows(), time, recording, channels, ..Rows::default() })
     }
 }
 
@@ -395,6 +467,33 @@ fn complete(batch: &RecordBatch, name: &str, first: u64) -> Result<ArrayRef, Dec
         return Err(absent(Place::Row(first + row as u64 + 1), name).into());
     }
     Ok(Arc::clone(column))
+}
+
+/// The elements of lists, one channel for each place in a list.
+fn lists(
+    column: &ArrayRef,
+    elements: usize,
+    first: u64,
+    name: &str,
+) -> Result<Vec<Vec<f64>>, DecodeError> {
+    let lists = column.as_list_opt::<i32>().ok_or_else(|| not_decoded(column))?;
+    let mut channels = vec![Vec::with_capacity(lists.len()); elements];
+    for (row, list) in (first + 1..).zip(lists.iter()) {
+        let list = list.unwrap_or_else(|| lists.values().slice(0, 0));
+        let place = Place::Row(row);
+        if list.len() != elements {
+            let found = format!("a list of {} elements", list.len());
+            let allowed = format!("{elements}, one for each joint of the robot");
+            return Err(RowError::value(place, name, found, allowed).into());
+        }
+        if list.null_count() > 0 {
+            return Err(absent(place, name).into());
+        }
+        for (channel, value) in channels.iter_mut().zip(floats(&list)?) {
+            channel.push(value);
+        }
+    }
+    Ok(channels)
 }
 
 fn time_column(column: &ArrayRef, unit: Option<TimeUnit>) -> Result<TimeColumn, DecodeError> {

@@ -40,7 +40,7 @@ fn a_missing_column_is_named_beside_those_there_are() {
     check_refused(file, &spec, &["\"tau_2\" (columns.u[1])", "\"torque2\"", "\"pos_7\""]);
     let twice = good().replacen("tau_2", "tau_1", 1);
     check_refused(twice, &spec, &["more than one column \"tau_1\""]);
-    check_refused(good().replace(',', ";"), &spec, &["separated by commas"]);
+    check_refused(good().replace(',', ";"), &spec, &["separated by commas", "csv.separator"]);
 }
 
 #[test]
@@ -59,6 +59,102 @@ fn a_file_without_a_header_is_told_so() {
     let header: Vec<String> =
         ["1", "0"].map(str::to_owned).into_iter().chain((2..16).map(|k| k.to_string())).collect();
     import(format!("{}\n{rows}", header.join(",")), &numbered).unwrap();
+}
+
+/// A spec for [`Recordings`] whose columns have numbers.
+fn numbered(layout: &serde_json::Value) -> spec::ImportSpec {
+    let numbers = |from: usize| (from..from + 7).map(|k| k.to_string()).collect::<Vec<_>>();
+    let columns = json!({"recording": "1", "time": "2", "u": numbers(3), "q": numbers(10)});
+    spec("csv", &json!({"columns": columns, "csv": layout}))
+}
+
+#[test]
+fn columns_without_a_header_have_numbers_and_separators_are_declared() {
+    let expected = import(good(), &spec("csv", &json!({}))).unwrap();
+    let rows = good().split_once('\n').unwrap().1.replace("arm 0", "0");
+    let spaced = rows.replace(',', " \t ").replace('\n', " \r\n  ");
+    let german = rows.replace(',', ";").replace('.', ",");
+    let spaces = format!("  {}", rows.replace(',', "   "));
+    for (file, layout) in [
+        (rows.clone(), json!({"header": false})),
+        (rows.replace(',', "\t"), json!({"header": false, "separator": "\t"})),
+        (german, json!({"header": false, "separator": ";", "decimal_comma": true})),
+        (spaces, json!({"header": false, "separator": " "})),
+        (spaced, json!({"header": false, "separator": " "})),
+    ] {
+        let found = import(file, &numbered(&layout)).unwrap();
+        assert_eq!(found.samples, expected.samples, "{layout}");
+    }
+    let mut far = numbered(&json!({"header": false}));
+    far.columns.u[0] = "17".to_owned();
+    check_refused(rows.clone(), &far, &["no column \"17\" (columns.u[0])", "\"16\""]);
+    let commas = rows.replace(',', ";").replace('.', ",");
+    let layout = json!({"header": false, "separator": ";"});
+    check_refused(commas, &numbered(&layout), &["line 1, column \"4\"", "csv.decimal_comma"]);
+    check_refused("", &numbered(&json!({"header": false})), &["it is empty"]);
+}
+
+/// A logger that was stopped leaves a part of a line.
+#[test]
+fn a_last_line_that_is_cut_off_is_left_out_and_named() {
+    let split = json!({"split": {"kind": "windows", "stride": 39}, "samples": 39});
+    let spec = spec("csv", &split);
+    let whole = good();
+    let last = whole.trim_end().rfind('\n').unwrap() + 1;
+    let without = import(&whole[..last], &spec).unwrap();
+    let column_end = whole.trim_end().rfind(',').unwrap() + 1;
+    for cut in
+        [&whole[..column_end - 4], &whole[..column_end], &format!("{}-", &whole[..column_end])]
+    {
+        let found = import(cut, &spec).unwrap();
+        assert_eq!(found.samples, without.samples, "{cut:?}");
+        assert_eq!((found.counts.rows, found.counts.trajectories), (39, 1));
+        let expected = "line 41, the last one, is cut off and was left out";
+        assert_eq!(found.counts.warnings, [expected]);
+    }
+    // Where lines follow, or the value is whole, nothing was cut off.
+    check_refused(with(7, 4, "1\n"), &spec, &["line 9 has 5 values, allowed: 16"]);
+    check_refused(with(39, 15, "soon,"), &spec, &["line 41 has 17 values"]);
+    check_refused(with(39, 4, "soon"), &spec, &["line 41, column \"tau_3\""]);
+}
+
+/// Some loggers write a row again if there is no newer measurement.
+#[test]
+fn rows_that_repeat_a_time_are_counted_and_left_out() {
+    let expected = import(good(), &spec("csv", &json!({}))).unwrap();
+    let mut lines: Vec<String> = good().lines().map(str::to_owned).collect();
+    for row in [30, 30, 7] {
+        lines.insert(row, lines[row].clone());
+    }
+    let found = import(lines.join("\n"), &spec("csv", &json!({}))).unwrap();
+    assert_eq!(found.samples, expected.samples);
+    assert_eq!((found.counts.rows, found.counts.repeated_rows), (43, 3));
+    assert_eq!(
+        found.counts.warnings,
+        ["3 rows repeat the time of the row before and were left out"]
+    );
+    let mut stuck = Recordings::of(&[40]);
+    stuck.times.fill(1.0);
+    check_refused(stuck.csv(), &spec("csv", &json!({})), &["has 1 samples"]);
+}
+
+#[test]
+fn currents_become_torques_with_a_gain_for_each_joint() {
+    let mut spec = spec("csv", &json!({}));
+    let plain = import(good(), &spec).unwrap();
+    spec.columns.gains = Some(vec![10.0, -2.0, 1.0, 1.0, 1.0, 1.0, 0.5]);
+    let found = import(good(), &spec).unwrap();
+    let values = |imported: &super::Imported, column: &str| {
+        let column = imported.samples.column_by_name(column).unwrap().clone();
+        column.as_primitive::<arrow_array::types::Float32Type>().values().to_vec()
+    };
+    for (column, gain) in [("u1", 10.0), ("u2", -2.0), ("u3", 1.0), ("u7", 0.5), ("q2", 1.0)] {
+        let expected: Vec<f32> = values(&plain, column).iter().map(|u| gain * u).collect();
+        let error = values(&found, column).into_iter().zip(expected).map(|(a, b)| (a - b).abs());
+        assert!(error.fold(0.0, f32::max) < 1e-5, "{column}");
+    }
+    spec.columns.gains = Some(vec![1000.0; 7]);
+    check_refused(good(), &spec, &["N·m, allowed: -200 to 200"]);
 }
 
 #[test]

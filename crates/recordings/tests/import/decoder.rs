@@ -9,7 +9,9 @@ use recordings::{Decoder, DecoderProgram, Frames, ImportError, Rows};
 use serde_json::json;
 use spec::ImportSpec;
 
-use super::{Imported, Recordings, convert, import, small_pages, spec};
+use super::{
+    Imported, Recordings, convert, import, mcap, npz, parquet, parquet_of, small_pages, spec,
+};
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_decoder");
 
@@ -94,10 +96,20 @@ pub fn import_alone(file: &[u8], spec: &ImportSpec) -> Result<Imported, ImportEr
 #[test]
 fn a_file_on_standard_input_is_decoded_as_one_in_memory() {
     let recordings = Recordings::of(&[40, 40]);
-    for (format, file) in
-        [("csv", recordings.csv().into_bytes()), ("parquet", recordings.parquet(small_pages()))]
-    {
-        let spec = spec(format, &json!({}));
+    let one = Recordings::of(&[40]);
+    let spec = |format: &str, columns: serde_json::Value| match columns {
+        serde_json::Value::Null => spec(format, &json!({})),
+        columns => spec(format, &json!({"columns": columns})),
+    };
+    let lists = parquet_of(parquet::with_lists(&recordings), small_pages());
+    for (file, spec) in [
+        (recordings.csv().into_bytes(), spec("csv", json!(null))),
+        (recordings.parquet(small_pages()), spec("parquet", json!(null))),
+        (lists, spec("parquet", parquet::of_lists())),
+        (npz::archive(&recordings, true), spec("npz", npz::columns())),
+        (mcap::file(&one, "zstd"), spec("mcap", mcap::columns())),
+        (mcap::file(&one, "lz4"), spec("mcap", mcap::columns())),
+    ] {
         let (alone, reused) = (import_alone(&file, &spec).unwrap(), import(file, &spec).unwrap());
         assert_eq!(alone.samples, reused.samples);
         assert_eq!(alone.table, reused.table);

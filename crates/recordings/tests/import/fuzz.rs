@@ -9,7 +9,7 @@ use random::{ChaCha8Rng, Rng, SeedableRng};
 use serde_json::json;
 use spec::ImportSpec;
 
-use super::{Recordings, import, parquet, small_pages, spec};
+use super::{Recordings, import, mcap, npz, parquet, parquet_of, small_pages, spec};
 
 const USUAL_MUTATIONS: u64 = 100_000;
 
@@ -62,6 +62,18 @@ fn originals() -> Vec<(Vec<u8>, ImportSpec)> {
     files.push((recordings.parquet(small_pages()), spec("parquet", &resampled)));
     files.push((recordings.csv().into_bytes(), spec("csv", &split)));
     files.push((recordings.csv().into_bytes(), spec("csv", &resampled)));
+    let with = |columns: serde_json::Value| json!({"split": {"kind": "windows", "stride": 20}, "columns": columns});
+    let lists = parquet::with_lists(&recordings);
+    let list_spec = spec("parquet", &with(parquet::of_lists()));
+    files.push((parquet_of(lists.clone(), small_pages()), list_spec.clone()));
+    files.push((parquet_of(lists, parquet::variants().swap_remove(5)), list_spec));
+    for is_deflated in [false, true] {
+        files.push((npz::archive(&recordings, is_deflated), spec("npz", &with(npz::columns()))));
+    }
+    let whole = Recordings::of(&[60]);
+    for compression in ["", "zstd", "lz4"] {
+        files.push((mcap::file(&whole, compression), spec("mcap", &with(mcap::columns()))));
+    }
     files
 }
 

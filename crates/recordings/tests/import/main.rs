@@ -6,7 +6,9 @@ mod csv;
 mod decoder;
 mod fuzz;
 mod limits;
+mod mcap;
 mod motion;
+mod npz;
 mod parquet;
 mod tables;
 

@@ -94,7 +94,7 @@ fn a_column_of_another_type_is_refused_with_what_it_is() {
     );
     let nested: ArrayRef = Arc::new(list);
     assert!(!nested.is_empty());
-    check_refused(with("pos_2", nested), &spec, &["no column \"pos_2\" (columns.q[1])"]);
+    check_refused(with("pos_2", nested), &spec, &["\"pos_2\" (columns.q[1]) has lists", "flat"]);
 }
 
 #[test]
@@ -203,17 +203,91 @@ fn spaces_around_a_name_are_no_part_of_it() {
     );
 }
 
+/// The recordings with one column of lists for torques and one for positions.
+pub(super) fn with_lists(recordings: &Recordings) -> Vec<(String, ArrayRef)> {
+    let mut columns = recordings.columns();
+    columns.truncate(2);
+    let list = |channels: &[Vec<f64>]| -> ArrayRef {
+        let row = |row: usize| channels.iter().map(move |values| Some(super::narrow(values[row])));
+        let rows = (0..recordings.times.len()).map(|k| Some(row(k).collect::<Vec<_>>()));
+        Arc::new(ListArray::from_iter_primitive::<Float32Type, _, _>(rows))
+    };
+    columns.push(("action".to_owned(), list(&recordings.channels[..7])));
+    columns.push(("observation.state".to_owned(), list(&recordings.channels[7..])));
+    columns
+}
+
+/// The mapping of [`with_lists`].
+pub(super) fn of_lists() -> serde_json::Value {
+    json!({"time": "t", "recording": "arm", "u": ["action"], "q": ["observation.state"]})
+}
+
 #[test]
-fn a_column_of_lists_is_named_with_what_to_do() {
-    let list = ListArray::from_iter_primitive::<Int32Type, _, _>(
-        (0..80).map(|_| Some(vec![Some(1), Some(2)])),
+fn a_column_of_lists_has_all_joints() {
+    let recordings = Recordings::of(&[40, 40, 40]);
+    let spec = spec("parquet", &json!({"columns": of_lists()}));
+    let expected = import(recordings.csv(), &super::spec("csv", &json!({}))).unwrap();
+    for properties in variants() {
+        let file = parquet_of(with_lists(&recordings), properties);
+        assert_eq!(import(file, &spec).unwrap().samples, expected.samples);
+    }
+    let doubles = with_lists(&recordings).into_iter().map(|(name, column)| {
+        let lists = column.as_list_opt::<i32>().map(|lists| {
+            let rows = lists.iter().map(|row| {
+                let row = row.unwrap();
+                let values = row.as_primitive::<Float32Type>().values().to_vec();
+                Some(values.into_iter().map(|value| Some(f64::from(value))).collect::<Vec<_>>())
+            });
+            Arc::new(ListArray::from_iter_primitive::<Float64Type, _, _>(rows)) as ArrayRef
+        });
+        (name, lists.unwrap_or(column))
+    });
+    let file = parquet_of(doubles.collect(), small_pages());
+    assert_eq!(import(file, &spec).unwrap().samples, expected.samples);
+    let mut out_of_range = recordings;
+    out_of_range.channels[9][50] = 7.5;
+    let file = parquet_of(with_lists(&out_of_range), small_pages());
+    check_refused(file, &spec, &["row 51", "column \"observation.state[2]\": 7.5 rad"]);
+}
+
+#[test]
+fn a_list_of_another_length_or_place_is_refused() {
+    let lists = spec("parquet", &json!({"columns": of_lists()}));
+    let file = |change: &dyn Fn(usize) -> Option<Vec<Option<f32>>>| {
+        let mut columns = with_lists(&Recordings::of(&[40, 40]));
+        let rows = (0..80).map(change);
+        columns[2].1 = Arc::new(ListArray::from_iter_primitive::<Float32Type, _, _>(rows));
+        parquet_of(columns, small_pages())
+    };
+    let row = |length: usize| Some(vec![Some(0.5); length]);
+    import(file(&|_| row(7)), &lists).unwrap();
+    let place = "row 58 (counted from 1), column \"action\"";
+    let shorter = file(&|k| row(if k == 57 { 6 } else { 7 }));
+    check_refused(shorter, &lists, &[place, "a list of 6 elements", "7, one for each joint"]);
+    let longer = file(&|_| row(8));
+    check_refused(longer, &lists, &["\"action.list.item\"", "rows of 7 elements"]);
+    let absent = file(&|k| if k == 57 { None } else { row(7) });
+    check_refused(absent, &lists, &[place, "nothing"]);
+    let hole = file(&|k| Some(vec![if k == 57 { None } else { Some(0.5) }; 7]));
+    check_refused(hole, &lists, &[place, "nothing"]);
+
+    let whole = || file(&|_| row(7));
+    let mut elements = lists.clone();
+    elements.columns.u = (0..7).map(|k| format!("action[{k}]")).collect();
+    check_refused(
+        whole(),
+        &elements,
+        &["\"action\" and \"observation.state\" have lists", "[\"action\"]"],
     );
-    let file = with("pos_2", Arc::new(list));
-    let mut elements = spec("parquet", &json!({}));
-    let expected = ["\"pos_2\" has lists", "\"pos_2_1\""];
-    check_refused(file.clone(), &elements, &expected);
-    elements.columns.q[1] = "pos_2[0]".to_owned();
-    check_refused(file, &elements, &expected);
+    elements.columns.u = (1..=7).map(|k| format!("tau_{k}")).collect();
+    elements.columns.u[3] = "action".to_owned();
+    let mut columns = Recordings::of(&[40, 40]).columns();
+    columns.extend(with_lists(&Recordings::of(&[40, 40])).into_iter().skip(2));
+    let both = parquet_of(columns, small_pages());
+    check_refused(both.clone(), &elements, &["\"action\" (columns.u[3]) has lists", "named alone"]);
+    let mut flat = lists;
+    flat.columns.u = vec!["tau_1".to_owned()];
+    check_refused(both, &flat, &["\"tau_1\" (columns.u[0]) is Float32", "lists of 7 numbers"]);
 }
 
 #[test]

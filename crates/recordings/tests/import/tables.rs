@@ -18,7 +18,7 @@ fn trajectories_say_where_they_come_from() {
         dropped_recordings: 1,
         trajectories: 3,
         dropped_samples: 10 + 30 + 10,
-        warnings: Vec::new(),
+        ..ImportCounts::default()
     };
     assert_eq!(counts, expected);
 

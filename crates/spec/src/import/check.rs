@@ -3,7 +3,10 @@
 use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 
-use super::spec::{ImportColumns, ImportRanges, ImportSpec, Resampling, Split};
+use super::spec::{
+    CsvLayout, FileFormat, ImportColumns, ImportRanges, ImportSpec, LowPassHz, McapMessages,
+    Resampling, Split,
+};
 use crate::MAX_POSITION_NOISE_RAD;
 use crate::check::{Check, Violations};
 
@@ -13,10 +16,13 @@ impl Check for ImportSpec {
             violations.part("robot", robot);
         }
         self.check_columns(violations);
+        self.check_csv(violations);
+        self.check_mcap(violations);
         self.check_ranges(violations);
         let noise = 0.0..=MAX_POSITION_NOISE_RAD;
         violations.within("position_noise_rad", self.position_noise_rad, noise);
         violations.within("rate_hz", self.rate_hz, 1.0..=1000.0);
+        self.check_low_pass(violations);
         violations.within("max_gap_s", self.max_gap_s, 0.001..=1.0);
         violations.within("samples", self.samples, 2..=10_000);
         if let Split::Windows { stride } = self.split {
@@ -34,8 +40,10 @@ impl ImportSpec {
         let joints = self.joints();
         let ImportColumns { u, q, qd, .. } = &self.columns;
         let before = violations.count();
+        let has_lists = self.format != FileFormat::Csv;
         for (quantity, names) in [("u", Some(u)), ("q", Some(q)), ("qd", qd.as_ref())] {
-            if let Some(names) = names.filter(|names| names.len() != joints) {
+            let fit = |count: usize| count == joints || (has_lists && count == 1);
+            if let Some(names) = names.filter(|names| !fit(names.len())) {
                 let plural = if names.len() == 1 { "" } else { "s" };
                 let found = format!("{} column{plural}", names.len());
                 let mut allowed = format!("{joints} columns, one for each joint of the robot");
@@ -45,17 +53,69 @@ impl ImportSpec {
                          \"robot\": {\"model\": {...}}",
                     );
                 }
-                if names.len() == 1 {
-                    allowed.push_str(
-                        "; a column of lists cannot be imported yet: write each element as a \
-                         column of its own",
-                    );
+                if has_lists {
+                    allowed.push_str("; or one column of lists");
                 }
                 violations.add(&format!("columns.{quantity}"), found, allowed);
             }
         }
+        self.check_gains(violations);
         if violations.count() == before {
             violations.part("columns", &self.columns);
+        }
+    }
+
+    fn check_gains(&self, violations: &mut Violations) {
+        let Some(gains) = &self.columns.gains else { return };
+        violations.one_per_joint("columns.gains", gains, self.joints());
+        violations.all_within("columns.gains", gains, &(-1e6..=1e6));
+        for (i, _) in gains.iter().enumerate().filter(|(_, gain)| **gain == 0.0) {
+            violations.add(&format!("columns.gains[{i}]"), 0, "a number that is not 0");
+        }
+    }
+
+    fn check_csv(&self, violations: &mut Violations) {
+        let CsvLayout { separator, decimal_comma, .. } = self.csv;
+        if self.csv != CsvLayout::default() && self.format != FileFormat::Csv {
+            let allowed = "only with the format csv";
+            violations.add("csv", format!("given with {}", self.format.as_str()), allowed);
+        }
+        let is_of_numbers = separator.is_ascii_alphanumeric() || ".+-\"\r\n".contains(separator);
+        if !separator.is_ascii() || is_of_numbers {
+            let allowed =
+                "one ASCII character that is no part of a number, such as \";\", \"\\t\" or \" \"";
+            violations.add("csv.separator", format!("{separator:?}"), allowed);
+        }
+        if decimal_comma && separator == ',' {
+            let allowed = "another csv.separator than a comma where numbers have decimal commas";
+            violations.add("csv.decimal_comma", true, allowed);
+        }
+    }
+
+    fn check_mcap(&self, violations: &mut Violations) {
+        if self.mcap != McapMessages::default() && self.format != FileFormat::Mcap {
+            let allowed = "only with the format mcap";
+            violations.add("mcap", format!("given with {}", self.format.as_str()), allowed);
+        }
+        let joints = self.joints();
+        if let Some(names) = self.mcap.joints.as_ref().filter(|names| names.len() != joints) {
+            let allowed = format!("{joints} names, one for each joint of the robot");
+            violations.add("mcap.joints", format!("{} names", names.len()), allowed);
+        }
+    }
+
+    fn check_low_pass(&self, violations: &mut Violations) {
+        let Some(edge) = self.low_pass_hz.and_then(LowPassHz::edge) else { return };
+        violations.within("low_pass_hz", edge, 0.05..=500.0);
+        let rate = self.rate_hz;
+        if edge < rate / 20.0 || edge >= rate / 2.0 {
+            let allowed =
+                format!("{} to below {}, a 20th and a half of rate_hz", rate / 20.0, rate / 2.0);
+            violations.add("low_pass_hz", edge, allowed);
+        }
+        if self.resampling == Resampling::None {
+            let allowed = "left out, or resampling \"linear\", which leaves samples out";
+            violations.add("low_pass_hz", edge, allowed);
         }
     }
 

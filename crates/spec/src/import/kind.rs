@@ -2,7 +2,7 @@
 
 use serde_json::{Map, Value};
 
-use super::spec::ImportSpec;
+use super::spec::{ImportSpec, LowPassHz, defaults};
 use crate::kind::{KindSpec, from_fields};
 use crate::schema::Components;
 use crate::simulate::complete_robot;
@@ -20,6 +20,7 @@ impl KindSpec for ImportSpec {
         if fields.get("robot").is_some_and(|robot| !robot.is_null()) {
             leave_ranges_to_robot(&mut fields);
         }
+        state_low_pass(&mut fields);
         from_fields(fields, found, schemas)
     }
 
@@ -46,5 +47,18 @@ fn leave_ranges_to_robot(fields: &mut Map<String, Value>) {
     let Value::Object(ranges) = ranges else { return };
     for quantity in ["u_nm", "q_rad", "qd_rad_s"] {
         ranges.entry(quantity).or_insert(Value::Null);
+    }
+}
+
+/// States the default of `low_pass_hz`. It is no default of deserialization, because specs that were
+/// stored without the field keep their meaning and their digest.
+fn state_low_pass(fields: &mut Map<String, Value>) {
+    let is_stated = fields.get("low_pass_hz").is_some_and(|edge| !edge.is_null());
+    if is_stated || fields.get("resampling").is_none_or(|resampling| resampling != "linear") {
+        return;
+    }
+    let rate_hz = fields.get("rate_hz").map_or(Some(defaults::rate_hz()), Value::as_f64);
+    if let Some(rate_hz) = rate_hz {
+        fields.insert("low_pass_hz".to_owned(), (LowPassHz::DEFAULT_SHARE * rate_hz).into());
     }
 }

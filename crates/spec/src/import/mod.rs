@@ -6,6 +6,6 @@ mod kind;
 mod spec;
 
 pub use spec::{
-    AngleUnit, FileFormat, ImportColumns, ImportRanges, ImportSpec, ImportUnits, Resampling, Split,
-    TimeUnit,
+    AngleUnit, CsvLayout, FileFormat, ImportColumns, ImportRanges, ImportSpec, ImportUnits,
+    LowPassHz, McapMessages, NoLowPass, Resampling, Split, TimeUnit,
 };

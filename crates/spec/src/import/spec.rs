@@ -19,6 +19,12 @@ pub struct ImportSpec {
     pub format: FileFormat,
     /// The names of its columns.
     pub columns: ImportColumns,
+    /// How the text of a CSV file is written.
+    #[serde(default, skip_serializing_if = "CsvLayout::is_default")]
+    pub csv: CsvLayout,
+    /// Which messages of an MCAP file are rows.
+    #[serde(default, skip_serializing_if = "McapMessages::is_default")]
+    pub mcap: McapMessages,
     /// The recorded arm, with the same fields as in a simulation. Baselines know this about it.
     /// Default: a Panda whose limits are not checked.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -44,6 +50,13 @@ pub struct ImportSpec {
     /// The handling of samples that are not `1 / rate_hz` apart.
     #[serde(default)]
     pub resampling: Resampling,
+    /// Edge of the low-pass that recordings pass before samples are left out, Hz: `rate_hz` / 20 to
+    /// below `rate_hz` / 2, or `"none"`. It shifts nothing in time, and has half the amplitude at
+    /// its edge. Recordings with at most 1.1 times `rate_hz` do not pass it. The default of an
+    /// import that resamples is 0.4 times `rate_hz`. Specs that were stored before this field
+    /// existed lack it, and mean `"none"`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub low_pass_hz: Option<LowPassHz>,
     /// The longest time between two samples that resampling bridges, s. A longer pause in the file
     /// is refused.
     #[serde(default = "defaults::max_gap_s")]
@@ -63,21 +76,27 @@ pub struct ImportSpec {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum FileFormat {
-    /// A Parquet file with flat columns.
+    /// A Parquet file with columns of numbers, or of lists of numbers.
     Parquet,
-    /// Comma-separated values with a header line.
+    /// Comma-separated values, or text as `csv` says.
     Csv,
+    /// NumPy arrays in an archive, as `numpy.savez` writes them.
+    Npz,
+    /// Messages, as ROS 2 records them.
+    Mcap,
 }
 
 impl FileFormat {
-    /// Both formats.
-    pub const ALL: [Self; 2] = [Self::Parquet, Self::Csv];
+    /// All formats.
+    pub const ALL: [Self; 4] = [Self::Parquet, Self::Csv, Self::Npz, Self::Mcap];
 
     /// The word in specs.
     pub const fn as_str(self) -> &'static str {
         match self {
             Self::Parquet => "parquet",
             Self::Csv => "csv",
+            Self::Npz => "npz",
+            Self::Mcap => "mcap",
         }
     }
 
@@ -86,16 +105,18 @@ impl FileFormat {
         match self {
             Self::Parquet => "application/vnd.apache.parquet",
             Self::Csv => "text/csv",
+            Self::Npz => "application/x-npz",
+            Self::Mcap => "application/x-mcap",
         }
     }
 }
 
 /// The columns of the file, by their meaning.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct ImportColumns {
-    /// Time of each sample, which increases within a recording. Without it, rows are 1 / `rate_hz`
-    /// apart.
+    /// Time of each sample, which increases within a recording. Rows that repeat the time of the row
+    /// before are left out and counted. Without this column, rows are 1 / `rate_hz` apart.
     #[serde(default)]
     pub time: Option<String>,
     /// Consecutive rows with the same value are one recording. Without it, the file is one
@@ -103,12 +124,97 @@ pub struct ImportColumns {
     #[serde(default)]
     pub recording: Option<String>,
     /// Torques, one column per joint from the base. `u` at a sample is held until the next one.
+    /// A single name is a column of lists with one element per joint.
     pub u: Vec<String>,
-    /// Positions, one column per joint.
+    /// Positions, one column per joint, or one column of lists.
     pub q: Vec<String>,
-    /// Velocities, one column per joint.
+    /// Velocities, one column per joint, or one column of lists.
     #[serde(default)]
     pub qd: Option<Vec<String>>,
+    /// Torque per unit of the columns `u`, one number per joint, such as N·m per ampere of a motor's
+    /// current. A negative number turns the sign. Default: the columns are torques in N·m.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub gains: Option<Vec<f64>>,
+}
+
+/// How the text of a CSV file is written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct CsvLayout {
+    /// Whether the first line names the columns. Without a header, columns have the names `1`, `2`
+    /// and so on.
+    pub header: bool,
+    /// The character between two values: a comma, a semicolon, a tab, or another one. A space means
+    /// any number of spaces and tabs.
+    pub separator: char,
+    /// Whether numbers have a comma before their decimals.
+    pub decimal_comma: bool,
+}
+
+impl Default for CsvLayout {
+    fn default() -> Self {
+        Self { header: true, separator: ',', decimal_comma: false }
+    }
+}
+
+impl CsvLayout {
+    fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
+/// Which messages of an MCAP file are rows: those of type `sensor_msgs/JointState` on one topic.
+/// Their columns are `stamp`, `log_time`, `publish_time`, and the lists `position`, `velocity` and
+/// `effort`.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, default)]
+pub struct McapMessages {
+    /// The topic. Default: the only one with such messages.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub topic: Option<String>,
+    /// The name of each joint in the messages, from the base outwards. Default: the names in the
+    /// robot's description.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub joints: Option<Vec<String>>,
+}
+
+impl McapMessages {
+    fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
+/// The edge of a low-pass, or none.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(untagged)]
+pub enum LowPassHz {
+    /// The edge, Hz.
+    Edge(f64),
+    /// No low-pass.
+    Word(NoLowPass),
+}
+
+impl LowPassHz {
+    /// The edge by default, as a share of the rate of the samples. Half of the rate may hold
+    /// everything that the samples can. At the edge the amplitude is halved, and at half of the
+    /// rate a seventh is left, which would be folded into the samples.
+    pub const DEFAULT_SHARE: f64 = 0.4;
+
+    /// The edge, Hz; `None` without a low-pass.
+    pub const fn edge(self) -> Option<f64> {
+        match self {
+            Self::Edge(edge) => Some(edge),
+            Self::Word(NoLowPass::None) => None,
+        }
+    }
+}
+
+/// The word for no low-pass.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum NoLowPass {
+    /// Samples are left out as they are.
+    None,
 }
 
 /// The units of the file's numbers. The dataset has s, N·m, rad and rad/s.
@@ -206,7 +312,8 @@ pub enum Resampling {
     #[default]
     None,
     /// Interpolates positions and velocities linearly between two samples, and holds torques.
-    /// Sampling begins anew with each recording.
+    /// Behind a low-pass (`low_pass_hz`), torques are interpolated as well. Sampling begins anew
+    /// with each recording.
     Linear,
 }
 
@@ -240,6 +347,38 @@ impl ImportSpec {
     }
 }
 
+impl ImportSpec {
+    /// The columns with a name for each joint. Those of a column of lists are its elements, such as
+    /// `action[0]`.
+    pub fn joint_columns(&self) -> ImportColumns {
+        let joints = self.joints();
+        let of_joints = |names: &[String]| match names {
+            [lists] if joints > 1 => (0..joints).map(|k| format!("{lists}[{k}]")).collect(),
+            names => names.to_vec(),
+        };
+        let ImportColumns { u, q, qd, .. } = &self.columns;
+        ImportColumns {
+            u: of_joints(u),
+            q: of_joints(q),
+            qd: qd.as_deref().map(of_joints),
+            ..self.columns.clone()
+        }
+    }
+}
+
+impl ImportSpec {
+    /// Whether a quantity, `u`, `q` or `qd`, has one column for all joints.
+    pub fn has_one_column(&self, quantity: &str) -> bool {
+        let names = match quantity {
+            "u" => Some(&self.columns.u),
+            "q" => Some(&self.columns.q),
+            "qd" => self.columns.qd.as_ref(),
+            _ => None,
+        };
+        names.is_some_and(|names| names.len() == 1)
+    }
+}
+
 impl ImportColumns {
     /// Every requested column, with the field that names it.
     pub fn named(&self) -> Vec<(String, &str)> {
@@ -262,7 +401,7 @@ fn is_zero(value: &f64) -> bool {
     *value == 0.0
 }
 
-mod defaults {
+pub(super) mod defaults {
     pub const fn rate_hz() -> f64 {
         60.0
     }

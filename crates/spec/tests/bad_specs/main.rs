@@ -348,6 +348,42 @@ fn an_import_that_uses_a_column_twice_or_in_wrong_units_is_refused() {
     let expected = ["position_noise_rad is 0.2", "0 to 0.1"];
     check_refused(import(), "/position_noise_rad", json!(0.2), &expected);
     check_refused(import(), "/split", json!({"kind": "windows", "stride": 0}), &["split.stride"]);
+
+    let one = json!([1, 1, 1, 1, 1, 1]);
+    check_refused(import(), "/columns/gains", one, &["columns.gains is 6 numbers", "7 numbers"]);
+    let none = json!([1, 1, 0, 1, 1, 1, 1]);
+    check_refused(import(), "/columns/gains", none, &["columns.gains[2] is 0", "not 0"]);
+    check_refused(import(), "/csv", json!({"separator": "5"}), &["csv.separator is '5'", "ASCII"]);
+    check_refused(
+        import(),
+        "/csv",
+        json!({"decimal_comma": true}),
+        &["csv.decimal_comma", "comma"],
+    );
+    let topic = json!({"topic": "/joint_states"});
+    check_refused(
+        import(),
+        "/mcap",
+        topic,
+        &["mcap is given with csv", "only with the format mcap"],
+    );
+    check_refused(import(), "/low_pass_hz", json!(20), &["low_pass_hz is 20", "resampling"]);
+    let linear = || {
+        let mut import = import();
+        import["resampling"] = json!("linear");
+        import["columns"]["time"] = json!("t");
+        import
+    };
+    for edge in [30, 2] {
+        let expected = [&format!("low_pass_hz is {edge}")[..], "3 to below 30"];
+        check_refused(linear(), "/low_pass_hz", json!(edge), &expected);
+    }
+    let mut lists = linear();
+    lists["format"] = json!("parquet");
+    lists["columns"]["q"] = json!(["observation.state"]);
+    spec::parse(lists.to_string().as_bytes()).unwrap();
+    let csv = json!(["observation.state"]);
+    check_refused(linear(), "/columns/q", csv, &["columns.q is 1 column,", "7 columns"]);
 }
 
 #[test]
