@@ -131,7 +131,7 @@ pub enum Command {
     Reindex(reindex::Arguments),
     /// Move a data folder to PostgreSQL and a bucket, or back
     Migrate(copies::MigrateArguments),
-    /// Show, simulate or compute an arm from a URDF or a description, without a server
+    /// Show, simulate or compute an arm from a URDF or a description, and keep it on a server
     Robot(robot::Arguments),
     /// List the presets, or show one
     Presets(presets::Arguments),
@@ -212,6 +212,11 @@ mod tests {
         ("get /v1/checkpoints/{id}/stream", "stream"),
         ("get /v1/evaluations", "evaluations"),
         ("get /v1/evaluations/{id}", "show"),
+        ("get /v1/robots", "robot"),
+        ("post /v1/robots", "robot"),
+        ("get /v1/robots/{id}", "robot"),
+        ("get /v1/robots/{id}/{name}", "robot"),
+        ("delete /v1/robots/{id}", "robot"),
         ("get /v1/workers", "workers"),
         ("post /v1/workers/{name}/drain", "drain"),
         ("post /v1/workers/{name}/undrain", "undrain"),

@@ -8,7 +8,7 @@ use clap::builder::PossibleValuesParser;
 use clap::{Arg, ArgMatches, Args, Command, FromArgMatches};
 use reports::{Align, Table};
 use reqwest::Url;
-use wire::{ListCell, ListColumn, ListPage as _, Listed, Tabled};
+use wire::{List, ListCell, ListColumn, ListPage as _, Listed, Robot, Tabled};
 
 use crate::arguments::{OutputArguments, ServerArguments};
 use crate::progress::measure;
@@ -31,7 +31,7 @@ struct ListArguments {
     #[arg(long = "tag", value_name = "TAG")]
     tags: Vec<String>,
 
-    /// Only those with this text in name or note, ignoring case
+    /// Only those with this text in their name, or in their note, ignoring case
     #[arg(long, value_name = "TEXT")]
     text: Option<String>,
 
@@ -71,7 +71,10 @@ const LONGEST_PAGE: u32 = 500;
 
 impl<T: Listed> Args for Arguments<T> {
     fn augment_args(command: Command) -> Command {
-        ListArguments::augment_args(command.args(declared::<T>()))
+        let command = ListArguments::augment_args(command.args(declared::<T>()));
+        // The server refuses tags in other lists.
+        let hide = |tags: Arg| tags.hide(!T::LIST.has_labels);
+        command.mut_arg("tags", hide)
     }
 
     fn augment_args_for_update(command: Command) -> Command {
@@ -174,25 +177,28 @@ impl<T: Listed> Arguments<T> {
         let Some(cursor) = next else { return };
         let is_sorted = self.declared.iter().any(|(name, _)| *name == "sort");
         match last.filter(|_| !is_sorted && self.list.cursor.is_none()) {
-            Some(last) => println!("older ones: torqued {} --before {last}", T::LIST.name),
+            Some(last) => println!("older ones: torqued {} --before {last}", command(&T::LIST)),
             None => println!("more: the same with --cursor {cursor}"),
         }
     }
 }
 
+/// The command that prints a list.
+fn command(list: &List) -> &'static str {
+    if list.name == Robot::LIST.name { "robot list" } else { list.name }
+}
+
 /// The items of a list as a table.
 fn listed<T: Listed>(items: &[T]) -> String {
     let columns = T::COLUMNS.iter().map(head);
+    let tags = T::LIST.has_labels.then_some(("tags", Align::Left));
     let mut table = Table::new(
-        [("id", Align::Right), ("name", Align::Left)]
-            .into_iter()
-            .chain(columns)
-            .chain([("tags", Align::Left)]),
+        [("id", Align::Right), ("name", Align::Left)].into_iter().chain(columns).chain(tags),
     );
     for item in items {
         let mut row = vec![item.id().to_string(), item.name().to_owned()];
         row.extend(T::COLUMNS.iter().map(|column| shown((column.cell)(item))));
-        row.push(item.tags().join(" "));
+        row.extend(tags.map(|_| item.tags().join(" ")));
         table.push(row);
     }
     table.render()
@@ -238,13 +244,13 @@ mod tests {
     use super::*;
 
     #[derive(Parser)]
-    struct List<T: Listed + Send + Sync> {
+    struct Command<T: Listed + Send + Sync> {
         #[command(flatten)]
         arguments: Arguments<T>,
     }
 
     fn address(flags: &[&str]) -> String {
-        let list = List::<Run>::try_parse_from([&["list"], flags].concat()).unwrap();
+        let list = Command::<Run>::try_parse_from([&["list"], flags].concat()).unwrap();
         list.arguments.address(Some("c+c")).unwrap()
     }
 
@@ -274,14 +280,14 @@ mod tests {
     #[test]
     fn jobs_of_every_kind_can_be_listed() {
         for kind in spec::JobKind::WORDS {
-            assert!(List::<Job>::try_parse_from(["jobs", "--kind", kind]).is_ok());
+            assert!(Command::<Job>::try_parse_from(["jobs", "--kind", kind]).is_ok());
         }
     }
 
     #[test]
     fn an_order_that_a_list_does_not_have_is_refused_with_those_that_it_has() {
-        assert!(List::<Evaluation>::try_parse_from(["list", "--sort", "rmse"]).is_ok());
-        let error = List::<Job>::try_parse_from(["list", "--sort", "rmse"]).err().unwrap();
+        assert!(Command::<Evaluation>::try_parse_from(["list", "--sort", "rmse"]).is_ok());
+        let error = Command::<Job>::try_parse_from(["list", "--sort", "rmse"]).err().unwrap();
         let error = error.to_string();
         assert!(
             error.contains("'rmse' for '--sort <ORDER>': allowed: created, -created,"),

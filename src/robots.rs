@@ -61,9 +61,14 @@ impl Robot {
         self.model.description()
     }
 
+    /// The arm of the URDF, if the robot came from one.
+    pub fn arm(&self) -> Option<&urdf::Arm> {
+        self.urdf.as_ref().map(|urdf| &urdf.arm)
+    }
+
     /// What is allowed in a URDF, but should be known; none for other sources.
     pub fn doubts(&self) -> &[urdf::Doubt] {
-        self.urdf.as_ref().map_or(&[], |urdf| &urdf.arm.doubts)
+        self.arm().map_or(&[], |arm| &arm.doubts)
     }
 }
 
@@ -98,6 +103,24 @@ impl RobotArguments {
             ),
             None => bail!("{} is empty, allowed: a URDF, or a description as JSON", place()),
         }
+    }
+
+    /// The options as parameters of a request.
+    pub fn parameters(&self) -> Vec<(&'static str, String)> {
+        let mut parameters = Vec::new();
+        parameters.extend(self.base.clone().map(|link| ("base", link)));
+        parameters.extend(self.tip.clone().map(|link| ("tip", link)));
+        let locks = self.locks.iter();
+        parameters.extend(locks.map(|(joint, position)| ("lock", format!("{joint}={position}"))));
+        if let Some(BaseDescription { position_m, rpy_deg }) = self.mount {
+            let numbers = [position_m, rpy_deg].concat();
+            let texts: Vec<String> = numbers.iter().map(f64::to_string).collect();
+            parameters.push(("mount", texts.join(",")));
+        }
+        if self.nearest_physical {
+            parameters.push(("nearest_physical", "true".to_owned()));
+        }
+        parameters
     }
 
     /// Whether the robot is on standard input.
@@ -200,32 +223,11 @@ fn described(text: &str) -> anyhow::Result<RobotDescription> {
 }
 
 fn lock(text: &str) -> Result<(String, f64), String> {
-    const ALLOWED: &str =
-        "allowed: JOINT=VALUE, with the position in rad, or in m for a joint that slides";
-
-    // A joint may have any name, and a number has no `=`.
-    let (joint, position) = text.rsplit_once('=').ok_or(ALLOWED)?;
-    let position: f64 = position.trim().parse().map_err(|_| ALLOWED)?;
-    if joint.is_empty() || !position.is_finite() {
-        return Err(ALLOWED.to_owned());
-    }
-    Ok((joint.to_owned(), position))
+    urdf::read_lock(text).map_err(|allowed| format!("allowed: {allowed}"))
 }
 
 fn mount(text: &str) -> Result<BaseDescription, String> {
-    const ALLOWED: &str = "allowed: six numbers X,Y,Z,ROLL,PITCH,YAW, in m and degrees";
-
-    let numbers: Vec<f64> = text
-        .split(',')
-        .map(|number| number.trim().parse())
-        .collect::<Result<_, _>>()
-        .map_err(|_| ALLOWED)?;
-    match numbers[..] {
-        [x, y, z, roll, pitch, yaw] if numbers.iter().all(|number| number.is_finite()) => {
-            Ok(BaseDescription { position_m: [x, y, z], rpy_deg: [roll, pitch, yaw] })
-        }
-        _ => Err(ALLOWED.to_owned()),
-    }
+    urdf::read_mount(text).map_err(|allowed| format!("allowed: {allowed}"))
 }
 
 #[cfg(test)]

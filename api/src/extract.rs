@@ -122,6 +122,33 @@ where
     }
 }
 
+/// A robot: a URDF that is declared as XML, or a description that is declared as JSON.
+pub enum RobotText {
+    /// A URDF.
+    Urdf(Bytes),
+    /// A description.
+    Description(Bytes),
+}
+
+impl<S: Send + Sync> FromRequest<S> for RobotText {
+    type Rejection = ApiError;
+
+    async fn from_request(request: Request, state: &S) -> Result<Self, ApiError> {
+        let declared = declared(request.headers());
+        let is_any = |types: &[&str]| {
+            let essence = declared.as_deref().map(essence);
+            types.iter().any(|known| essence.is_some_and(|found| found.eq_ignore_ascii_case(known)))
+        };
+        if is_any(&["application/xml", "text/xml"]) {
+            return read(request, state, urdf::MAX_BYTES).await.map(Self::Urdf);
+        }
+        if is_any(&[JSON]) {
+            return read(request, state, BODY_BYTES).await.map(Self::Description);
+        }
+        Err(ApiError::RobotType { found: declared })
+    }
+}
+
 /// A body that is declared as a merge patch (RFC 7396) or as JSON.
 pub struct PatchBytes(pub Bytes);
 
@@ -184,13 +211,22 @@ fn unreadable(rejection: BytesRejection, limit: usize) -> ApiError {
     ApiError::Body { reason }
 }
 
+/// The declared media type, with its parameters.
+fn declared(headers: &HeaderMap) -> Option<String> {
+    let declared = headers.get(CONTENT_TYPE)?;
+    Some(String::from_utf8_lossy(declared.as_bytes()).into_owned())
+}
+
+/// The media type without its parameters.
+fn essence(declared: &str) -> &str {
+    declared.split(';').next().unwrap_or("").trim()
+}
+
 fn require_json(headers: &HeaderMap, types: &[&str]) -> Result<(), ApiError> {
-    let found = match headers.get(CONTENT_TYPE) {
-        None => return Err(ApiError::ContentType { found: "of no declared type".to_owned() }),
-        Some(value) => String::from_utf8_lossy(value.as_bytes()).into_owned(),
+    let Some(found) = declared(headers) else {
+        return Err(ApiError::ContentType { found: "of no declared type".to_owned() });
     };
-    let essence = found.split(';').next().unwrap_or("").trim();
-    if types.iter().any(|known| essence.eq_ignore_ascii_case(known)) {
+    if types.iter().any(|known| essence(&found).eq_ignore_ascii_case(known)) {
         return Ok(());
     }
     Err(ApiError::ContentType { found: format!("declared as {found}") })

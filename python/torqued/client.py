@@ -107,6 +107,28 @@ class Client:
     def evaluation(self, evaluation):
         return self.get(f"/v1/evaluations/{evaluation}")
 
+    def robot(self, robot):
+        return self.get(f"/v1/robots/{robot}")
+
+    def add_robot(self, arm, **options):
+        """Keeps a robot on the server and returns it. `arm` is the text of a URDF, or a description as a dict.
+
+        `name` is its name in lists. For a URDF there are also `base`, `tip`, `lock` (a dict of positions by joint),
+        `mount` (six numbers) and `nearest_physical`. A spec names it: `"robot": {"model": {"robot": id}}`.
+        """
+        options = {
+            name: json.dumps(value) if isinstance(value, bool) else value
+            for name, value in options.items()
+            if value is not None
+        }
+        if "lock" in options:
+            options["lock"] = [f"{joint}={at}" for joint, at in options["lock"].items()]
+        if "mount" in options:
+            options["mount"] = ",".join(str(number) for number in options["mount"])
+        if isinstance(arm, dict):
+            return self._json("POST", "/v1/robots", options, arm)
+        return self._json("POST", "/v1/robots", options, arm.encode(), "application/xml")
+
     def metric(self, run, key, points=None):
         """The points of a metric: dicts with `step`, `time` and `value`, at most `points` of them."""
         parameters = {} if points is None else {"points": points}
@@ -156,20 +178,21 @@ class Client:
             )
         return part.replace(path)
 
-    def _json(self, method, path, parameters, body=None):
+    def _json(self, method, path, parameters, body=None, media_type="application/json"):
         if parameters:
-            path = f"{path}?{urllib.parse.urlencode(parameters)}"
-        with self._answer(method, path, body) as answer:
+            path = f"{path}?{urllib.parse.urlencode(parameters, doseq=True)}"
+        with self._answer(method, path, body, media_type) as answer:
             return json.load(answer)
 
-    def _answer(self, method, path, body=None):
-        """The answer to a request. It has a connection of its own, which closes with it."""
+    def _answer(self, method, path, body=None, media_type="application/json"):
+        """The answer to a request. It has a connection of its own, which closes with it. Bytes are sent as they are,
+        and any other body as JSON."""
         headers = {"accept": "application/json, */*;q=0.5", "connection": "close"}
         if self._token:
             headers["authorization"] = f"Bearer {self._token}"
         if body is not None:
-            headers["content-type"] = "application/json"
-            body = json.dumps(body).encode()
+            headers["content-type"] = media_type
+            body = body if isinstance(body, bytes) else json.dumps(body).encode()
         connection = self._connection()
         try:
             connection.request(method, self._base + path, body, headers)

@@ -12,7 +12,7 @@ use reqwest::{Method, RequestBuilder, Response, StatusCode, Url};
 use serde::de::DeserializeOwned;
 use wire::{
     Attempts, Audit, Checkpoint, CreatedToken, Dataset, Evaluation, Job, LabelChange, Logs, Metric,
-    NewToken, Presets, Queue, Task, Tasks, Token, Tokens, Worker, Workers,
+    NewToken, Presets, Queue, Robot, Task, Tasks, Token, Tokens, Worker, Workers,
 };
 
 pub use download::Fetched;
@@ -214,6 +214,23 @@ impl Client {
 
     pub async fn evaluation(&self, id: i64) -> Result<Evaluation, ClientError> {
         self.get(&format!("/v1/evaluations/{id}")).await
+    }
+
+    /// Adds a robot. Returns it, and whether it is new.
+    pub async fn add_robot(
+        &self,
+        media_type: &str,
+        text: String,
+        parameters: &[(&str, String)],
+    ) -> Result<(Robot, bool), ClientError> {
+        let mut address = self.base.clone();
+        address.query_pairs_mut().clear().extend_pairs(parameters);
+        let path = format!("/v1/robots?{}", address.query().unwrap_or_default());
+        let request = self.request(Method::POST, path.trim_end_matches('?'));
+        let response = self.answer(request.header("content-type", media_type).body(text)).await?;
+        let is_new = response.status() == StatusCode::CREATED;
+        let robot = response.text().await.map_err(self.unreachable())?;
+        Ok((self.read(&robot)?, is_new))
     }
 
     /// The report of a run, whose type depends on the kind of its job.

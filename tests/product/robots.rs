@@ -1,11 +1,12 @@
-//! `torqued robot` with URDFs: an arm is shown, drawn, computed, checked and simulated, without a server.
+//! `torqued robot` with URDFs: an arm is shown, drawn, computed, checked and simulated, without a server
+//! and with one that keeps it.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
-use crate::product::{run_to_end, torqued};
+use crate::product::{Product, run_to_end, torqued};
 
 /// An arm of so many equal links that turn about y and x by turns, with a tool that is welded to the last one.
 fn urdf(joints: usize) -> String {
@@ -137,4 +138,61 @@ fn a_check_says_how_many_draws_are_kept_and_which_joints_refuse_others() {
     let shown = robot(&["check", file.to_str().unwrap(), "--trajectories", "60"]);
     let kept = format!("{} of 60 draws kept", survey["kept"]);
     assert!(shown.contains(&kept) && shown.contains("trajectories/s"), "{shown}");
+}
+
+#[tokio::test]
+async fn a_server_keeps_an_arm_that_specs_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let product = Product::start(&folder.path().join("data"));
+    let file = written(folder.path(), "arm.urdf", &urdf(3));
+    let server = ["--server", product.url.as_str()];
+    let with_server = |arguments: &[&str]| robot(&[arguments, &server].concat());
+    let added = with_server(&["add", file.to_str().unwrap(), "--name", "my arm"]);
+    assert!(added.starts_with("robot 1: my arm, 3 joints\n"), "{added}");
+    assert!(added.contains("\"robot\": {\"model\": {\"robot\": 1}}"), "{added}");
+    let again = with_server(&["add", file.to_str().unwrap(), "--json"]);
+    let known: Value = serde_json::from_str(&again).unwrap();
+    assert_eq!((&known["id"], &known["name"]), (&json!(1), &json!("my arm")));
+    let other = ["add", file.to_str().unwrap(), "--lock", "joint2=0.5", "--mount", "0,0,1,180,0,0"];
+    let other = with_server(&other);
+    assert!(
+        other.starts_with("robot 2: chain, 2 joints\n") && other.contains("doubt: "),
+        "{other}"
+    );
+    let listed = with_server(&["list"]);
+    assert!(listed.contains("my arm") && listed.contains("URDF, foot to tool"), "{listed}");
+
+    let simulation = |model: Value| {
+        json!({
+            "kind": "simulate", "trajectories": 4, "samples": 30, "robot": {"model": model},
+            "excitation": {"chirp": {"frequency_hz": {"fixed": 0.3}, "amplitude_nm": [-1, 1]}},
+        })
+    };
+    let named = product.submit(&simulation(json!({"robot": 1}))).await;
+    let named = product.succeeded(named).await;
+    let in_place = product.submit(&simulation(known["description"].clone())).await;
+    assert_eq!(in_place, named["id"], "one digest");
+    let spec = serde_json::to_vec(&simulation(known["description"].clone())).unwrap();
+    assert_eq!(named["digest"], spec::parse(&spec).unwrap().digest().to_string());
+
+    let spec = simulation(json!({"robot": 9})).to_string();
+    let (status, problem) = product.post("/v1/jobs", spec.clone()).await;
+    assert_eq!(status.as_u16(), 422);
+    assert_eq!(problem["violations"][0]["field"], "robot.model.robot");
+    assert_eq!(problem["violations"][0]["allowed"], "the id of a robot, the newest are 2, 1");
+    let spec = written(folder.path(), "simulate.json", &spec);
+    let out = folder.path().join("out");
+    let [spec, out] = [&spec, &out].map(|path| path.to_str().unwrap());
+    let (code, _, errors) = run_to_end(&mut torqued(&["simulate", "--spec", spec, "--out", out]));
+    assert_eq!(code, Some(1));
+    assert!(errors.contains("a robot of a server can only be named in specs"), "{errors}");
+
+    let removed = with_server(&["remove", "1"]);
+    assert!(removed.contains("robot 1 is deleted; jobs keep their copies"), "{removed}");
+    assert_eq!(product.try_get("/v1/robots/1").await.0.as_u16(), 404);
+    let message = refused(&["remove", "1", "--server", product.url.as_str()]);
+    assert!(message.contains("there is no robot 1"), "{message}");
+    let nine = written(folder.path(), "nine.urdf", &urdf(9));
+    let message = refused(&["add", nine.to_str().unwrap(), "--server", product.url.as_str()]);
+    assert!(message.contains("nine.urdf: 9 joints move"), "{message}");
 }

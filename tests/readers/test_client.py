@@ -12,7 +12,9 @@ from product import Server
 # Files whose types the generator does not know are bytes.
 CONFIG = """
 content_type_overrides:
+  application/xml: application/octet-stream
   image/svg+xml: application/octet-stream
+  text/xml: application/octet-stream
   application/vnd.apache.parquet: application/octet-stream
   application/vnd.apache.arrow.stream: application/octet-stream
 post_hooks: []

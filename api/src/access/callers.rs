@@ -56,6 +56,11 @@ pub fn asked_for_a_token() -> bool {
     CALLER.try_with(|caller| caller.name != ANYONE).unwrap_or(true)
 }
 
+/// The name of the present request's caller.
+pub fn caller_name() -> String {
+    CALLER.try_with(|caller| caller.name.clone()).unwrap_or_else(|_| NOBODY.to_owned())
+}
+
 /// Name of the token with which the browser logged in that gets the present page.
 pub fn logged_in_as() -> Option<String> {
     CALLER.try_with(|caller| caller.is_logged_in.then(|| caller.name.clone())).ok().flatten()

@@ -28,7 +28,7 @@ use crate::limits::REQUEST_TIMEOUT;
 use crate::remote::Remote;
 
 pub(crate) use callers::{ANYONE, Access, NOBODY, SERVERS_TOKEN};
-pub use callers::{Caller, asked_for_a_token, logged_in_as};
+pub use callers::{Caller, asked_for_a_token, caller_name, logged_in_as};
 pub use credentials::Credentials;
 pub use scopes::Scopes;
 

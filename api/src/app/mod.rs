@@ -28,6 +28,7 @@ mod questions;
 mod queue;
 mod quota;
 pub mod resources;
+pub mod robots;
 mod runs;
 mod shards;
 pub mod streams;

@@ -1,6 +1,7 @@
 //! Submissions and their outcome for the user. The crate `jobs` turns specs into jobs.
 
 use axum::body::Bytes;
+use jobs::SentSpec;
 use spec::JobSpec;
 use store::{Idempotency, JobId, Labels};
 use wire::Job;
@@ -35,8 +36,18 @@ impl App {
         if let Some(earlier) = jobs::repeated(&self.store, idempotency.as_ref()).await? {
             return self.submitted(earlier).await;
         }
-        let spec = self.checks.run(text.len(), move || Ok(jobs::read(&text)?)).await?;
+        let sent = self.sent(text).await?;
+        let spec = self.checks.run(sent.bytes, move || Ok(sent.parse()?)).await?;
         self.submit_spec(&spec, reuse, idempotency, labels).await
+    }
+
+    /// A spec as it was sent, with the robots of this server that it names.
+    ///
+    /// # Errors
+    /// [`ApiError::Json`] when it is no JSON. [`ApiError::Spec`] when there is no such robot.
+    pub(super) async fn sent(&self, text: Bytes) -> Result<SentSpec, ApiError> {
+        let sent = self.checks.run(text.len(), move || Ok(SentSpec::read(&text)?)).await?;
+        Ok(sent.with_robots(&self.store).await?)
     }
 
     /// Submits the spec of a failed or cancelled job again. Completed parts are not done again: the

@@ -1,7 +1,7 @@
 //! Uploads: files that are sent to become datasets.
 
 use serde_json::{Map, Value};
-use spec::{Digest, FileFormat, ImportSpec, JobSpec, SpecError, read_json};
+use spec::{Digest, FileFormat, ImportSpec, JobSpec, SpecError};
 use store::{Idempotency, Labels, Reuse};
 
 use crate::app::App;
@@ -22,9 +22,9 @@ impl App {
         idempotency_key: Option<String>,
     ) -> Result<Submitted, ApiError> {
         let _place = self.places.upload()?;
-        let (text, format) = (file.spec.clone(), file.format);
-        let read = move || import_spec(&text, format);
-        let (mut spec, claimed) = self.checks.run(file.spec.len(), read).await?;
+        let (sent, format) = (self.sent(file.spec.clone()).await?, file.format);
+        let read = move || import_spec(sent.value, format);
+        let (mut spec, claimed) = self.checks.run(sent.bytes, read).await?;
         let room = self.room().await?;
         let mut writer = self.store.begin_upload().await?;
         while let Some(piece) = file.next().await? {
@@ -52,11 +52,10 @@ impl App {
 /// Reads an import spec. It may leave out `kind`, `file` and, if the media type tells it, `format`.
 /// Returns the digest that it states for the file, which is not in the returned spec.
 fn import_spec(
-    text: &[u8],
+    sent: Value,
     declared: Option<FileFormat>,
 ) -> Result<(ImportSpec, Option<Digest>), ApiError> {
-    let fields: Value = read_json(text).map_err(ApiError::Json)?;
-    let Value::Object(mut fields) = fields else {
+    let Value::Object(mut fields) = sent else {
         return Err(SpecError::one("", "no object", "an import spec, a JSON object").into());
     };
     match fields.get("kind") {
@@ -79,7 +78,7 @@ fn import_spec(
 }
 
 fn parse(fields: Map<String, Value>) -> Result<ImportSpec, ApiError> {
-    match spec::parse(Value::Object(fields).to_string().as_bytes())? {
+    match spec::parse_json(Value::Object(fields))? {
         JobSpec::Import(spec) => Ok(spec),
         other => Err(other_kind(&other.kind().as_str().into())),
     }

@@ -29,6 +29,9 @@ impl ApiError {
             Self::UploadType { .. } => {
                 (S::UNSUPPORTED_MEDIA_TYPE, "content-type", "The body is not declared as a file")
             }
+            Self::RobotType { .. } => {
+                (S::UNSUPPORTED_MEDIA_TYPE, "content-type", "The body is not declared as a robot")
+            }
             Self::BodyTooLarge { .. } => {
                 (S::PAYLOAD_TOO_LARGE, "body-too-large", "The body is too large")
             }
@@ -48,6 +51,7 @@ impl ApiError {
             Self::Body { .. } => (S::BAD_REQUEST, "body", "The body could not be read"),
             Self::Json(_) => (S::BAD_REQUEST, "json", "The body is not JSON"),
             Self::Spec(_) => (S::UNPROCESSABLE_ENTITY, "spec", "The spec is not allowed"),
+            Self::Urdf(_) => (S::UNPROCESSABLE_ENTITY, "urdf", "The URDF is not allowed"),
             Self::Question(_) => {
                 (S::UNPROCESSABLE_ENTITY, "question", "The prediction request is not allowed")
             }

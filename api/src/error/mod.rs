@@ -10,6 +10,7 @@ use jobs::SubmissionError;
 use spec::{JsonFault, SpecError, VALUE_BYTES, cut};
 use store::StoreError;
 use thiserror::Error;
+use urdf::UrdfError;
 use wire::{Dependent, JobState, Problem};
 
 use crate::limits::{BODY_WITHIN, CONCURRENT_UPLOADS, REQUEST_TIMEOUT, STREAMS, UPLOAD_TIMEOUT};
@@ -50,6 +51,15 @@ pub enum ApiError {
     )]
     UploadType { found: Option<String> },
 
+    #[error(
+        "the body is {}; send a URDF with Content-Type: application/xml, or a description of a robot \
+         with Content-Type: application/json",
+        found
+            .as_ref()
+            .map_or("of no declared type".to_owned(), |kind| format!("declared as {kind}"))
+    )]
+    RobotType { found: Option<String> },
+
     #[error("the body is too large, allowed: {limit} bytes")]
     BodyTooLarge { limit: usize },
 
@@ -84,6 +94,9 @@ pub enum ApiError {
 
     #[error("{0}")]
     Spec(SpecError),
+
+    #[error(transparent)]
+    Urdf(#[from] UrdfError),
 
     /// A prediction request, or data that came with it, was refused.
     #[error("{0}")]
@@ -246,7 +259,9 @@ impl ApiError {
     pub fn to_problem(&self) -> Problem {
         let (status, kind, title) = self.kind();
         let (violations, more_violations) = match self {
-            Self::Spec(error) | Self::Question(error) => (error.violations.clone(), error.more),
+            Self::Spec(error)
+            | Self::Question(error)
+            | Self::Urdf(UrdfError::Description(error)) => (error.violations.clone(), error.more),
             _ => (Vec::new(), 0),
         };
         let dependents = match self {

@@ -1,4 +1,4 @@
-//! The lists of datasets, runs, checkpoints and evaluations, each with a filter, orders and pages.
+//! The lists of datasets, runs, checkpoints, evaluations and robots, each with a filter, orders and pages.
 //! Their columns are declared in `wire`.
 
 use askama::Template;

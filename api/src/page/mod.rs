@@ -17,6 +17,7 @@ mod login;
 mod parts;
 mod predictions;
 mod recordings;
+mod robot;
 mod rows;
 mod run;
 mod spec_text;
@@ -31,7 +32,7 @@ use axum::extract::Request;
 use axum::http::HeaderMap;
 use axum::response::{IntoResponse, Response};
 use axum::routing::{MethodRouter, get, post};
-use wire::{Checkpoint, Dataset, Evaluation, ItemKind, Run};
+use wire::{Checkpoint, Dataset, Evaluation, ItemKind, Robot, Run};
 
 use crate::access::{LOGIN, LOGOUT, accepts_html};
 use crate::app::App;
@@ -43,7 +44,7 @@ pub fn routes() -> Router<App> {
 }
 
 /// Every path of the page, with its handler.
-pub fn paths() -> [(&'static str, MethodRouter<App>); 32] {
+pub fn paths() -> [(&'static str, MethodRouter<App>); 35] {
     [
         ("/", get(experiments::show)),
         ("/jobs/{id}", get(job::show).merge(labels::form(ItemKind::Job))),
@@ -58,6 +59,9 @@ pub fn paths() -> [(&'static str, MethodRouter<App>); 32] {
         ("/datasets/{id}/verify", post(dataset::verify)),
         ("/checkpoints", get(lists::show::<Checkpoint>)),
         ("/checkpoints/{id}", get(checkpoint::show).merge(labels::form(ItemKind::Checkpoint))),
+        ("/robots", get(lists::show::<Robot>)),
+        ("/robots/{id}", get(robot::show)),
+        ("/robots/{id}/delete", post(robot::delete)),
         ("/workers", get(workers::show)),
         ("/workers/{name}/drain", post(workers::drain)),
         ("/workers/{name}/undrain", post(workers::undrain)),

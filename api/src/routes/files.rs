@@ -88,6 +88,8 @@ downloads! {
     ArtifactFile or elsewhere:
         "application/json" => any, "image/svg+xml" => text, "text/csv" => text,
         "application/vnd.apache.parquet" => bytes, "application/octet-stream" => bytes;
+    /// A file of a robot.
+    RobotFile: "application/json" => any, "application/xml" => text, "image/svg+xml" => text;
     /// All files of a dataset or a checkpoint.
     TarFile: "application/x-tar" => bytes;
     /// The log of an attempt.

@@ -80,12 +80,16 @@ fn parameters(list: &List) -> Vec<Parameter> {
     if !list.states.is_empty() {
         add("state", "Only items in this state.", one_of(list.states));
     }
-    let about =
-        "Only items with this tag, on the item or on its job. With several tags, with all of them.";
-    add("tag", about, tags());
-    let about = "Only items with this text in the name or the note of the item or of its job, ignoring case. No character is a \
-                 wildcard.";
-    add("text", about, text().min_length(Some(1)).max_length(Some(SEARCH_CHARACTERS)).into());
+    let mut searched = "the name";
+    if list.has_labels {
+        let about = "Only items with this tag, on the item or on its job. With several tags, with all of them.";
+        add("tag", about, tags());
+        searched = "the name or the note of the item or of its job";
+    }
+    let about = format!(
+        "Only items with this text in {searched}, ignoring case. No character is a wildcard."
+    );
+    add("text", &about, text().min_length(Some(1)).max_length(Some(SEARCH_CHARACTERS)).into());
     add("since", "Only items created at this time or later, RFC 3339.", moment());
     add("until", "Only items created before this time, RFC 3339.", moment());
     let about = "The order; `-` before it reverses it. Equal items are sorted by id. `-created` by default.";

@@ -17,6 +17,7 @@ mod presets;
 mod problems;
 mod queue;
 mod resources;
+mod robots;
 mod runs;
 mod tokens;
 mod trajectories;
@@ -59,6 +60,9 @@ pub fn operations() -> OpenApiRouter<App> {
         .routes(routes!(jobs::attempts))
         .routes(routes!(logs::list))
         .routes(routes!(logs::file))
+        .routes(routes!(robots::create))
+        .routes(routes!(robots::file))
+        .routes(routes!(robots::remove))
         .routes(routes!(datasets::create))
         .routes(routes!(datasets::verify))
         .routes(routes!(trajectories::show))

@@ -5,11 +5,12 @@ use serde_json::{Value, json};
 use crate::limits::{HEAD_BYTES, HEAD_FIELDS};
 
 /// Errors that depend only on the operation.
-const OF_OPERATIONS: [(&str, &str, &[u16]); 8] = [
+const OF_OPERATIONS: [(&str, &str, &[u16]); 9] = [
     ("post", "/v1/jobs", &[409, 410, 422, 507]),
     ("post", "/v1/jobs/{id}/retry", &[409, 422, 507]),
     ("post", "/v1/jobs/{id}/cancel", &[409]),
     ("post", "/v1/datasets", &[409, 410, 422, 507]),
+    ("post", "/v1/robots", &[422, 507]),
     ("post", "/v1/datasets/{id}/verify", &[409, 422, 507]),
     ("post", "/v1/checkpoints/{id}/predict", &[422, 501, 507]),
     ("post", "/v1/tokens", &[409, 422]),
@@ -95,7 +96,9 @@ fn meaning(status: u16) -> &'static str {
         413 => "The body is too large",
         415 => "The body has the wrong media type",
         421 => "The server does not have this name",
-        422 => "The spec or prediction request is not allowed; `violations` names every field",
+        422 => {
+            "The spec, robot or prediction request is not allowed; `violations` names every field"
+        }
         426 => "The path needs a WebSocket",
         429 => {
             "Too many requests per second, or too many wrong tokens; `Retry-After` says when to try again"

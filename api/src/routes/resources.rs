@@ -15,7 +15,8 @@ use utoipa::openapi::{
 use utoipa::{IntoParams, IntoResponses, PartialSchema as _, ToSchema};
 use utoipa_axum::router::{OpenApiRouter, UtoipaMethodRouter};
 use wire::{
-    Checkpoint, Dataset, Deleted, Dependents, Evaluation, ItemKind, Job, LabelChange, Restored, Run,
+    Checkpoint, Dataset, Deleted, Dependents, Evaluation, ItemKind, Job, LabelChange, Restored,
+    Robot, Run,
 };
 
 use crate::app::App;
@@ -55,6 +56,7 @@ pub fn add(router: OpenApiRouter<App>) -> OpenApiRouter<App> {
             ItemKind::Checkpoint,
             "Download a file of a checkpoint: weights and optimizer as safetensors, configuration as JSON.",
         )
+        .listed::<Robot>("robots", "Get a robot with its description, its links and its doubts.")
         .listed::<Evaluation>(
             "evaluations",
             "Get an evaluation by the id of its job. It has a `report` when all its cells are evaluated.",

@@ -7,7 +7,7 @@ use axum::http::Method;
 use serde_json::{Value, json};
 
 use crate::fixture::{Server, small_pipeline, small_simulation};
-use crate::{labels, resources, uploads};
+use crate::{labels, resources, robots, uploads};
 
 /// Writes the committed document anew if `UPDATE` is set.
 #[test]
@@ -29,7 +29,7 @@ const PREDICT: &str = "/v1/checkpoints/{id}/predict";
 const STREAM: &str = "/v1/checkpoints/{id}/stream";
 
 /// Every operation, with a request that succeeds.
-const OPERATIONS: [(&str, &str, &str); 69] = [
+const OPERATIONS: [(&str, &str, &str); 74] = [
     ("get", "/healthz", "/healthz"),
     ("get", "/readyz", "/readyz"),
     ("get", "/metrics", "/metrics"),
@@ -90,6 +90,11 @@ const OPERATIONS: [(&str, &str, &str); 69] = [
     ("get", "/v1/checkpoints/{id}/tar", "/v1/checkpoints/1/tar"),
     ("post", PREDICT, "/v1/checkpoints/1/predict"),
     ("get", STREAM, "/v1/checkpoints/1/stream"),
+    ("post", "/v1/robots", "/v1/robots"),
+    ("get", "/v1/robots", "/v1/robots"),
+    ("get", "/v1/robots/{id}", "/v1/robots/1"),
+    ("get", "/v1/robots/{id}/{name}", "/v1/robots/1/arm.urdf"),
+    ("delete", "/v1/robots/{id}", "/v1/robots/1"),
     ("get", "/v1/evaluations", "/v1/evaluations"),
     ("get", "/v1/evaluations/{id}", "/v1/evaluations/4"),
     ("get", "/v1/jobs/{id}/dependents", "/v1/jobs/4/dependents"),
@@ -133,6 +138,7 @@ async fn every_documented_operation_answers_and_every_one_is_listed_here() {
         let answer = match method {
             "post" if path == "/v1/jobs" => server.submit(&small_simulation(8)).await,
             "post" if path == "/v1/datasets" => uploads::send_recordings(&server).await,
+            "post" if path == "/v1/robots" => robots::send_urdf(&server).await,
             "patch" => labels::patch(&server, request, &json!({"tags": ["a"]})).await,
             "delete" | "post" if path.starts_with("/v1/tokens") => continue,
             "post" => server.request(Method::POST, request, &[]).await,

@@ -21,6 +21,7 @@ mod problems;
 mod references;
 mod request_ids;
 mod resources;
+mod robots;
 mod serving;
 mod streams;
 mod submission;

@@ -5,7 +5,7 @@ use serde_json::json;
 use store::NewArtifact;
 
 use crate::fixture::{Server, followed, report, small_pipeline, small_simulation};
-use crate::uploads;
+use crate::{robots, uploads};
 
 async fn page(server: &Server, path: &str) -> String {
     let answer = server.get(path).await;
@@ -19,6 +19,7 @@ async fn page(server: &Server, path: &str) -> String {
 #[tokio::test]
 async fn every_link_of_every_page_leads_on_from_the_page_itself() {
     let server = Server::with_small_pipeline().await;
+    robots::added(&server).await;
     let mut checked = 0;
     for path in [
         "/",
@@ -34,6 +35,8 @@ async fn every_link_of_every_page_leads_on_from_the_page_itself() {
         "/checkpoints/1",
         "/evaluations",
         "/evaluations/4",
+        "/robots",
+        "/robots/1",
         "/workers",
         "/trash",
         "/docs",

@@ -11,16 +11,6 @@ use crate::pipeline::plan_pipeline;
 use crate::plan::plan;
 use crate::references::References;
 
-/// Reads a spec as it was sent. It takes the longer the larger the text is, so an asynchronous
-/// caller gives it a thread that may block.
-///
-/// # Errors
-/// [`SubmissionError::Json`] or [`SubmissionError::Spec`] when it is refused.
-pub fn read(text: &[u8]) -> Result<JobSpec, SubmissionError> {
-    let value = spec::read_json(text).map_err(SubmissionError::Json)?;
-    Ok(spec::parse_json(value)?)
-}
-
 /// The key with a digest of the request. A repeated request has the same digest.
 pub fn idempotency(text: &[u8], reuse: Reuse, key: String) -> Idempotency {
     let request = Digest::of_json(&json!([Digest::of(text), reuse == Reuse::Never]));
@@ -49,7 +39,7 @@ pub async fn retried(store: &Store, id: JobId) -> Result<Retried, SubmissionErro
 }
 
 impl Retried {
-    /// The spec to submit again, like [`read`]. Parts that succeeded are not done again: the jobs
+    /// The spec to submit again, like [`SentSpec::parse`](crate::SentSpec::parse). Parts that succeeded are not done again: the jobs
     /// of a pipeline, and the tasks of kinds that take over tasks.
     ///
     /// # Errors

@@ -1,7 +1,7 @@
 //! A robot as tables: its joints and its links.
 
 use spec::{JointDescription, RobotDescription};
-use wire::Unit;
+use wire::{RobotLink, Unit};
 
 use crate::numbers::value;
 use crate::{Cell, Table, TableOf};
@@ -68,22 +68,8 @@ fn of_joint(get: impl Fn(&JointDescription) -> Option<f64>) -> impl Fn(&Row<'_>)
     move |row| row.joint.and_then(&get).map(number)
 }
 
-/// A body that a joint moves.
-pub struct Link {
-    /// Name of the joint.
-    pub joint: String,
-    /// kg.
-    pub mass_kg: f64,
-    /// Centre of mass in the joint's frame, m.
-    pub center_m: [f64; 3],
-    /// Principal moments of inertia about the centre of mass, kg·m².
-    pub principal_kg_m2: [f64; 3],
-    /// Names of the bodies that it was put together from.
-    pub parts: Vec<String>,
-}
-
 /// The links with their masses, centres and inertias.
-pub fn links(links: &[Link]) -> Table {
+pub fn links(links: &[RobotLink]) -> Table {
     TableOf::new(links)
         .text("moved by", |link| link.joint.as_str())
         .number("mass, kg", |link| number(link.mass_kg))
@@ -150,7 +136,7 @@ mod tests {
 
     #[test]
     fn a_link_has_its_parts_if_they_are_known() {
-        let link = |parts: &[&str]| Link {
+        let link = |parts: &[&str]| RobotLink {
             joint: "hip".to_owned(),
             mass_kg: 1.5,
             center_m: [0.0, -0.0, 0.1],

@@ -160,7 +160,7 @@ pub fn cut(mut text: String, most: usize) -> String {
 }
 
 /// `text` without its middle, if it has more than `most` bytes. The end of a path names the field.
-fn without_middle(text: String, most: usize) -> String {
+pub(crate) fn without_middle(text: String, most: usize) -> String {
     if text.len() <= most {
         return text;
     }

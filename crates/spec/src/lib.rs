@@ -31,6 +31,10 @@
 //! database ids and means the same on every machine, and the digest of a job covers everything
 //! upstream of it, like a Merkle tree.
 //!
+//! A server may keep descriptions of robots. `{"robot": ID}` or `{"digest": HEX}` as a `robot.model`
+//! names one, and the server puts the description in its place before the spec is read
+//! ([`named_robots`]). A digest covers its numbers.
+//!
 //! The digest is SHA-256 over RFC 8785 canonical JSON of the resolved spec without `execution`
 //! (priority, attempts, time limit, resources, moment), which cannot change any result. Labels are
 //! parameters of the request that submits a job, and no part of its spec. An evaluation of all
@@ -112,8 +116,8 @@ pub use reference::{
 pub use resources::Resources;
 pub use robot::{
     AttachedBody, BaseDescription, BodyDescription, BuiltInRobot, HandDescription, InertiaScheme,
-    InitialState, JointDescription, JointFriction, MAX_JOINTS, Randomization, RobotDescription,
-    RobotModel,
+    InitialState, JointDescription, JointFriction, MAX_JOINTS, MAX_ROBOT_REFERENCES, NamedRobot,
+    Randomization, RobotDescription, RobotModel, RobotReference, named_robots,
 };
 pub use schema::{nearest, schemas, shape_violations};
 pub use simulate::{

@@ -3,6 +3,7 @@
 use serde_json::Value;
 
 use crate::check::{Check, Violations};
+use crate::robot::refuse_named_robots;
 use crate::schema::RESOLVED;
 use crate::{JobSpec, SpecError, read_json};
 
@@ -33,11 +34,13 @@ pub fn parse(text: &[u8]) -> Result<JobSpec, SpecError> {
     parse_json(value)
 }
 
-/// Like [`parse`], from JSON that was read.
+/// Like [`parse`], from JSON that was read. A server has put descriptions in the place of the robots
+/// that it keeps ([`crate::named_robots`]).
 ///
 /// # Errors
 /// When the spec is refused.
-pub fn parse_json(value: Value) -> Result<JobSpec, SpecError> {
+pub fn parse_json(mut value: Value) -> Result<JobSpec, SpecError> {
+    refuse_named_robots(&mut value)?;
     let spec = JobSpec::from_json(value, &RESOLVED)?;
     let mut violations = Violations::default();
     spec.check(&mut violations);

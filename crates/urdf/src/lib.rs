@@ -26,6 +26,8 @@
 //! the text of its URDF and leaves all else as it is. [`mjcf`] makes a model for MuJoCo.
 //! `tests/peers/mujoco_models.py` compares both with Pinocchio and MuJoCo.
 //!
+//! [`zero_pose`] and [`links`] show an arm to people.
+//!
 //! # A stranger's text
 //!
 //! Reading takes time and memory in proportion to the text, which has at most 4 MiB; it cannot
@@ -42,9 +44,11 @@ mod error;
 mod frames;
 mod initial;
 mod limits;
+mod looks;
 mod masses;
 mod mujoco;
 mod numbers;
+mod options;
 mod part;
 mod reading;
 mod spans;
@@ -62,7 +66,9 @@ use spec::{
 };
 
 pub use error::UrdfError;
+pub use looks::{links, zero_pose};
 pub use mujoco::mjcf;
+pub use options::{Options, read_lock, read_mount};
 pub use part::{Doubt, Part};
 pub use reading::MAX_BYTES;
 pub use writing::write;
@@ -74,22 +80,6 @@ use limits::Limits;
 use part::Doubts;
 use table::{Axis, Row, Table};
 use tree::Tree;
-
-/// Which arm of a URDF to take, and how.
-#[derive(Clone, Debug, Default)]
-pub struct Options {
-    /// The link that stands. The default is the root.
-    pub base: Option<String>,
-    /// The link with the hand's frame. The default is the end of the chain with the most moving
-    /// joints, if there is only one.
-    pub tip: Option<String>,
-    /// Positions of joints that shall not move, by name, rad or m.
-    pub locks: BTreeMap<String, f64>,
-    /// Whether to take the nearest inertia that a body can have where the URDF's is impossible.
-    pub nearest_physical: bool,
-    /// Pose of the base link in the world, whose z axis points up.
-    pub mount: BaseDescription,
-}
 
 /// An arm from a URDF.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -127,6 +117,11 @@ pub struct ArmBody {
 /// The text is no URDF of an arm that can be described, with the part, its value, what is allowed
 /// and the option that helps.
 pub fn read(text: &str, options: &Options) -> Result<Arm, UrdfError> {
+    if let Some(at) = text.find('\0') {
+        let line = text[..at].matches('\n').count() + 1;
+        let reason = "it has a NUL character, which XML does not allow".to_owned();
+        return Err(UrdfError::NotXml { line, reason });
+    }
     let tree = Tree::new(reading::read(text)?)?;
     let mut doubts = Doubts::default();
     let chain = Chain::new(&tree, options, &mut doubts)?;

@@ -92,6 +92,7 @@ impl Listed for Checkpoint {
         only: None,
         states: &[],
         sorts: &[Sort::Created, Sort::Step, Sort::Rmse],
+        has_labels: true,
     };
 
     type Page = Checkpoints;

@@ -106,6 +106,7 @@ impl Listed for Dataset {
         only: None,
         states: &DatasetState::WORDS,
         sorts: &[Sort::Created, Sort::Name, Sort::Trajectories],
+        has_labels: true,
     };
 
     type Page = Datasets;

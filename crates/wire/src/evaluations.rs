@@ -87,6 +87,7 @@ impl Listed for Evaluation {
         only: Some(JobKind::Evaluate),
         states: &JobState::WORDS,
         sorts: &[Sort::Created, Sort::Finished, Sort::Name, Sort::Priority, Sort::Rmse],
+        has_labels: true,
     };
 
     type Page = Evaluations;

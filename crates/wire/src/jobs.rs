@@ -145,6 +145,7 @@ impl Listed for Job {
         only: None,
         states: &JobState::WORDS,
         sorts: &[Sort::Created, Sort::Finished, Sort::Name, Sort::Priority],
+        has_labels: true,
     };
 
     type Page = Jobs;

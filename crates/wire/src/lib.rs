@@ -34,6 +34,7 @@ mod presets;
 mod problem;
 mod queue;
 mod report;
+mod robots;
 mod runs;
 mod states;
 mod streams;
@@ -68,8 +69,8 @@ pub use imports::ImportCounts;
 pub use jobs::{Job, Member, Progress};
 pub use labels::{LabelChange, TextChange};
 pub use lists::{
-    Checkpoints, Datasets, Evaluations, Jobs, List, ListCell, ListColumn, ListPage, Listed, Runs,
-    Tabled,
+    Checkpoints, Datasets, Evaluations, Jobs, List, ListCell, ListColumn, ListPage, Listed, Robots,
+    Runs, Tabled,
 };
 pub use logs::{LogChunk, Logs, left_out};
 pub use measures::{Measure, Measured, Topic, Unit};
@@ -86,6 +87,7 @@ pub use report::{
     PredictorSummary, Report, RolloutSummary, SamplingInfo, Shift, ShiftDifference, ShiftScores,
     ShiftSummary, TrainedOn, WorstCase, at_noise,
 };
+pub use robots::{RemovedRobot, Robot, RobotLink, RobotUrdf};
 pub use runs::{Artifact, LatestMetric, Metric, MetricPoint, Run};
 pub use states::{
     AttemptOutcome, DatasetState, DeletionChange, EventKind, ItemKind, JobState, PlacementState,

@@ -45,7 +45,7 @@ pub trait ListPage: DeserializeOwned {
 }
 
 /// The list of a resource: its name, its filters and its orders. Every list can also be filtered by
-/// tags, text and time.
+/// text and time.
 #[derive(Debug)]
 pub struct List {
     /// The name in paths, e.g. `runs`.
@@ -61,6 +61,8 @@ pub struct List {
     /// The keys that it can be sorted by. The database's expressions for them are in the store's
     /// statements for lists.
     pub sorts: &'static [Sort],
+    /// Whether items have tags, which the list can be filtered by, and notes.
+    pub has_labels: bool,
 }
 
 /// A column of a table.
@@ -196,4 +198,6 @@ list_pages! {
     Checkpoints { checkpoints: Checkpoint },
     /// A page of evaluations.
     Evaluations { evaluations: Evaluation },
+    /// A page of robots.
+    Robots { robots: Robot },
 }

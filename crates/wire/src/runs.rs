@@ -97,6 +97,7 @@ impl Listed for Run {
         only: None,
         states: &JobState::WORDS,
         sorts: &[Sort::Created, Sort::Finished, Sort::Name, Sort::Rmse],
+        has_labels: true,
     };
 
     type Page = Runs;

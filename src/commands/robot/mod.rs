@@ -1,8 +1,8 @@
-//! Commands about one robot, without a server.
+//! Commands about robots. Those that look at one need no server.
 
 mod check;
-mod drawing;
 mod dynamics;
+mod keep;
 mod reach;
 mod show;
 mod survey;
@@ -10,6 +10,8 @@ mod survey;
 use std::process::ExitCode;
 
 use clap::{Args, Subcommand};
+
+use crate::lists;
 
 #[derive(Debug, Args)]
 pub struct Arguments {
@@ -23,6 +25,12 @@ enum Command {
     Show(show::Arguments),
     /// Simulate an arm and say how many trajectories stay clear of its limits, and why not all do
     Check(check::Arguments),
+    /// Send an arm to a server, which keeps it for specs, and print its id and doubts
+    Add(keep::AddArguments),
+    /// List the robots of a server, newest first
+    List(lists::Arguments<wire::Robot>),
+    /// Delete robots from a server; jobs keep their copies
+    Remove(keep::RemoveArguments),
     /// Compute accelerations, torques of gravity, mass matrix and hand of an arm at given states
     Dynamics(dynamics::Arguments),
 }
@@ -32,5 +40,8 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         Command::Show(arguments) => show::run(&arguments),
         Command::Check(arguments) => check::run(arguments).await,
         Command::Dynamics(arguments) => dynamics::run(&arguments),
+        Command::Add(arguments) => keep::add(arguments).await,
+        Command::List(arguments) => lists::run(arguments).await,
+        Command::Remove(arguments) => keep::remove(arguments).await,
     }
 }

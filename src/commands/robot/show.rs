@@ -4,10 +4,9 @@ use std::process::ExitCode;
 use anyhow::Context;
 use clap::Args;
 use figures::Size;
-use reports::robot::{self, Link};
+use reports::robot;
 use spec::RobotSpec;
 
-use super::drawing;
 use super::reach::reach;
 use crate::output::write_json;
 use crate::progress::measure;
@@ -34,7 +33,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let robot = arguments.robot.read()?;
     let nominal = dynamics::Robot::nominal(&RobotSpec::of(robot.model.clone()));
     if let Some(file) = &arguments.figure {
-        let svg = drawing::zero_pose(&robot, &nominal.kinematics).to_svg(FIGURE_SIZE)?;
+        let svg = urdf::zero_pose(robot.description(), robot.arm()).to_svg(FIGURE_SIZE)?;
         std::fs::write(file, svg).with_context(|| format!("cannot write {}", file.display()))?;
     }
     if arguments.json {
@@ -81,39 +80,10 @@ fn text(robot: &Robot, nominal: &dynamics::Robot) -> String {
         false => "simulated by the general kernels\n",
     };
     text += &format!("\n{}", robot::joints(description).render());
-    text += &format!("\n{}", robot::links(&links(robot, nominal)).render());
+    text += &format!("\n{}", robot::links(&urdf::links(description, robot.arm())).render());
     if !robot.doubts().is_empty() {
         text.push('\n');
     }
     text.extend(robot.doubts().iter().map(|doubt| format!("doubt: {doubt}\n")));
     text
-}
-
-/// The links as they are simulated. The last one carries the hand.
-fn links(robot: &Robot, nominal: &dynamics::Robot) -> Vec<Link> {
-    let description = robot.description();
-    let hand = description.hand.bodies.iter().map(|body| body.name.clone());
-    let mut links: Vec<Link> = nominal
-        .links
-        .iter()
-        .zip(&description.joints)
-        .map(|(link, joint)| Link {
-            joint: joint.name.clone(),
-            mass_kg: link.mass,
-            center_m: link.com,
-            principal_kg_m2: link.principal_moments(),
-            parts: Vec::new(),
-        })
-        .collect();
-    if let Some(urdf) = &robot.urdf {
-        for (link, body) in links.iter_mut().zip(&urdf.arm.bodies) {
-            link.parts = body.links.clone();
-        }
-    }
-    if let Some(last) = links.last_mut()
-        && !description.hand.bodies.is_empty()
-    {
-        last.parts = ["the link".to_owned()].into_iter().chain(hand).collect();
-    }
-    links
 }

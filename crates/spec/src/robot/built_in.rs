@@ -30,7 +30,8 @@ pub struct BuiltInRobot {
     pub description: RobotDescription,
 }
 
-/// The name of a built-in robot, or the description of another one.
+/// The name of a built-in robot, or the description of another one. What is submitted to a server may
+/// also name a robot that the server keeps: `{"robot": ID}` or `{"digest": HEX}`.
 #[derive(Clone, Debug, PartialEq, ToSchema)]
 #[schema(rename_all = "kebab-case")]
 #[serde(untagged)]

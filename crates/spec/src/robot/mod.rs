@@ -4,6 +4,7 @@ mod built_in;
 mod check;
 mod description;
 mod initial_state;
+mod reference;
 
 pub use built_in::{BuiltInRobot, RobotModel};
 pub use description::{
@@ -11,3 +12,5 @@ pub use description::{
     JointDescription, JointFriction, MAX_JOINTS, Randomization, RobotDescription,
 };
 pub use initial_state::InitialState;
+pub(crate) use reference::refuse_named_robots;
+pub use reference::{MAX_ROBOT_REFERENCES, NamedRobot, RobotReference, named_robots};

@@ -27,7 +27,26 @@ pub(super) fn components(resolved: &Components) -> Components {
     add_choices(&mut all, "SubmittedJob", &jobs);
     loosen_stream(&mut all);
     loosen_import(&mut all);
+    name_stored_robots(&mut all);
     all
+}
+
+/// Allows references to the robots that a server keeps.
+fn name_stored_robots(all: &mut Components) {
+    let reference = |name: &str, schema: Value, about: &str| {
+        json!({
+            "type": "object", "description": about, "additionalProperties": false,
+            "properties": {name: schema}, "required": [name],
+        })
+    };
+    if let Some(Value::Array(choices)) = all.get_mut("RobotModel").map(|model| &mut model["oneOf"])
+    {
+        let id = json!({"type": "integer", "format": "int64", "minimum": 1});
+        choices.push(reference("robot", id, "A robot of this server, by its id."));
+        let digest = json!({"type": "string", "pattern": "^[0-9a-fA-F]{64}$"});
+        let about = "A robot of this server, by the digest of its description.";
+        choices.push(reference("digest", digest, about));
+    }
 }
 
 /// Adds `more` choices to a union. They have no tag that identifies them.

@@ -81,6 +81,8 @@ fn texts_that_are_no_urdf() {
     let options = Options::default();
     check("", &options, &["line 1", "no element"]);
     check("hello", &options, &["line 1 is not XML"]);
+    // PostgreSQL keeps no text with a NUL.
+    check("<robot>\n\0</robot>", &options, &["line 2 is not XML", "NUL character"]);
     check("<robot name='a'>\n<link name='b'>\n</robot>", &options, &["line 3 is not XML"]);
     check("<robot name='a'><link name='b'/>", &options, &["ends inside"]);
     check("<robot name='a'/><robot name='b'/>", &options, &["second root"]);
