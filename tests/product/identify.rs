@@ -152,6 +152,9 @@ fn import(product: &Product, folder: &Path) -> [Value; 3] {
         run_to_end(torqued(&["robot", "show", "arm.urdf", "--json"]).current_dir(folder));
     assert_eq!(code, Some(0), "{errors}");
     let arm: Value = serde_json::from_str(&arm).unwrap();
+    let mut add = torqued(&["robot", "add", "arm.urdf", "--server", &product.url]);
+    let (code, _, errors) = run_to_end(add.current_dir(folder));
+    assert_eq!(code, Some(0), "{errors}");
     let spec = json!({
         "kind": "import", "format": "csv", "columns": {"time": "t", "u": ["u1"], "q": ["q1"]},
         "robot": {"model": arm}, "ranges": {"u_nm": [-50, 50]},
@@ -188,7 +191,9 @@ async fn an_identification_is_a_job_that_survives_its_worker() {
         files.map(|file| (file["name"].clone(), file["sha256"].clone())).collect()
     };
     let names: Vec<Value> = digests(&run).into_iter().map(|(name, _)| name).collect();
-    for name in ["report.json", "description.json", "parameters.csv", "arm.xml", "motion.svg"] {
+    for name in
+        ["report.json", "description.json", "parameters.csv", "arm.urdf", "arm.xml", "motion.svg"]
+    {
         assert!(names.contains(&json!(name)), "{names:?}");
     }
     let file = |name: &str| format!("/v1/runs/{}/artifacts/{name}", first["run"]);
@@ -204,12 +209,13 @@ async fn an_identification_is_a_job_that_survives_its_worker() {
     let mass = load.iter().find(|parameter| parameter["name"] == "load_mass").unwrap();
     assert!(mass["value"].as_f64().unwrap() < 0.2, "{mass}");
 
-    // The identified arm is simulated at once.
-    let description = product.get(&file("description.json")).await;
+    // The server keeps the identified arm, and it is simulated at once.
+    let robot = product.get("/v1/robots").await["robots"][0].clone();
+    assert_eq!((&robot["job"], &robot["digest"]), (&first["id"], &report["robot"]), "{robot:#}");
     let simulation = json!({
         "kind": "simulate", "trajectories": 2, "samples": 60,
-        "robot": {"model": description, "friction": {}, "gravity": "on"},
-        "excitation": {"multisine": {}},
+        "robot": {"model": {"robot": robot["id"]}, "friction": {}, "gravity": "on"},
+        "excitation": {"multisine": {"frequency_hz": {"fixed": 0.1}}},
     });
     let simulation = product.submit(&simulation).await;
     product.succeeded(simulation).await;
@@ -231,7 +237,7 @@ async fn an_identification_names_what_does_not_fit() {
     let simulate = |gravity: &str, samples: u32| {
         json!({
             "kind": "simulate", "trajectories": 1, "samples": samples,
-            "robot": {"gravity": gravity}, "excitation": {"chirp": {}},
+            "robot": {"gravity": gravity}, "excitation": {"chirp": {"frequency_hz": {"fixed": 0.2}}},
         })
     };
     let refused = async |spec: Value, said: &str| {

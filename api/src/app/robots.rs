@@ -3,7 +3,7 @@
 use axum::body::Bytes;
 use figures::Size;
 use serde_json::Value;
-use spec::{RobotDescription, SpecError, shape_violations};
+use spec::{Digest, RobotDescription, SpecError, shape_violations};
 use store::{Listing, NewRobot, RobotId, RobotSource, Store, StoreError};
 use urdf::{Arm, Options};
 use wire::{RemovedRobot, Robot, RobotUrdf};
@@ -102,6 +102,11 @@ impl App {
         };
         let added = self.store.add_robot(&new).await?;
         Ok((self.kept_robot(added.id.0).await?, added.created))
+    }
+
+    /// The id of the robot whose description has this digest.
+    pub(crate) async fn robot_with(&self, digest: Digest) -> Result<Option<i64>, ApiError> {
+        Ok(self.store.robot_by_digest(digest).await?.map(|robot| robot.id.0))
     }
 
     pub(crate) async fn kept_robot(&self, id: i64) -> Result<Robot, ApiError> {

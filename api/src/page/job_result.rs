@@ -7,11 +7,13 @@ use wire::{Artifact, ControlReport, IdentificationReport, Job, Warning};
 
 use crate::app::App;
 use crate::error::ApiError;
+use crate::page::parts::Link;
 
 /// Sentences, figures and tables.
 pub struct JobResult {
     pub setting: String,
     pub warnings: Vec<String>,
+    pub links: Vec<Link>,
     pub figures: Vec<FigureLink>,
     pub tables: Vec<Table>,
 }
@@ -60,7 +62,10 @@ impl JobResult {
         let Some(run) = job.run else { return Ok(None) };
         let result = match job.kind {
             JobKind::Control => app.report(run).await?.as_ref().map(Self::of_control),
-            JobKind::Identify => app.report(run).await?.as_ref().map(Self::of_identification),
+            JobKind::Identify => match app.report(run).await? {
+                Some(report) => Some(Self::of_identification(app, &report).await?),
+                None => None,
+            },
             _ => None,
         };
         let Some((result, figures)) = result else { return Ok(None) };
@@ -73,20 +78,27 @@ impl JobResult {
         let result = Self {
             setting: closed_loop::setting(report),
             warnings: Warning::sentences(&report.warnings, report.robots, "robots"),
+            links: Vec::new(),
             figures: Vec::new(),
             tables: closed_loop::tables(report),
         };
         (result, &OF_CONTROL)
     }
 
-    fn of_identification(report: &IdentificationReport) -> (Self, &'static [KnownFigure]) {
+    async fn of_identification(
+        app: &App,
+        report: &IdentificationReport,
+    ) -> Result<(Self, &'static [KnownFigure]), ApiError> {
+        let robot = app.robot_with(report.robot).await?;
+        let link = |robot: i64| Link::new(format!("/robots/{robot}"), "the identified arm");
         let result = Self {
             setting: identification::setting(report),
             warnings: identification::warnings(report),
+            links: robot.into_iter().map(link).collect(),
             figures: Vec::new(),
             tables: identification::tables(report),
         };
-        (result, &OF_IDENTIFICATION)
+        Ok((result, &OF_IDENTIFICATION))
     }
 }
 

@@ -42,7 +42,7 @@ mod tests {
     fn every_dataset_has_to_fit_the_robot_and_the_rate() {
         let data = parse(&json!({
             "kind": "simulate", "trajectories": 2, "robot": {"gravity": "on"},
-            "excitation": {"chirp": {}},
+            "excitation": {"chirp": {"frequency_hz": {"fixed": 0.2}}},
         }));
         let spec = parse(&json!({
             "kind": "identify", "robot": {"model": "panda"},
@@ -57,7 +57,7 @@ mod tests {
         let simulation = |robot: &str, rate_hz: f64| {
             json!({
                 "kind": "simulate", "trajectories": 1, "robot": {"gravity": robot},
-                "excitation": {"chirp": {}}, "rate_hz": rate_hz,
+                "excitation": {"chirp": {"frequency_hz": {"fixed": 0.2}}}, "rate_hz": rate_hz,
             })
         };
         found(simulation("on", 60.0)).unwrap();

@@ -3,11 +3,15 @@
 //! The task of an identify job writes it as `report.json`.
 
 use serde::{Deserialize, Serialize};
+use spec::Digest;
 use utoipa::ToSchema;
 
 /// The result of an identification.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct IdentificationReport {
+    /// The digest of the description that was found. A server keeps the robot, and a spec names it
+    /// by this: `"robot": {"model": {"digest": HEX}}`.
+    pub robot: Digest,
     /// The arm.
     pub arm: ArmReport,
     /// The load in its hand, if recordings with one were given. Its parameters are those of the arm

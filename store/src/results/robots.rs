@@ -7,12 +7,14 @@ use serde_json::Value;
 use spec::{Digest, RobotDescription};
 
 use crate::database::column::json;
+use crate::database::patience::patiently;
 use crate::database::query::{Query, from_row, sql};
 use crate::database::{Scope, Transaction};
 use crate::lists::labels::folded;
 use crate::lists::listing::{FoundRows, LISTING, Listed};
 use crate::lists::statements::listing::{begin_and_order, filter_moments};
-use crate::{JobId, Listing, Page, RobotId, Sort, Store, StoreError, Timestamp, boxed};
+use crate::queue::task_end::Completion;
+use crate::{Fence, JobId, Listing, Page, RobotId, Sort, Store, StoreError, Timestamp, boxed};
 
 macro_rules! select_robot {
     ($rest:expr) => {
@@ -94,6 +96,25 @@ impl Store {
         let added = tx.add_robot(new).await?;
         tx.commit().await?;
         Ok(added)
+    }
+
+    /// Ends the task that identified an arm, and keeps the arm, in one transaction.
+    ///
+    /// # Errors
+    /// [`StoreError::LeaseLost`] when the lease is lost. Nothing has changed then.
+    #[boxed]
+    pub async fn commit_robot(
+        &self,
+        fence: Fence,
+        new: &NewRobot,
+        result: &Value,
+    ) -> Result<(), StoreError> {
+        patiently!({
+            let mut completion =
+                Completion::begin(self, fence, "keeping an identified arm").await?;
+            completion.tx.add_robot(new).await?;
+            completion.end(Some(result)).await
+        })
     }
 
     /// # Errors

@@ -2,7 +2,7 @@
 
 use identification::Identification;
 use serde::Serialize;
-use spec::RobotDescription;
+use spec::{Digest, RobotDescription};
 use thiserror::Error;
 use wire::IdentificationReport;
 
@@ -53,6 +53,7 @@ impl IdentifiedArm<'_> {
     /// The report on the arm and its load.
     pub fn report(&self) -> IdentificationReport {
         IdentificationReport {
+            robot: digest(&self.description()),
             arm: self.found.report.clone(),
             load: self.load.map(|load| load.report.clone()),
         }
@@ -61,6 +62,15 @@ impl IdentifiedArm<'_> {
     /// The description of the arm that was found.
     pub fn description(&self) -> RobotDescription {
         self.found.arm.description(self.described)
+    }
+
+    /// The described URDF with the identified numbers, if the arm came from one.
+    ///
+    /// # Errors
+    /// See [`ArmFileError`].
+    pub(super) fn urdf(&self) -> Result<Option<String>, ArmFileError> {
+        let Some((text, arm)) = self.urdf else { return Ok(None) };
+        Ok(Some(urdf::write(text, arm, &self.description())?))
     }
 
     /// The description, the URDF if the arm came from one, the MuJoCo model, parameters, figures
@@ -83,8 +93,8 @@ impl IdentifiedArm<'_> {
             file("motion.svg", SVG, found.curves.positions_svg()?.into_bytes()),
             file("curves.csv", CSV, found.curves.to_csv().into_bytes()),
         ];
-        if let Some((text, arm)) = urdf {
-            files.push(file("arm.urdf", XML, urdf::write(text, arm, &identified)?.into_bytes()));
+        if let Some(urdf) = self.urdf()? {
+            files.push(file("arm.urdf", XML, urdf.into_bytes()));
         }
         if let Some(load) = self.load {
             let loaded = load.arm.description(self.described);
@@ -94,6 +104,12 @@ impl IdentifiedArm<'_> {
         }
         Ok(files)
     }
+}
+
+/// The digest under which a store keeps a description.
+pub(super) fn digest(description: &RobotDescription) -> Digest {
+    // Numbers and texts can always be written.
+    Digest::of_json(&serde_json::to_value(description).unwrap_or_default())
 }
 
 fn pretty(value: &impl Serialize) -> Result<Vec<u8>, ArmFileError> {

@@ -9,12 +9,14 @@ use std::ops::ControlFlow;
 
 use identification::{Recording, Settings, identify, identify_load};
 use spec::{DataSource, IdentifySpec, RobotDescription, SpecError};
+use store::{NewRobot, RobotSource};
 
 use crate::attempt::Attempt;
 use crate::dataset::DatasetReader;
 use crate::error::TaskError;
 use crate::kinds::KindModule;
 
+use files::digest;
 pub use files::{ArmFile, ArmFileError, IdentifiedArm};
 
 pub(crate) const MODULE: KindModule = KindModule { run, computes_models: false };
@@ -47,15 +49,43 @@ fn run(attempt: &Attempt) -> Result<(), TaskError> {
     };
     attempt.check_stop()?;
 
-    let arm = IdentifiedArm { described, urdf: None, found: &found, load: load.as_ref() };
+    let source = source(attempt, described)?;
+    let urdf = source.as_ref().map(|(source, arm)| (source.urdf.as_str(), arm));
+    let arm = IdentifiedArm { described, urdf, found: &found, load: load.as_ref() };
     let report = arm.report();
-    for warning in reports::identification::warnings(&report) {
+    let warnings = reports::identification::warnings(&report);
+    for warning in &warnings {
         tracing::warn!("{warning}");
     }
     for ArmFile { name, media_type, bytes } in arm.files()? {
         attempt.put(name, media_type, bytes)?;
     }
-    attempt.complete(&report)
+    let options = source.as_ref().map(|(source, _)| source.options.clone());
+    let robot = NewRobot {
+        name: format!("{}, identified", described.name),
+        description: arm.description(),
+        source: arm.urdf()?.zip(options).map(|(urdf, options)| RobotSource { urdf, options }),
+        doubts: warnings,
+        job: Some(attempt.task.job),
+        added_by: None,
+    };
+    let result = serde_json::to_value(&report)?;
+    attempt.end(attempt.store.commit_robot(attempt.fence(), &robot, &result))
+}
+
+/// The URDF of the described arm, if the server keeps the arm and it came as a URDF.
+fn source(
+    attempt: &Attempt,
+    described: &RobotDescription,
+) -> Result<Option<(RobotSource, urdf::Arm)>, TaskError> {
+    let store = &attempt.store;
+    let Some(robot) = attempt.wait(store.robot_by_digest(digest(described)))? else {
+        return Ok(None);
+    };
+    let Some(source) = attempt.wait(store.robot_source(robot.id))? else { return Ok(None) };
+    let options: urdf::Options = serde_json::from_value(source.options.clone())?;
+    let arm = urdf::read(&source.urdf, &options).map_err(ArmFileError::from)?;
+    Ok(Some((source, arm)))
 }
 
 /// Submission has filled in the arm that the data name.
