@@ -30,7 +30,7 @@ type KnownFigure = (&'static str, &'static str, u32);
 const OF_CONTROL: [KnownFigure; 2] = [
     (
         "tracking.svg",
-        "RMS tracking error over time, a line for each controller. The table below holds the means.",
+        "RMS tracking error over time, a line for each controller. The table above holds the means.",
         420,
     ),
     (
@@ -41,20 +41,26 @@ const OF_CONTROL: [KnownFigure; 2] = [
     ),
 ];
 
-const OF_IDENTIFICATION: [KnownFigure; 2] = [
-    (
-        "motion.svg",
-        "Measured positions beside simulations of the described and the identified arm. Each \
-         simulation begins anew every 1.33 s.",
-        900,
-    ),
-    (
-        "torques.svg",
-        "Measured torques beside those that the described and the identified arm need for the \
-         measured motion.",
-        900,
-    ),
-];
+/// Both have a panel for each joint.
+fn of_identification(joints: usize) -> [KnownFigure; 2] {
+    const PANEL: u32 = 260;
+
+    let height = PANEL * u32::try_from(joints).unwrap_or(1);
+    [
+        (
+            "motion.svg",
+            "Measured positions beside simulations of the described and the identified arm. Each \
+             simulation begins anew every 1.33 s.",
+            height,
+        ),
+        (
+            "torques.svg",
+            "Measured torques beside those that the described and the identified arm need for the \
+             measured motion.",
+            height,
+        ),
+    ]
+}
 
 impl JobResult {
     /// `None` for a job without a report, and for kinds that show their results elsewhere.
@@ -74,7 +80,7 @@ impl JobResult {
         Ok(Some(Self { figures: figures.collect(), ..result }))
     }
 
-    fn of_control(report: &ControlReport) -> (Self, &'static [KnownFigure]) {
+    fn of_control(report: &ControlReport) -> (Self, [KnownFigure; 2]) {
         let result = Self {
             setting: closed_loop::setting(report),
             warnings: Warning::sentences(&report.warnings, report.robots, "robots"),
@@ -82,13 +88,13 @@ impl JobResult {
             figures: Vec::new(),
             tables: closed_loop::tables(report),
         };
-        (result, &OF_CONTROL)
+        (result, OF_CONTROL)
     }
 
     async fn of_identification(
         app: &App,
         report: &IdentificationReport,
-    ) -> Result<(Self, &'static [KnownFigure]), ApiError> {
+    ) -> Result<(Self, [KnownFigure; 2]), ApiError> {
         let robot = app.robot_with(report.robot).await?;
         let link = |robot: i64| Link::new(format!("/robots/{robot}"), "the identified arm");
         let result = Self {
@@ -98,7 +104,7 @@ impl JobResult {
             figures: Vec::new(),
             tables: identification::tables(report),
         };
-        Ok((result, &OF_IDENTIFICATION))
+        Ok((result, of_identification(report.arm.torques.len())))
     }
 }
 

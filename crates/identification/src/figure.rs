@@ -55,7 +55,8 @@ impl Curves {
         panels(&title, &Axis::linear("Torque").in_unit("N·m"), &self.torques)
     }
 
-    /// Positions, a panel per joint. The described arm is left out where it leaves the picture.
+    /// Positions, a panel per joint. Lines are left out where they leave the
+    /// picture.
     ///
     /// # Errors
     /// Those of [`figures::stacked`].
@@ -85,13 +86,17 @@ impl Curves {
 }
 
 fn panels(title: &str, y: &Axis, traces: &[Trace]) -> Result<String, FigureError> {
-    const SIZE: Size = Size { width: 900, height: 200 };
+    const SIZE: Size = Size { width: 760, height: 260 };
 
     let panel = |(joint, trace): (usize, &Trace)| {
         let (low, high) = range(&trace.measured);
         let curve = |name: &str, values: &[f64], stroke: Stroke| {
             let points = trace.times_s.iter().zip(values);
-            let points = points.map(|(time, value)| Point::new(*time, value.clamp(low, high)));
+            // A point that is not a number breaks the line.
+            let points = points.map(|(time, value)| {
+                let is_inside = (low..=high).contains(value);
+                Point::new(*time, if is_inside { *value } else { f64::NAN })
+            });
             Curve { name: name.to_owned(), points: points.collect(), mark: Mark::Line, stroke }
         };
         Figure {

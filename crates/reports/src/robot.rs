@@ -41,9 +41,9 @@ pub fn joints(robot: &RobotDescription) -> Table {
     });
     TableOf::new(rows.chain([hand]))
         .text("joint", |row| row.name)
-        .number("a, m", |row| in_place(row.a_m))
-        .number("α, °", |row| in_place(row.alpha_deg))
-        .number("d, m", |row| in_place(row.d_m))
+        .number("length a, m", |row| in_place(row.a_m))
+        .number("twist α, °", |row| in_place(row.alpha_deg))
+        .number("distance d, m", |row| in_place(row.d_m))
         .number("offset, °", |row| {
             Some(row.offset_deg).filter(|offset| *offset != 0.0).map(in_place)
         })
