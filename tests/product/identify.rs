@@ -248,6 +248,7 @@ async fn an_identification_names_what_does_not_fit() {
     let identify = |simulation: Value| {
         json!({
             "kind": "pipeline",
+            "name": "identification",
             "jobs": {
                 "data": simulation,
                 "arm": {"kind": "identify", "data": {"job": "data"}},
