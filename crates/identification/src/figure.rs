@@ -6,22 +6,10 @@ use crate::arm::{Arm, Prior};
 use crate::motion::Motion;
 use crate::rollouts::Windows;
 use crate::torques::Torques;
+use crate::trace::Trace;
 
 /// The longest part of a recording that figures show, s.
 const SHOWN_S: f64 = 20.0;
-
-/// Measured values of a joint, and those of the described and the identified arm.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Trace {
-    /// Times since the recording's beginning, s.
-    pub times_s: Vec<f64>,
-    /// Measured values after the low-pass.
-    pub measured: Vec<f64>,
-    /// The values of the description.
-    pub described: Vec<f64>,
-    /// The values of the identified arm.
-    pub identified: Vec<f64>,
-}
 
 /// The beginning of a recording, up to 20 s: the first of the validation, or else of the fit.
 #[derive(Clone, Debug, PartialEq)]

@@ -30,6 +30,7 @@ mod motion;
 mod normal_equations;
 mod rollouts;
 mod torques;
+mod trace;
 
 pub use arm::{Arm, JointParameter, Parameter};
 pub use error::IdentificationError;
@@ -37,8 +38,9 @@ pub use excitation::{
     Excitation, ExcitationError, ExcitationReport, ExcitationSettings, JointExcitation,
     ParameterPrediction, RandomMotions, excite,
 };
-pub use figure::{Curves, Trace};
+pub use figure::Curves;
 pub use fourier::{Fourier, FourierJoint, MotionState};
 pub use identify::{Identification, Progress, Settings, identify, identify_load};
 pub use motion::Recording;
 pub use rollouts::HORIZONS_S;
+pub use trace::Trace;

@@ -6,9 +6,9 @@ use simd::InstructionSet;
 use spec::{Integrator, Precision};
 
 use crate::arm::Arm;
-use crate::figure::Trace;
 use crate::motion::{Motion, whole};
 use crate::normal_equations::NormalEquations;
+use crate::trace::Trace;
 
 /// How far ahead motions are predicted, s: one step of a controller, half a second, and the horizon
 /// of the paper's study.

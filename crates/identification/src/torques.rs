@@ -4,10 +4,10 @@ use dynamics::{Joints, LINK_PARAMETERS, torque_regressor};
 use nalgebra::{DMatrix, DVector};
 
 use crate::arm::{Arm, JOINT_NUMBERS, NUMBERS};
-use crate::figure::Trace;
 use crate::fourier::MotionState;
 use crate::motion::{Motion, whole};
 use crate::normal_equations::NormalEquations;
+use crate::trace::Trace;
 
 /// Rows of a regression per second of its recordings.
 pub(crate) const ROWS_PER_SECOND: f64 = 25.0;
