@@ -49,6 +49,8 @@ async function failedImport() {
 async function eachPage(options, look) {
   const context = await browser.newContext(options);
   const page = await context.newPage();
+  // The page of the API draws hundreds of operations, which a busy machine takes long for.
+  page.setDefaultTimeout(120_000);
   const found = [];
   for (const [name, path] of Object.entries(pages)) {
     await page.goto(product.url + path);

@@ -166,7 +166,7 @@ fn steps(Arguments { quick, devices, .. }: &Arguments) -> Vec<Vec<Step>> {
             count: Some(counts::cargo_test),
         },
     ];
-    let mut beside = Vec::new();
+    let (mut beside, mut alone) = (Vec::new(), Vec::new());
     if *devices {
         steps.push(Step {
             name: "device tests",
@@ -182,7 +182,7 @@ fn steps(Arguments { quick, devices, .. }: &Arguments) -> Vec<Vec<Step>> {
             count: None,
         });
         steps.push(Step { name: "packages", command: dist(), count: None });
-        // These wait for servers, workers and pages for most of their time.
+        // These wait for servers and workers for most of their time.
         beside.push(Step {
             name: "installed packages",
             command: with_product(installed_packages()),
@@ -196,7 +196,8 @@ fn steps(Arguments { quick, devices, .. }: &Arguments) -> Vec<Vec<Step>> {
             )),
             count: Some(counts::unittest),
         });
-        beside.push(Step {
+        // Its pages have to answer within seconds, so nothing runs beside it.
+        alone.push(Step {
             name: "browser",
             command: with_product(command(
                 "node",
@@ -205,9 +206,9 @@ fn steps(Arguments { quick, devices, .. }: &Arguments) -> Vec<Vec<Step>> {
             count: Some(counts::node),
         });
     }
-    let mut steps: Vec<Vec<Step>> = steps.into_iter().map(|step| vec![step]).collect();
-    steps.extend(Some(beside).filter(|beside| !beside.is_empty()));
-    steps
+    let one_by_one = |steps: Vec<Step>| steps.into_iter().map(|step| vec![step]);
+    let beside = Some(beside).filter(|beside| !beside.is_empty());
+    one_by_one(steps).chain(beside).chain(one_by_one(alone)).collect()
 }
 
 /// The file in which tests report that this machine cannot run them, one line `NAME: REASON` each.
