@@ -25,18 +25,18 @@ pub struct RobotParameters {
     /// A name in one line, for lists. Default: the robot's own.
     #[param(min_length = 1, max_length = 200)]
     name: Option<String>,
-    /// Of a URDF: the link that stands. Default: its root.
+    /// The link of a URDF that stands. Default: its root.
     base: Option<String>,
-    /// Of a URDF: the link with the hand's frame. Default: the end of the chain with the most moving
+    /// The link of a URDF with the hand's frame. Default: the end of the chain with the most moving
     /// joints.
     tip: Option<String>,
-    /// Of a URDF: `JOINT=VALUE`, a joint that shall not move, and its position in rad or m. It may be
+    /// `JOINT=VALUE` for a URDF: a joint that shall not move, and its position in rad or m. It may be
     /// given several times.
     lock: Option<Vec<String>>,
-    /// Of a URDF: `X,Y,Z,ROLL,PITCH,YAW`, the pose of its base in the world in m and degrees. Default:
+    /// `X,Y,Z,ROLL,PITCH,YAW` for a URDF: the pose of its base in the world in m and degrees. Default:
     /// upright at the origin.
     mount: Option<String>,
-    /// Of a URDF: whether to take the nearest inertia that a body can have where the URDF's is
+    /// For a URDF, whether to take the nearest inertia that a body can have where the URDF's is
     /// impossible.
     nearest_physical: Option<bool>,
 }

@@ -62,7 +62,7 @@ impl NominalArm {
     }
 }
 
-/// What a baseline knows of the arms of `data` before it sees a context. Reports call it `told`.
+/// The prior knowledge of a baseline about the arms of `data`. Reports call it `told`.
 ///
 /// `identification` is told how simulated robots differ. Nobody knows that of recordings: there it
 /// assumes the randomization of the arm that their import names, and friction and payload only if

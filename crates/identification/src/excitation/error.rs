@@ -12,7 +12,7 @@ pub enum ExcitationError {
         name: &'static str,
         /// Its value.
         value: f64,
-        /// What is allowed instead.
+        /// The allowed values.
         allowed: String,
     },
     /// A list has another length than the arm has joints.

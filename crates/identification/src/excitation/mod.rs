@@ -60,7 +60,7 @@ const FINER: usize = 10;
 pub struct Excitation {
     /// The motion.
     pub motion: Fourier,
-    /// What it shows, and how it uses the limits.
+    /// The parameters that it shows, and its use of the limits.
     pub report: ExcitationReport,
     arm: Arm,
     linear: DVector<f64>,

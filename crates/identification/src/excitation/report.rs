@@ -1,4 +1,4 @@
-//! What a motion shows, beside random motions.
+//! The report of a motion: the parameters that it shows, beside random motions.
 
 use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
@@ -76,7 +76,7 @@ pub struct RandomMotions {
     pub deviation_to_median: Option<f64>,
 }
 
-/// What a motion shows of an arm, and how it uses the limits.
+/// The report of a motion: the parameters that it shows, and its use of the limits.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct ExcitationReport {
     /// The length of the motion, s.
