@@ -229,6 +229,8 @@ fn nextest_or_cargo_test(quick: bool) -> Command {
             "cargo",
             &["nextest", "run", "--workspace", "--cargo-profile", "release", "--no-fail-fast"],
         );
+        // Examples are benchmarks. Clippy compiles them, and nothing here runs them.
+        command.args(["--lib", "--bins", "--tests"]);
         // The outputs of failed tests then follow the summary, so that they are repeated at the
         // end of the run.
         command.args(["--failure-output", "immediate-final"]);

@@ -1,13 +1,9 @@
 //! Damaged, foreign and newer checkpoints end in an error that says so.
 
-#![expect(clippy::unwrap_used, reason = "a test ends at what it did not expect")]
-
-mod synthetic;
-
+use crate::synthetic::{DATA, batch, train_spec};
 use models::{CheckpointFiles, Device, ModelError, TrainedModel, Trainer};
 use proptest::prelude::*;
 use serde_json::{Value, json};
-use synthetic::{DATA, batch, train_spec};
 
 fn files() -> CheckpointFiles {
     let mut trainer = Trainer::new(&train_spec(), DATA, "digest", &Device::cpu()).unwrap();
@@ -120,7 +116,7 @@ fn impossible_sizes_are_refused() {
 
 /// The files of an untrained Diffuser.
 fn diffuser_files() -> CheckpointFiles {
-    let spec = spec::TrainSpec { model: synthetic::kind("diffuser"), ..train_spec() };
+    let spec = spec::TrainSpec { model: crate::synthetic::kind("diffuser"), ..train_spec() };
     Trainer::new(&spec, DATA, "digest", &Device::cpu()).unwrap().checkpoint().unwrap()
 }
 

@@ -1,17 +1,13 @@
 //! Tests that every architecture must pass.
 
-#![expect(clippy::unwrap_used, reason = "a test ends at what it did not expect")]
-
 mod learning;
 mod sampling;
-#[path = "../synthetic/mod.rs"]
-mod synthetic;
 mod training;
 
+use crate::synthetic::{CONTEXT, DATA, JOINTS, SAMPLES, batch, training_of};
 use models::{Device, TrainedModel, Trainer};
 use series::{Observed, Series};
 use spec::{ModelSpec, TrainSpec};
-use synthetic::{CONTEXT, DATA, JOINTS, SAMPLES, batch, training_of};
 
 const CONTEXT_VALUES: usize = CONTEXT as usize * JOINTS;
 const HORIZON_VALUES: usize = (SAMPLES - CONTEXT) as usize * JOINTS;

@@ -1,14 +1,10 @@
 //! Answers of a trained model, and the data that they may depend on.
 
-#![expect(clippy::unwrap_used, reason = "a test ends at what it did not expect")]
-
-mod synthetic;
-
+use crate::synthetic::{CONTEXT, DATA, SAMPLES, batch, train_spec};
 use models::{Device, ModelError, TrainedModel, Trainer, TrainingData};
 use models::{Statistics, StatisticsAccumulator, ValidationPart};
 use series::{Observed, Series, Shape};
 use spec::{Normalization, TrainSpec};
-use synthetic::{CONTEXT, DATA, SAMPLES, batch, train_spec};
 
 /// Joints of the Panda.
 const JOINTS: usize = 7;

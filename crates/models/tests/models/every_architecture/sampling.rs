@@ -3,10 +3,10 @@
 use models::{Device, ModelError, Sampling, TrainedModel, ValidationPart, WarmStart};
 use spec::{EmaSpec, Lengths, SamplerKind, SamplerSpec, TrainSpec};
 
-use crate::synthetic::{JOINTS, batch, every_kind, kind, training_of};
-use crate::{
+use super::{
     CONTEXT, CONTEXT_VALUES, HORIZON_VALUES, ROW, SAMPLES, briefly_trained, known, train, trainer,
 };
+use crate::synthetic::{JOINTS, batch, every_kind, kind, training_of};
 
 fn generative_kinds() -> impl Iterator<Item = (String, TrainedModel)> {
     every_kind()

@@ -5,8 +5,8 @@ use serde_json::json;
 use series::Series;
 use spec::{DiffuserSpec, Known, ModelSpec, Normalization, TrainSpec};
 
+use super::{CONTEXT_VALUES, HORIZON_VALUES, ROW, briefly_trained, known, train, trainer};
 use crate::synthetic::{JOINTS, batch, every_kind, training_of};
-use crate::{CONTEXT_VALUES, HORIZON_VALUES, ROW, briefly_trained, known, train, trainer};
 
 /// The error of `ValidationReport::rmse_rad` for holding the last position of the context.
 fn hold_last_rmse(batch: &Series) -> f64 {

@@ -1,19 +1,15 @@
 //! A training learns, repeats exactly, resumes exactly and reports failures.
 
-#![expect(clippy::unwrap_used, reason = "a test ends at what it did not expect")]
-
-mod synthetic;
-
 use std::thread;
 use std::time::Duration;
 
+use crate::synthetic::{CONTEXT, DATA, batch, train_spec};
 use models::{
     CheckpointConfig, CheckpointFiles, DataRanges, Device, Interrupt, ModelError,
     StatisticsAccumulator, Trainer, TrainingData, ValidationPart,
 };
 use series::{Series, Shape};
 use spec::{Normalization, OptimizerSpec, TrainSpec};
-use synthetic::{CONTEXT, DATA, batch, train_spec};
 
 fn trainer(spec: &TrainSpec) -> Trainer {
     Trainer::new(spec, DATA, "digest", &Device::cpu()).unwrap()

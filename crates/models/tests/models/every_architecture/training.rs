@@ -4,8 +4,8 @@ use models::{Device, TrainedModel, Trainer, TrainingData, ValidationPart, Valida
 use series::{Series, Shape};
 use spec::{CdtSpec, EmaSpec, Known, ModelSpec, TrainSpec};
 
+use super::{known, train, trainer};
 use crate::synthetic::{CONTEXT, DATA, SAMPLES, batch, every_kind, kind, train_spec, training_of};
-use crate::{known, train, trainer};
 
 /// Torques and positions of an arm with one joint less than the other tests have.
 fn six_joints(robots: usize) -> Series {
