@@ -1,9 +1,10 @@
 //! Damaged, foreign and newer checkpoints end in an error that says so.
 
-use crate::synthetic::{DATA, batch, train_spec};
 use models::{CheckpointFiles, Device, ModelError, TrainedModel, Trainer};
 use proptest::prelude::*;
 use serde_json::{Value, json};
+
+use crate::synthetic::{DATA, batch, kind, train_spec};
 
 fn files() -> CheckpointFiles {
     let mut trainer = Trainer::new(&train_spec(), DATA, "digest", &Device::cpu()).unwrap();
@@ -116,7 +117,7 @@ fn impossible_sizes_are_refused() {
 
 /// The files of an untrained Diffuser.
 fn diffuser_files() -> CheckpointFiles {
-    let spec = spec::TrainSpec { model: crate::synthetic::kind("diffuser"), ..train_spec() };
+    let spec = spec::TrainSpec { model: kind("diffuser"), ..train_spec() };
     Trainer::new(&spec, DATA, "digest", &Device::cpu()).unwrap().checkpoint().unwrap()
 }
 

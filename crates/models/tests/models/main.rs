@@ -1,4 +1,4 @@
-//! What every model must do: learn, predict without a leak, resume, and refuse damaged checkpoints.
+//! Every model learns, predicts without a leak and resumes exactly. Damaged checkpoints are refused.
 
 #![expect(clippy::unwrap_used, reason = "a test ends at what it did not expect")]
 

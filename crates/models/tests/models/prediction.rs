@@ -1,10 +1,11 @@
 //! Answers of a trained model, and the data that they may depend on.
 
-use crate::synthetic::{CONTEXT, DATA, SAMPLES, batch, train_spec};
 use models::{Device, ModelError, TrainedModel, Trainer, TrainingData};
 use models::{Statistics, StatisticsAccumulator, ValidationPart};
 use series::{Observed, Series, Shape};
 use spec::{Normalization, TrainSpec};
+
+use crate::synthetic::{CONTEXT, DATA, SAMPLES, batch, train_spec};
 
 /// Joints of the Panda.
 const JOINTS: usize = 7;

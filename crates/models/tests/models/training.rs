@@ -3,13 +3,14 @@
 use std::thread;
 use std::time::Duration;
 
-use crate::synthetic::{CONTEXT, DATA, batch, train_spec};
 use models::{
     CheckpointConfig, CheckpointFiles, DataRanges, Device, Interrupt, ModelError,
     StatisticsAccumulator, Trainer, TrainingData, ValidationPart,
 };
 use series::{Series, Shape};
 use spec::{Normalization, OptimizerSpec, TrainSpec};
+
+use crate::synthetic::{CONTEXT, DATA, batch, train_spec};
 
 fn trainer(spec: &TrainSpec) -> Trainer {
     Trainer::new(spec, DATA, "digest", &Device::cpu()).unwrap()

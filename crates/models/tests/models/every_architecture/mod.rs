@@ -4,10 +4,11 @@ mod learning;
 mod sampling;
 mod training;
 
-use crate::synthetic::{CONTEXT, DATA, JOINTS, SAMPLES, batch, training_of};
 use models::{Device, TrainedModel, Trainer};
 use series::{Observed, Series};
 use spec::{ModelSpec, TrainSpec};
+
+use crate::synthetic::{CONTEXT, DATA, JOINTS, SAMPLES, batch, training_of};
 
 const CONTEXT_VALUES: usize = CONTEXT as usize * JOINTS;
 const HORIZON_VALUES: usize = (SAMPLES - CONTEXT) as usize * JOINTS;
