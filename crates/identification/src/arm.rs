@@ -83,10 +83,15 @@ pub struct Arm {
 
 /// The description's arm and how far from it an identified arm may be.
 pub(crate) struct Prior {
+    /// What reports call the prior's arm.
+    pub(crate) name: &'static str,
     pub(crate) arm: Arm,
     /// One standard deviation per number; 0 where the number is known.
     pub(crate) deviations: DVector<f64>,
 }
+
+/// What reports call the described arm.
+pub(crate) const DESCRIBED: &str = "description";
 
 /// The speed of the bend of Coulomb friction that a description has, rad/s, if all joints have the
 /// same.
@@ -143,7 +148,8 @@ impl Prior {
             }
         }
         let rated_nm = description.per_joint(|joint| joint.torque_nm);
-        Ok(Self { arm: Arm { nominal, rated_nm, friction_speed_rad_s, numbers }, deviations })
+        let arm = Arm { nominal, rated_nm, friction_speed_rad_s, numbers };
+        Ok(Self { name: DESCRIBED, arm, deviations })
     }
 
     /// An arm that is known but for its offsets, with a load in the hand. Friction depends a little
@@ -165,7 +171,7 @@ impl Prior {
         for (k, deviation) in spread.into_iter().enumerate() {
             deviations[known + k] = deviation;
         }
-        Self { arm: arm.with_numbers(numbers), deviations }
+        Self { name: "load of 1 kg", arm: arm.with_numbers(numbers), deviations }
     }
 }
 

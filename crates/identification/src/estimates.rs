@@ -4,13 +4,12 @@ use dynamics::{LINK_PARAMETERS, RigidBody};
 use nalgebra::{DMatrix, DVector};
 use wire::{ArmReport, Correlation, Directions, ParameterEstimate};
 
-use crate::arm::{Arm, JointParameter, Parameter, Prior};
+use crate::arm::{Arm, DESCRIBED, JointParameter, Parameter, Prior};
 use crate::normal_equations::inverse;
 use crate::rollouts::HORIZONS_S;
 use crate::torques::Torques;
 
-/// Names of predictors.
-pub(crate) const DESCRIBED: &str = "description";
+/// What reports call the identified arm.
 pub(crate) const IDENTIFIED: &str = "identified";
 
 /// The parameters of an arm, as functions of its numbers.

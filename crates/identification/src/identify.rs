@@ -8,7 +8,7 @@ use wire::{ArmReport, HorizonErrors, TorqueResidual};
 
 use crate::IdentificationError;
 use crate::arm::{Arm, Prior, described_friction_speed};
-use crate::estimates::{DESCRIBED, Estimates, IDENTIFIED, doubts};
+use crate::estimates::{Estimates, IDENTIFIED, doubts};
 use crate::figure::Curves;
 use crate::motion::{Motion, Recording};
 use crate::normal_equations::{inverse, minimize};
@@ -85,8 +85,8 @@ pub fn identify(
 }
 
 /// Identifies the load in the hand of an arm that [`identify`] found. All recordings have the same
-/// load and the same rate. The report's last parameters are the load's, and its description is the
-/// arm with a usual load.
+/// load and the same rate. The report's last parameters are the load's, and beside it stands the arm
+/// with a usual load.
 ///
 /// # Errors
 /// See [`IdentificationError`].
@@ -308,7 +308,7 @@ fn errors(motions: &[Motion], prior: &Prior, arm: &Arm) -> Vec<HorizonErrors> {
     let all = [
         ("hold", windows.errors_of_holding()),
         ("constant velocity", windows.errors_of_constant_velocity()),
-        (DESCRIBED, windows.errors(&prior.arm)),
+        (prior.name, windows.errors(&prior.arm)),
         (IDENTIFIED, windows.errors(arm)),
     ];
     all.map(|(predictor, rmse)| HorizonErrors {

@@ -54,7 +54,7 @@ impl Motion {
                 rate_hz: *rate_hz,
                 below_hz: 0.5 * rate_hz,
             })?;
-        let smooth_q = smooth(&filter, q);
+        let smooth_q = filter.apply_to_columns(q);
         let qd = slopes(&smooth_q, *rate_hz);
         let qdd = slopes(&qd, *rate_hz);
         Ok(Self {
@@ -64,7 +64,7 @@ impl Motion {
             q: smooth_q,
             qd,
             qdd,
-            u: smooth(&filter, u),
+            u: filter.apply_to_columns(u),
             recorded_u: u.clone(),
             filter,
         })
@@ -75,7 +75,7 @@ impl Motion {
     pub(crate) fn coulomb(&self, friction_speed_rad_s: f64) -> Vec<Vec<f64>> {
         let sign =
             |row: &Vec<f64>| row.iter().map(|qd| (qd / friction_speed_rad_s).tanh()).collect();
-        smooth(&self.filter, &self.qd.iter().map(sign).collect::<Vec<Vec<f64>>>())
+        self.filter.apply_to_columns(&self.qd.iter().map(sign).collect::<Vec<Vec<f64>>>())
     }
 
     /// The first `seconds`.
@@ -116,18 +116,6 @@ impl Motion {
 )]
 pub(crate) fn whole(number: f64) -> usize {
     number.round().max(0.0) as usize
-}
-
-/// The rows `[sample][joint]` after a low-pass.
-fn smooth(filter: &LowPass, rows: &[Vec<f64>]) -> Vec<Vec<f64>> {
-    let joints = rows.first().map_or(0, Vec::len);
-    let columns: Vec<Vec<f64>> = (0..joints)
-        .map(|joint| {
-            let column: Vec<f64> = rows.iter().map(|row| row[joint]).collect();
-            filter.apply(&column).unwrap_or(column)
-        })
-        .collect();
-    (0..rows.len()).map(|k| columns.iter().map(|column| column[k]).collect()).collect()
 }
 
 /// Central differences; one-sided at the ends.

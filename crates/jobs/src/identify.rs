@@ -19,13 +19,8 @@ impl Kind for IdentifySpec {
     }
 
     fn check_inputs(&self, inputs: &Inputs) -> Result<(), SpecError> {
-        let named = [("validation", &self.validation), ("load", &self.load)];
-        let named = named.into_iter().filter(|(_, source)| source.is_some());
-        let others: Vec<(&str, &DataSpec)> = named
-            .zip(inputs.other_data())
-            .map(|((field, _), found)| (field, &found.spec))
-            .collect();
-        Self::check_inputs(self, &inputs.data()?.spec, &others)
+        let found: Vec<&DataSpec> = inputs.data.iter().map(|found| &found.spec).collect();
+        Self::check_inputs(self, &found)
     }
 }
 
@@ -65,6 +60,15 @@ mod tests {
         assert!(weightless.contains("load") && weightless.contains("gravity"), "{weightless}");
         let faster = found(simulation("on", 100.0)).unwrap_err();
         assert!(faster.contains("100 Hz") && faster.contains("60 Hz"), "{faster}");
+        let listed = parse(&json!({
+            "kind": "identify", "robot": {"model": "panda"},
+            "data": [{"digest": "0".repeat(64)}, {"digest": "1".repeat(64)}],
+        }));
+        let mut inputs = inputs_of(&data);
+        let second = parse(&simulation("on", 100.0));
+        inputs.data.push(FoundData::unmade(second.digest(), DataSpec::of(&second).unwrap()));
+        let error = kind(&listed).unwrap().check_inputs(&inputs).unwrap_err().to_string();
+        assert!(error.contains("data[1] is 100 Hz, allowed: 60 Hz, as data[0] has"), "{error}");
         let one = kind(&spec).unwrap().tasks(&inputs_of(&data)).unwrap();
         assert_eq!((one.len(), one[0].total), (1, 100));
     }

@@ -1,8 +1,8 @@
 //! The report of an identification: its tables, its headline, and its parameters as CSV.
 
 use wire::{
-    ArmReport, Correlation, HorizonErrors, IdentificationReport, ParameterEstimate, TorqueResidual,
-    Unit,
+    ArmReport, Correlation, HorizonErrors, IdentificationReport, LoadReport, ParameterEstimate,
+    TorqueResidual, Unit,
 };
 
 use crate::numbers::{degrees, value};
@@ -17,7 +17,9 @@ pub fn tables(report: &IdentificationReport) -> Vec<Table> {
         errors("Errors on the recordings of the fit, °", arm, &arm.errors),
         torques("Torque that is left on the recordings of the fit, N·m", &arm.torques),
     ];
-    if let Some(load) = &report.load {
+    if report.loads.len() > 1 {
+        tables.push(loads(&report.loads, &arm.horizons_s));
+    } else if let Some(load) = &report.load {
         tables.push(of_load(load));
         tables.push(errors("Errors with the load, °", load, &load.errors));
         tables.push(errors(
@@ -48,10 +50,15 @@ pub fn setting(report: &IdentificationReport) -> String {
 pub fn warnings(report: &IdentificationReport) -> Vec<String> {
     let of_load = report.load.iter().flat_map(|load| &load.warnings);
     let of_load = of_load.map(|warning| format!("with the load: {warning}"));
-    report.arm.warnings.iter().cloned().chain(of_load).collect()
+    let of_others = report.loads.iter().skip(1).flat_map(|load| {
+        load.warnings
+            .iter()
+            .map(|warning| format!("with the load of {}: {warning}", load.recordings))
+    });
+    report.arm.warnings.iter().cloned().chain(of_load).chain(of_others).collect()
 }
 
-/// The error over the longest horizon in one line, and the load's mass.
+/// The error over the longest horizon in one line, and the mass of each load.
 pub fn headline(report: &IdentificationReport) -> String {
     let arm = &report.arm;
     let (errors, on) = if arm.validation_errors.is_empty() {
@@ -71,9 +78,22 @@ pub fn headline(report: &IdentificationReport) -> String {
         shown(last("identified")),
         shown(last("description")),
     );
-    let mass = report.load.iter().flat_map(|load| &load.parameters);
-    if let Some(mass) = mass.into_iter().find(|parameter| parameter.name == "load_mass") {
-        line += &format!("; load {} ± {} kg", value(mass.value), value(mass.deviation));
+    let mut masses: Vec<(f64, f64)> =
+        report.loads.iter().map(|load| (load.mass_kg, load.mass_deviation_kg)).collect();
+    if masses.is_empty() {
+        // A report of an older version.
+        let mass = report.load.iter().flat_map(|load| &load.parameters);
+        let mass = mass.filter(|parameter| parameter.name == "load_mass");
+        masses.extend(mass.map(|mass| (mass.value, mass.deviation)));
+    }
+    let masses: Vec<String> = masses
+        .into_iter()
+        .map(|(mass, deviation)| format!("{} ± {} kg", value(mass), value(deviation)))
+        .collect();
+    match masses.as_slice() {
+        [] => {}
+        [mass] => line += &format!("; load {mass}"),
+        masses => line += &format!("; loads {}", masses.join(", ")),
     }
     line
 }
@@ -130,6 +150,29 @@ fn of_load(load: &ArmReport) -> Table {
         .number("standard deviation", |parameter| number(parameter.deviation))
         .text("unit", |parameter| parameter.unit.clone())
         .titled("Load, in the hand's frame", "")
+}
+
+fn loads(loads: &[LoadReport], horizons_s: &[f64]) -> Table {
+    let table = TableOf::new(loads)
+        .text("recordings", |load| load.recordings.clone())
+        .number("mass, kg", |load| number(load.mass_kg))
+        .number("±", |load| number(load.mass_deviation_kg));
+    let table = ["x", "y", "z"].into_iter().enumerate().fold(table, |table, (axis, name)| {
+        table
+            .number(&format!("centre {name}, m"), move |load| number(load.center_m[axis]))
+            .number("±", move |load| number(load.center_deviation_m[axis]))
+    });
+    let table = horizons_s.iter().enumerate().fold(table, |table, (at, horizon)| {
+        table.number(&format!("{horizon} s, °"), move |load| {
+            let errors = load.errors.iter().find(|errors| errors.predictor == "identified");
+            let error = errors.and_then(|errors| errors.rmse_deg.get(at).copied().flatten());
+            error.map_or_else(|| Cell::Text("diverged".to_owned()), number)
+        })
+    });
+    table.titled(
+        "Loads, in the hand's frame",
+        "±: standard deviation. The last columns: errors of the arm with its load on the load's recordings.",
+    )
 }
 
 fn torques(title: &str, residuals: &[TorqueResidual]) -> Table {

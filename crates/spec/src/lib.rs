@@ -111,7 +111,7 @@ pub use pipeline::{PipelineMember, PipelineSpec};
 pub use preset::{Preset, PresetPlace, presets};
 pub use range::Range;
 pub use reference::{
-    CheckpointRef, DataSource, Product, Reference, Referred, TrainingRef, TrainingStep,
+    CheckpointRef, DataSource, DataSources, Product, Reference, Referred, TrainingRef, TrainingStep,
 };
 pub use resources::Resources;
 pub use robot::{

@@ -25,6 +25,16 @@ pub enum DataSource {
     Stream(Box<SimulateSpec>),
 }
 
+/// A dataset, or a list of datasets.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(untagged)]
+pub enum DataSources {
+    /// Datasets, in this order.
+    Each(Vec<DataSource>),
+    /// A single dataset.
+    One(DataSource),
+}
+
 /// A checkpoint. A stored spec names it by its training's digest, which is also exact with `best`
 /// or a step: the same training makes the same checkpoints.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
@@ -175,6 +185,36 @@ impl Referred<'_> {
             },
             Self::File(_) => {}
         }
+    }
+}
+
+impl DataSources {
+    /// The datasets, in the order of the spec.
+    pub fn each(&self) -> &[DataSource] {
+        match self {
+            Self::One(source) => std::slice::from_ref(source),
+            Self::Each(sources) => sources,
+        }
+    }
+
+    /// The datasets, each with its path in a spec whose field has this name, such as `data[1]`.
+    pub fn in_field(&self, name: &str) -> Vec<(String, &DataSource)> {
+        let path = |at: usize| match self {
+            Self::One(_) => name.to_owned(),
+            Self::Each(_) => format!("{name}[{at}]"),
+        };
+        self.each().iter().enumerate().map(|(at, source)| (path(at), source)).collect()
+    }
+
+    /// References to the datasets, in the same order.
+    pub(crate) fn references(&mut self, name: &str) -> Vec<Reference<'_>> {
+        let fields: Vec<String> = self.in_field(name).into_iter().map(|(field, _)| field).collect();
+        let sources = match self {
+            Self::One(source) => std::slice::from_mut(source),
+            Self::Each(sources) => sources.as_mut_slice(),
+        };
+        let reference = |(field, source)| Reference { field, ..Reference::data(source) };
+        fields.into_iter().zip(sources).map(reference).collect()
     }
 }
 

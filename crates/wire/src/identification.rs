@@ -14,10 +14,32 @@ pub struct IdentificationReport {
     pub robot: Digest,
     /// The arm.
     pub arm: ArmReport,
-    /// The load in its hand, if recordings with one were given. Its parameters are those of the arm
-    /// and then the load's.
+    /// The load in its hand, if recordings with one were given; the first of several. Its
+    /// parameters are those of the arm and then the load's.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub load: Option<ArmReport>,
+    /// Every load.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub loads: Vec<LoadReport>,
+}
+
+/// A load in the hand, in the hand's frame.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct LoadReport {
+    /// The recordings with this load.
+    pub recordings: String,
+    /// Its mass, kg.
+    pub mass_kg: f64,
+    /// Standard deviation of the mass, kg.
+    pub mass_deviation_kg: f64,
+    /// Its centre of mass, m.
+    pub center_m: [f64; 3],
+    /// Standard deviations of the centre, m.
+    pub center_deviation_m: [f64; 3],
+    /// Errors of predictors on its recordings.
+    pub errors: Vec<HorizonErrors>,
+    /// Reasons to doubt the load, one sentence each.
+    pub warnings: Vec<String>,
 }
 
 /// An arm's parameters and how well they explain recordings.
@@ -109,7 +131,8 @@ pub struct TorqueResidual {
 /// joints and windows.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct HorizonErrors {
-    /// `hold`, `constant velocity`, `description` or `identified`.
+    /// `hold`, `constant velocity`, `description` or `identified`; with a load, `load of 1 kg` in
+    /// place of `description`.
     pub predictor: String,
     /// In the order of the report's `horizons_s`, degrees. `None` for a simulation that diverged.
     pub rmse_deg: Vec<Option<f64>>,

@@ -62,8 +62,8 @@ pub use events::{
 pub use headline::{EvaluationResult, Headline, MeanError};
 pub use health::{Health, Readiness};
 pub use identification::{
-    ArmReport, Correlation, Directions, HorizonErrors, IdentificationReport, ParameterEstimate,
-    TorqueResidual,
+    ArmReport, Correlation, Directions, HorizonErrors, IdentificationReport, LoadReport,
+    ParameterEstimate, TorqueResidual,
 };
 pub use imports::ImportCounts;
 pub use jobs::{Job, Member, Progress};

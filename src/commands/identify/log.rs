@@ -258,8 +258,8 @@ impl Log {
             Some(filter) if own_rate_hz > rate_hz => {
                 let dense = self.at_even_times(own_rate_hz);
                 let rows = (0_u32..)
-                    .zip(filtered(&filter, &dense.q))
-                    .zip(filtered(&filter, &dense.u))
+                    .zip(filter.apply_to_columns(&dense.q))
+                    .zip(filter.apply_to_columns(&dense.u))
                     .map(|((sample, q), u)| Row { time_s: f64::from(sample) / own_rate_hz, q, u })
                     .collect();
                 let path = self.path.clone();
@@ -294,18 +294,6 @@ impl Log {
         }
         recording
     }
-}
-
-/// Rows `[sample][column]` after a low-pass.
-fn filtered(filter: &LowPass, rows: &[Vec<f64>]) -> Vec<Vec<f64>> {
-    let columns = rows.first().map_or(0, Vec::len);
-    let columns: Vec<Vec<f64>> = (0..columns)
-        .map(|column| {
-            let values: Vec<f64> = rows.iter().map(|row| row[column]).collect();
-            filter.apply(&values).unwrap_or(values)
-        })
-        .collect();
-    (0..rows.len()).map(|k| columns.iter().map(|column| column[k]).collect()).collect()
 }
 
 #[cfg(test)]

@@ -11,7 +11,7 @@ use anyhow::{Context, ensure};
 use clap::Args;
 use identification::{Recording, Settings, identify, identify_load};
 use log::{Log, LogArguments};
-use worker::{ArmFile, IdentifiedArm};
+use worker::{ArmFile, FoundLoad, IdentifiedArm};
 
 use crate::output::write_json;
 use crate::robots::{RobotArguments, Urdf};
@@ -29,9 +29,13 @@ pub struct Arguments {
     #[arg(long = "validate", value_name = "LOG")]
     validation: Vec<PathBuf>,
 
-    /// A log with a load in the hand, whose mass and centre are identified; may be given several times
+    /// A log with a load in the hand, whose mass and centre are identified; may be given several times, and each log has a load of its own
     #[arg(long = "load", value_name = "LOG")]
     loads: Vec<PathBuf>,
+
+    /// All logs of --load have the same load
+    #[arg(long, requires = "loads")]
+    same_load: bool,
 
     #[command(flatten)]
     columns: LogArguments,
@@ -83,19 +87,26 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let progress = &mut || ControlFlow::Continue(());
     let (fit, validation) = (recordings(&logs), recordings(&validation));
     let found = identify(description, &fit, &validation, &settings, progress)?;
-    let load = match loads.as_slice() {
-        [] => None,
-        loads => Some(identify_load(&found.arm, &recordings(loads), &[], &settings, progress)?),
+    let loads = recordings(&loads);
+    let per_load = if arguments.same_load { loads.len() } else { 1 };
+    let load = |recordings: &[Recording]| -> anyhow::Result<FoundLoad> {
+        let names: Vec<&str> = recordings.iter().map(|log| log.name.as_str()).collect();
+        let found = identify_load(&found.arm, recordings, &[], &settings, &mut || {
+            ControlFlow::Continue(())
+        })?;
+        Ok(FoundLoad { recordings: names.join(", "), found })
     };
+    let loads =
+        loads.chunks(per_load.max(1)).map(load).collect::<anyhow::Result<Vec<FoundLoad>>>()?;
 
     let arm = IdentifiedArm {
         described: description,
         urdf: robot.urdf.as_ref().map(|Urdf { text, arm }| (text.as_str(), arm)),
         found: &found,
-        load: load.as_ref(),
+        loads: &loads,
     };
     for ArmFile { name, bytes, .. } in arm.files()? {
-        let path = arguments.out.join(name);
+        let path = arguments.out.join(&name);
         fs::write(&path, bytes).with_context(|| format!("cannot write {}", path.display()))?;
     }
     let report = arm.report();

@@ -4,7 +4,7 @@ use identification::Identification;
 use serde::Serialize;
 use spec::{Digest, RobotDescription};
 use thiserror::Error;
-use wire::IdentificationReport;
+use wire::{ArmReport, IdentificationReport, LoadReport};
 
 /// Why the files of an identified arm cannot be written.
 #[derive(Debug, Error)]
@@ -20,7 +20,16 @@ pub enum ArmFileError {
     Json(#[from] serde_json::Error),
 }
 
-/// An identified arm, perhaps with a load, and the arm that the search began from.
+/// A load that was found in the hand.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FoundLoad {
+    /// The recordings with this load, for people.
+    pub recordings: String,
+    /// The arm with the load.
+    pub found: Identification,
+}
+
+/// An identified arm, perhaps with loads, and the arm that the search began from.
 #[derive(Clone, Copy, Debug)]
 pub struct IdentifiedArm<'a> {
     /// The described arm.
@@ -29,15 +38,15 @@ pub struct IdentifiedArm<'a> {
     pub urdf: Option<(&'a str, &'a urdf::Arm)>,
     /// The arm that was found.
     pub found: &'a Identification,
-    /// The arm with the load that was found.
-    pub load: Option<&'a Identification>,
+    /// The loads.
+    pub loads: &'a [FoundLoad],
 }
 
 /// A file of an identified arm.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ArmFile {
     /// Its name, such as `arm.urdf`.
-    pub name: &'static str,
+    pub name: String,
     /// Its type, as in `Content-Type`.
     pub media_type: &'static str,
     /// Its content.
@@ -50,12 +59,13 @@ const SVG: &str = "image/svg+xml";
 const XML: &str = "application/xml";
 
 impl IdentifiedArm<'_> {
-    /// The report on the arm and its load.
+    /// The report on the arm and its loads.
     pub fn report(&self) -> IdentificationReport {
         IdentificationReport {
             robot: digest(&self.description()),
             arm: self.found.report.clone(),
-            load: self.load.map(|load| load.report.clone()),
+            load: self.loads.first().map(|load| load.found.report.clone()),
+            loads: self.loads.iter().map(FoundLoad::report).collect(),
         }
     }
 
@@ -74,12 +84,15 @@ impl IdentifiedArm<'_> {
     }
 
     /// The description, the URDF if the arm came from one, the MuJoCo model, parameters, figures
-    /// and the report.
+    /// and the report; for each load the arm with it and its parameters.
     ///
     /// # Errors
     /// See [`ArmFileError`].
     pub fn files(&self) -> Result<Vec<ArmFile>, ArmFileError> {
-        let file = |name, media_type, bytes: Vec<u8>| ArmFile { name, media_type, bytes };
+        let file = |name: &str, media_type, bytes: Vec<u8>| {
+            let name = name.to_owned();
+            ArmFile { name, media_type, bytes }
+        };
         let identified = self.description();
         let Self { found, urdf, .. } = self;
         let mujoco = urdf::mjcf(&identified, urdf.map(|(_, arm)| arm))?;
@@ -96,13 +109,38 @@ impl IdentifiedArm<'_> {
         if let Some(urdf) = self.urdf()? {
             files.push(file("arm.urdf", XML, urdf.into_bytes()));
         }
-        if let Some(load) = self.load {
-            let loaded = load.arm.description(self.described);
-            let parameters = reports::identification::parameters_csv(&load.report);
-            files.push(file("loaded.json", JSON, pretty(&loaded)?));
-            files.push(file("load.csv", CSV, parameters.into_bytes()));
+        for (number, FoundLoad { found, .. }) in (1..).zip(self.loads) {
+            let loaded = found.arm.description(self.described);
+            let parameters = reports::identification::parameters_csv(&found.report);
+            let of = |name: &str, ending: &str| match number {
+                1 => format!("{name}.{ending}"),
+                _ => format!("{name}-{number}.{ending}"),
+            };
+            files.push(file(&of("loaded", "json"), JSON, pretty(&loaded)?));
+            files.push(file(&of("load", "csv"), CSV, parameters.into_bytes()));
         }
         Ok(files)
+    }
+}
+
+impl FoundLoad {
+    fn report(&self) -> LoadReport {
+        let ArmReport { parameters, errors, warnings, .. } = &self.found.report;
+        let of = |name: &str| {
+            let found = parameters.iter().find(|parameter| parameter.name == name);
+            found.map_or((0.0, 0.0), |parameter| (parameter.value, parameter.deviation))
+        };
+        let mass = of("load_mass");
+        let center = ["load_center_x", "load_center_y", "load_center_z"].map(of);
+        LoadReport {
+            recordings: self.recordings.clone(),
+            mass_kg: mass.0,
+            mass_deviation_kg: mass.1,
+            center_m: center.map(|(value, _)| value),
+            center_deviation_m: center.map(|(_, deviation)| deviation),
+            errors: errors.clone(),
+            warnings: warnings.clone(),
+        }
     }
 }
 

@@ -8,7 +8,7 @@ mod files;
 use std::ops::ControlFlow;
 
 use identification::{Recording, Settings, identify, identify_load};
-use spec::{DataSource, IdentifySpec, RobotDescription, SpecError};
+use spec::{DataSource, DataSources, IdentifySpec, RobotDescription, SpecError};
 use store::{NewRobot, RobotSource};
 
 use crate::attempt::Attempt;
@@ -17,22 +17,24 @@ use crate::error::TaskError;
 use crate::kinds::KindModule;
 
 use files::digest;
-pub use files::{ArmFile, ArmFileError, IdentifiedArm};
+pub use files::{ArmFile, ArmFileError, FoundLoad, IdentifiedArm};
 
 pub(crate) const MODULE: KindModule = KindModule { run, computes_models: false };
 
 fn run(attempt: &Attempt) -> Result<(), TaskError> {
     let spec: IdentifySpec = attempt.spec()?;
     let described = described(&spec)?;
-    let fit = recordings(attempt, &spec, &spec.data)?;
-    let of = |source: &Option<DataSource>| -> Result<Vec<Recording>, TaskError> {
-        source.as_ref().map_or(Ok(Vec::new()), |source| recordings(attempt, &spec, source))
+    let of = |field: &str, sources: Option<&DataSources>| match sources {
+        Some(sources) => recordings(attempt, &spec, field, sources),
+        None => Ok(Vec::new()),
     };
-    let (validation, loads) = (of(&spec.validation)?, of(&spec.load)?);
+    let fit = of("data", Some(&spec.data))?.concat();
+    let validation = of("validation", spec.validation.as_ref())?.concat();
+    // Each dataset has a load of its own.
+    let loaded = of("load", spec.load.as_ref())?;
 
     let settings = settings(&spec);
-    let searches = if loads.is_empty() { 1 } else { 2 };
-    let steps = searches * settings.steps();
+    let steps = (1 + loaded.len() as u64) * settings.steps();
     let mut done = 0;
     let mut progress = || -> ControlFlow<()> {
         done += 1;
@@ -41,24 +43,25 @@ fn run(attempt: &Attempt) -> Result<(), TaskError> {
     };
     attempt.progress.say("fits the arm".to_owned());
     let found = identify(described, &fit, &validation, &settings, &mut progress)?;
-    let load = if loads.is_empty() {
-        None
-    } else {
-        attempt.progress.say("fits the load".to_owned());
-        Some(identify_load(&found.arm, &loads, &[], &settings, &mut progress)?)
-    };
+    let fields = spec.load.iter().flat_map(|load| load.in_field("load"));
+    let mut loads = Vec::new();
+    for ((field, _), recordings) in fields.zip(&loaded) {
+        attempt.progress.say(format!("fits the load of {field}"));
+        let load = identify_load(&found.arm, recordings, &[], &settings, &mut progress)?;
+        loads.push(FoundLoad { recordings: field, found: load });
+    }
     attempt.check_stop()?;
 
     let source = source(attempt, described)?;
     let urdf = source.as_ref().map(|(source, arm)| (source.urdf.as_str(), arm));
-    let arm = IdentifiedArm { described, urdf, found: &found, load: load.as_ref() };
+    let arm = IdentifiedArm { described, urdf, found: &found, loads: &loads };
     let report = arm.report();
     let warnings = reports::identification::warnings(&report);
     for warning in &warnings {
         tracing::warn!("{warning}");
     }
     for ArmFile { name, media_type, bytes } in arm.files()? {
-        attempt.put(name, media_type, bytes)?;
+        attempt.put(&name, media_type, bytes)?;
     }
     let options = source.as_ref().map(|(source, _)| source.options.clone());
     let robot = NewRobot {
@@ -102,21 +105,41 @@ fn settings(spec: &IdentifySpec) -> Settings {
     }
 }
 
-/// The trajectories of a dataset, each as a recording.
+/// The trajectories of datasets, each as a recording, `[dataset][recording]`.
 fn recordings(
     attempt: &Attempt,
     spec: &IdentifySpec,
-    source: &DataSource,
-) -> Result<Vec<Recording>, TaskError> {
-    let dataset = DatasetReader::open(attempt, source)?;
-    let used = spec.used(dataset.count());
-    let samples = used * u64::from(dataset.spec.samples());
+    field: &str,
+    sources: &DataSources,
+) -> Result<Vec<Vec<Recording>>, TaskError> {
+    let open = |source: &DataSource| DatasetReader::open(attempt, source);
+    let datasets = sources.each().iter().map(open).collect::<Result<Vec<_>, _>>()?;
+    let used = |dataset: &DatasetReader| spec.used(dataset.count());
+    let trajectories: u64 = datasets.iter().map(used).sum();
+    let samples: u64 =
+        datasets.iter().map(|dataset| used(dataset) * u64::from(dataset.spec.samples())).sum();
     if samples > IdentifySpec::MOST_SAMPLES {
         let most = IdentifySpec::MOST_SAMPLES;
-        let found = format!("{used} trajectories with {samples} samples together");
+        let found =
+            format!("{trajectories} trajectories of {field} with {samples} samples together");
         let allowed = format!("at most {most} samples: use fewer trajectories");
         return Err(SpecError::one("trajectories", found, allowed).into());
     }
+    let paths = sources.in_field(field).into_iter().map(|(path, _)| path);
+    let read = |(dataset, path): (&DatasetReader, String)| {
+        let mut recordings = recordings_of(dataset, used(dataset))?;
+        if datasets.len() > 1 {
+            for recording in &mut recordings {
+                recording.name = format!("{} of {path}", recording.name);
+            }
+        }
+        Ok(recordings)
+    };
+    datasets.iter().zip(paths).map(read).collect()
+}
+
+/// The first trajectories of a dataset, each as a recording.
+fn recordings_of(dataset: &DatasetReader, used: u64) -> Result<Vec<Recording>, TaskError> {
     let names = match dataset.spec.simulation() {
         Some(_) => Vec::new(),
         None => dataset.recordings()?,

@@ -59,6 +59,19 @@ impl LowPass {
         Some(extended[REFLECTED..REFLECTED + series.len()].to_vec())
     }
 
+    /// Filters each column of `rows`, `[sample][column]`. Columns that are not longer than the
+    /// reflection stay as they are.
+    pub fn apply_to_columns(&self, rows: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        let columns = rows.first().map_or(0, Vec::len);
+        let columns: Vec<Vec<f64>> = (0..columns)
+            .map(|column| {
+                let values: Vec<f64> = rows.iter().map(|row| row[column]).collect();
+                self.apply(&values).unwrap_or(values)
+            })
+            .collect();
+        (0..rows.len()).map(|k| columns.iter().map(|column| column[k]).collect()).collect()
+    }
+
     /// Filters forwards, as if the first value had been there for ever.
     fn forwards(&self, series: &mut [f64]) {
         for Section { b0, a1, a2 } in self.sections {
@@ -132,5 +145,7 @@ mod tests {
         assert_eq!(filter.apply(&[]), None);
         assert_eq!(filter.apply(&[1.0; REFLECTED]), None);
         assert!(filter.apply(&[1.0; REFLECTED + 1]).is_some());
+        let rows = vec![vec![1.0, -2.0]; REFLECTED];
+        assert_eq!(filter.apply_to_columns(&rows), rows);
     }
 }
