@@ -67,6 +67,7 @@ mod kind;
 mod merge;
 mod model;
 mod moment;
+mod omitted;
 mod parse;
 mod pipeline;
 mod preset;

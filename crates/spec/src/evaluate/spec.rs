@@ -6,6 +6,7 @@ use utoipa::ToSchema;
 
 use super::predictions::FilePredictions;
 use super::sampler::{EvaluationSampler, Start};
+use crate::omitted::{is_one, is_zero};
 use crate::{CheckpointRef, DataSource, Execution};
 
 /// Default number of windows before the scored one, in which a sampler continues its own
@@ -212,14 +213,6 @@ fn is_noiseless(levels: &[f64]) -> bool {
 
 const fn one() -> u32 {
     1
-}
-
-const fn is_one(value: &u32) -> bool {
-    *value == 1
-}
-
-const fn is_zero(value: &u64) -> bool {
-    *value == 0
 }
 
 impl EvaluateSpec {

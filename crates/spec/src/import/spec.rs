@@ -4,6 +4,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use crate::omitted::is_zero;
 use crate::{Digest, Execution, Range, RobotModel, RobotSpec};
 
 /// Turns an uploaded file into a dataset.
@@ -394,11 +395,6 @@ impl ImportColumns {
         }
         named
     }
-}
-
-#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
-fn is_zero(value: &f64) -> bool {
-    *value == 0.0
 }
 
 pub(super) mod defaults {

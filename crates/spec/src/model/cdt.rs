@@ -9,8 +9,9 @@ use super::loss::PointLoss;
 use super::matmul_precision::MatmulPrecision;
 use super::residual::Residual;
 use super::sampling::Generation;
-use super::sizes::{check_transformer, four, is_one, one};
+use super::sizes::{check_transformer, four, one};
 use crate::check::{Check, Violations};
+use crate::omitted::{is_one, is_zero};
 
 /// Transformer that removes noise from y, given u through an encoder (Chi et al. 2023; the paper's
 /// CDT).
@@ -86,10 +87,6 @@ impl Check for CdtSpec {
             violations.add("d_model", self.d_model, "a multiple of 2, for sine and cosine");
         }
     }
-}
-
-fn is_zero(share: &f64) -> bool {
-    *share == 0.0
 }
 
 impl ArchitectureSpec for CdtSpec {

@@ -49,11 +49,6 @@ pub(super) const fn one() -> u32 {
     1
 }
 
-#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes what it skips by reference")]
-pub(super) const fn is_one(value: &u32) -> bool {
-    *value == 1
-}
-
 pub(super) const fn four() -> u32 {
     4
 }

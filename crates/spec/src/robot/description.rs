@@ -7,6 +7,7 @@ use utoipa::ToSchema;
 
 use super::initial_state::InitialState;
 use crate::Range;
+use crate::omitted::is_zero;
 
 /// The largest number of joints of a robot.
 pub const MAX_JOINTS: usize = 8;
@@ -122,11 +123,6 @@ impl JointDescription {
     pub fn is_shifted(&self) -> bool {
         !is_no_shift(&self.shift_m)
     }
-}
-
-#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
-fn is_zero(value: &f64) -> bool {
-    *value == 0.0
 }
 
 fn is_no_shift(shift_m: &[f64; 3]) -> bool {

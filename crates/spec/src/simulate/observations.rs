@@ -2,6 +2,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use crate::check::{Check, Violations};
+use crate::omitted::is_zero;
 
 /// Additional recorded quantities, besides torques and joint positions, and measurement noise.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -58,9 +59,4 @@ impl Check for Observations {
         violations.within("position_resolution_rad", self.position_resolution_rad, position);
         violations.within("torque_noise_nm", self.torque_noise_nm, 0.0..=MAX_TORQUE_NOISE_NM);
     }
-}
-
-#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
-fn is_zero(value: &f64) -> bool {
-    *value == 0.0
 }

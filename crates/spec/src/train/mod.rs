@@ -41,7 +41,7 @@ pub struct TrainSpec {
     pub batch_size: u32,
     /// Number of parts of a batch that are computed one after the other. Their gradients are added,
     /// so the step is the same up to rounding and needs less memory. Divides `batch_size`.
-    #[serde(default = "defaults::one", skip_serializing_if = "defaults::is_one")]
+    #[serde(default = "defaults::one", skip_serializing_if = "crate::omitted::is_one")]
     pub gradient_accumulation: u32,
     /// Keeps a moving average of the weights, which is evaluated in their place; `null` does not.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -201,13 +201,6 @@ impl Check for EmaSpec {
 mod defaults {
     pub const fn one() -> u32 {
         1
-    }
-    #[expect(
-        clippy::trivially_copy_pass_by_ref,
-        reason = "serde passes what it skips by reference"
-    )]
-    pub const fn is_one(value: &u32) -> bool {
-        *value == 1
     }
     pub const fn context() -> u32 {
         320
