@@ -138,9 +138,11 @@ fn logs_that_do_not_fit_the_arm_are_refused_before_any_work() {
         (&["--time", "zeit"], "there is no column \"zeit\", only t, q1, u1"),
         (&["--low-pass-hz", "70"], "low_pass_hz is 70 Hz, allowed for recording \"one.csv\""),
         (&["--gain-deviation", "2"], "--gain-deviation is 2, allowed: 0 to 1"),
+        (&["--most-delay-s", "1"], "--most-delay-s is 1, allowed: 0 to 0.1"),
+        (&["--same-load"], "--load"),
     ] {
         let (code, _, errors) = identify(folder, flags);
-        assert_eq!(code, Some(1), "{flags:?}");
+        assert!(matches!(code, Some(1 | 2)), "{flags:?}");
         assert!(errors.contains(said), "{errors}");
     }
 }
@@ -228,6 +230,48 @@ async fn an_identification_is_a_job_that_survives_its_worker() {
     let again = product.succeeded(again).await;
     let repeated = product.get(&format!("/v1/runs/{}", again["run"])).await;
     assert_eq!(digests(&repeated), digests(&run));
+}
+
+#[tokio::test]
+async fn several_datasets_are_fitted_together_and_each_has_its_load() {
+    let folder = tempfile::tempdir().unwrap();
+    let data = tempfile::tempdir().unwrap();
+    let product = Product::start(data.path());
+    let [one, two, three] = import(&product, folder.path());
+    let spec = json!({
+        "kind": "identify", "data": [one, two], "validation": [three], "load": [two, three],
+        "motion_steps": 0, "most_delay_s": 0.02,
+    });
+    let job = product.submit(&spec).await;
+    let job = product.succeeded(job).await;
+    let file = |name: &str| format!("/v1/runs/{}/artifacts/{name}", job["run"]);
+    let report = product.get(&file("report.json")).await;
+    let loads = report["loads"].as_array().unwrap();
+    let names: Vec<&Value> = loads.iter().map(|load| &load["recordings"]).collect();
+    assert_eq!(names, ["load[0]", "load[1]"]);
+    for load in loads {
+        assert!(load["mass_kg"].as_f64().unwrap() < 0.2, "{load}");
+    }
+    for name in ["loaded.json", "load.csv", "loaded-2.json", "load-2.csv"] {
+        product.download(&file(name)).await;
+    }
+    // The logs were written without a delay.
+    let parameters = report["arm"]["parameters"].as_array().unwrap();
+    let delay = parameters.iter().find(|parameter| parameter["name"] == "delay").unwrap();
+    assert!(delay["value"].as_f64().unwrap().abs() < 0.001, "{delay}");
+
+    let page = product.download(&format!("/jobs/{}", job["id"])).await;
+    let page = String::from_utf8(page).unwrap();
+    assert!(page.contains("Loads, in the hand") && page.contains("load[1]"), "{page}");
+
+    // One dataset and a list of this one have the same result, in the file's bytes, too.
+    let found = async |data: Value| {
+        let job =
+            product.submit(&json!({"kind": "identify", "data": data, "motion_steps": 0})).await;
+        let job = product.succeeded(job).await;
+        product.get(&format!("/v1/runs/{}/artifacts/description.json", job["run"])).await
+    };
+    assert_eq!(found(one.clone()).await, found(json!([one])).await);
 }
 
 #[tokio::test]

@@ -78,6 +78,9 @@ pub struct Arm {
     /// The speed at which Coulomb friction is 76 % of its final value, rad/s:
     /// τ = τ_c tanh(q̇ / speed).
     pub(crate) friction_speed_rad_s: f64,
+    /// How late torques are recorded against positions, s. Without it, simulations hold the torque of
+    /// a sample until the next; with it, the torque of half a sample later.
+    pub(crate) delay_s: Option<f64>,
     pub(crate) numbers: DVector<f64>,
 }
 
@@ -148,8 +151,23 @@ impl Prior {
             }
         }
         let rated_nm = description.per_joint(|joint| joint.torque_nm);
-        let arm = Arm { nominal, rated_nm, friction_speed_rad_s, numbers };
+        let arm = Arm { nominal, rated_nm, friction_speed_rad_s, delay_s: None, numbers };
         Ok(Self { name: DESCRIBED, arm, deviations })
+    }
+
+    /// The same arm, whose torques are recorded this much later than its positions, s.
+    pub(crate) fn late_by(&self, delay_s: f64) -> Self {
+        let arm = Arm { delay_s: Some(delay_s), ..self.arm.clone() };
+        Self { arm, deviations: self.deviations.clone(), ..*self }
+    }
+
+    /// ½ Σ ((numbers − the prior's) / deviations)².
+    pub(crate) fn distance(&self, numbers: &DVector<f64>) -> f64 {
+        let distances =
+            (numbers - &self.arm.numbers).zip_map(&self.deviations, |distance, deviation| {
+                if deviation == 0.0 { 0.0 } else { distance / deviation }
+            });
+        0.5 * distances.norm_squared()
     }
 
     /// An arm that is known but for its offsets, with a load in the hand. Friction depends a little

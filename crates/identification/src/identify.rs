@@ -1,7 +1,5 @@
 //! The steps from recordings to an arm.
 
-use std::ops::ControlFlow;
-
 use nalgebra::{DMatrix, DVector};
 use spec::RobotDescription;
 use wire::{ArmReport, HorizonErrors, TorqueResidual};
@@ -11,8 +9,9 @@ use crate::arm::{Arm, Prior, described_friction_speed};
 use crate::estimates::{Estimates, IDENTIFIED, doubts};
 use crate::figure::Curves;
 use crate::motion::{Motion, Recording};
-use crate::normal_equations::{inverse, minimize};
+use crate::normal_equations::minimize;
 use crate::rollouts::{HORIZONS_S, RolloutFit, Windows};
+use crate::torque_fit::{self, Progress, TorqueFit};
 use crate::torques::Torques;
 
 /// The settings of an identification.
@@ -26,11 +25,15 @@ pub struct Settings {
     /// times a nominal torque constant are often off by 10 %. Only the described masses tell a gain,
     /// so they should be right then.
     pub gain_deviation: f64,
+    /// Torques may be late or early against positions by at most this, s, and the delay is
+    /// identified. With 0 none is sought: the regression takes torques and positions as those of one
+    /// moment, and simulations hold each torque until the next sample.
+    pub most_delay_s: f64,
 }
 
 impl Default for Settings {
     fn default() -> Self {
-        Self { low_pass_hz: 8.0, motion_steps: 8, gain_deviation: 0.0 }
+        Self { low_pass_hz: 8.0, motion_steps: 8, gain_deviation: 0.0, most_delay_s: 0.0 }
     }
 }
 
@@ -45,14 +48,11 @@ pub struct Identification {
     pub curves: Curves,
 }
 
-/// Hears of every step of a search, of which there are at most [`Settings::steps`]. The search ends
-/// with [`IdentificationError::Stopped`] when it breaks.
-pub type Progress<'a> = &'a mut dyn FnMut() -> ControlFlow<()>;
-
 impl Settings {
     /// The most steps of [`identify`], and of [`identify_load`].
     pub fn steps(&self) -> u64 {
-        (FRICTION_SPEEDS_RAD_S.len() + 1 + self.motion_steps) as u64
+        let delays = if self.most_delay_s > 0.0 { torque_fit::DELAYS } else { 0 };
+        (FRICTION_SPEEDS_RAD_S.len() + 1 + delays + self.motion_steps) as u64
     }
 }
 
@@ -81,7 +81,7 @@ pub fn identify(
         .into_iter()
         .map(|speed| Prior::of(description, speed, settings.gain_deviation))
         .collect::<Result<Vec<_>, _>>()?;
-    search(priors, recordings, validation, settings, progress)
+    search(priors, recordings, validation, settings, settings.most_delay_s, progress)
 }
 
 /// Identifies the load in the hand of an arm that [`identify`] found. All recordings have the same
@@ -97,7 +97,7 @@ pub fn identify_load(
     settings: &Settings,
     progress: Progress<'_>,
 ) -> Result<Identification, IdentificationError> {
-    search(vec![Prior::loaded(arm)], recordings, validation, settings, progress)
+    search(vec![Prior::loaded(arm)], recordings, validation, settings, 0.0, progress)
 }
 
 /// The prior whose regression leaves the least torque, and the arm from there.
@@ -106,6 +106,7 @@ fn search(
     recordings: &[Recording],
     validation: &[Recording],
     settings: &Settings,
+    most_delay_s: f64,
     progress: Progress<'_>,
 ) -> Result<Identification, IdentificationError> {
     let joints = priors.first().map_or(0, |prior| prior.arm.joints());
@@ -120,7 +121,7 @@ fn search(
 
     let mut best: Option<TorqueFit> = None;
     for prior in priors {
-        let fit = fit_torques(prior, &motions)?;
+        let fit = TorqueFit::new(prior, &motions)?;
         if best.as_ref().is_none_or(|best| fit.misfit < best.misfit) {
             best = Some(fit);
         }
@@ -128,14 +129,28 @@ fn search(
             return Err(IdentificationError::Stopped);
         }
     }
-    let Some(TorqueFit { prior, mut arm, torques, covariance, .. }) = best else {
+    let Some(mut best) = best else {
         return Err(IdentificationError::NoRecordings);
     };
+    let mut delay = None;
+    if most_delay_s > 0.0 {
+        let (fit, found) = torque_fit::fit_delay(best, &motions, most_delay_s, progress)?;
+        if found.value.abs() > 0.95 * most_delay_s {
+            warnings.push(format!(
+                "the torques seem late by {:.1} ms, close to the most that was allowed, {most_delay_s} s",
+                1e3 * found.value
+            ));
+        }
+        (best, delay) = (fit, Some(found));
+    }
+    let TorqueFit { prior, mut arm, torques, covariance, .. } = best;
     if settings.motion_steps > 0 {
         let steps = settings.motion_steps;
         arm = fit_motions(&motions, &prior, &arm, &torques, &covariance, steps, progress)?;
     }
-    let Estimates { parameters, directions, correlated } = Estimates::new(&prior, &arm, &torques);
+    let Estimates { mut parameters, directions, correlated } =
+        Estimates::new(&prior, &arm, &torques);
+    parameters.extend(delay);
     let mut report = ArmReport {
         parameters,
         directions,
@@ -209,51 +224,6 @@ fn check_motion(
     Ok(())
 }
 
-/// A regression on torques with its result.
-struct TorqueFit {
-    prior: Prior,
-    arm: Arm,
-    torques: Torques,
-    /// The covariance of the arm's numbers.
-    covariance: DMatrix<f64>,
-    /// Σ over joints of the logarithm of the residual torque.
-    misfit: f64,
-}
-
-fn fit_torques(prior: Prior, motions: &[Motion]) -> Result<TorqueFit, IdentificationError> {
-    const ROUNDS: usize = 4;
-    const STEPS: usize = 40;
-
-    let mut arm = prior.arm.clone();
-    let mut torques = Torques::new(&arm, motions);
-    for _ in 0..ROUNDS {
-        torques.weigh(&arm);
-        let of = |numbers: &DVector<f64>| arm.with_numbers(numbers.clone());
-        let at = |numbers: &DVector<f64>| {
-            let mut equations = torques.normal_equations(&of(numbers));
-            equations.add_prior(numbers, &prior.arm.numbers, &prior.deviations);
-            equations
-        };
-        let cost = |numbers: &DVector<f64>| torques.cost(&of(numbers)) + distance(numbers, &prior);
-        let unseen = || ControlFlow::Continue(());
-        arm = of(&minimize(arm.numbers.clone(), STEPS, at, cost, unseen)?);
-    }
-    let mut equations = torques.normal_equations(&arm);
-    equations.add_prior(&arm.numbers, &prior.arm.numbers, &prior.deviations);
-    let covariance = inverse(equations.curvature);
-    let misfit = torques.residuals_nm(&arm).iter().map(|residual| residual.ln()).sum();
-    Ok(TorqueFit { prior, arm, torques, covariance, misfit })
-}
-
-/// ½ Σ ((numbers − the prior's) / deviations)².
-fn distance(numbers: &DVector<f64>, prior: &Prior) -> f64 {
-    let distances =
-        (numbers - &prior.arm.numbers).zip_map(&prior.deviations, |distance, deviation| {
-            if deviation == 0.0 { 0.0 } else { distance / deviation }
-        });
-    0.5 * distances.norm_squared()
-}
-
 /// Moves the arm until its simulations follow the motions. The regression on torques goes on to
 /// count.
 fn fit_motions(
@@ -284,7 +254,7 @@ fn fit_motions(
     };
     let cost = |numbers: &DVector<f64>| {
         let arm = of(numbers);
-        fit.cost(&arm) + torques.cost(&arm) + distance(numbers, prior)
+        fit.cost(&arm) + torques.cost(&arm) + prior.distance(numbers)
     };
     Ok(of(&minimize(arm.numbers.clone(), steps, at, cost, progress)?))
 }

@@ -29,6 +29,7 @@ mod identify;
 mod motion;
 mod normal_equations;
 mod rollouts;
+mod torque_fit;
 mod torques;
 mod trace;
 
@@ -40,7 +41,8 @@ pub use excitation::{
 };
 pub use figure::Curves;
 pub use fourier::{Fourier, FourierJoint, MotionState};
-pub use identify::{Identification, Progress, Settings, identify, identify_load};
+pub use identify::{Identification, Settings, identify, identify_load};
 pub use motion::Recording;
 pub use rollouts::HORIZONS_S;
+pub use torque_fit::Progress;
 pub use trace::Trace;

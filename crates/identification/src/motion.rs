@@ -78,6 +78,18 @@ impl Motion {
         self.filter.apply_to_columns(&self.qd.iter().map(sign).collect::<Vec<Vec<f64>>>())
     }
 
+    /// The smooth torques of each joint `later_s` after a sample, N·m.
+    pub(crate) fn later_u(&self, sample: usize, later_s: f64) -> Vec<f64> {
+        later(&self.u, sample, later_s * self.rate_hz)
+    }
+
+    /// The recorded torques `later_s` after each of `samples` from `start` on, `[sample, joint]`, N·m.
+    pub(crate) fn later_recorded_u(&self, start: usize, samples: usize, later_s: f64) -> Vec<f64> {
+        (start..start + samples)
+            .flat_map(|sample| later(&self.recorded_u, sample, later_s * self.rate_hz))
+            .collect()
+    }
+
     /// The first `seconds`.
     pub(crate) fn beginning(&self, seconds: f64) -> Self {
         let samples = self.samples_in(seconds).min(self.samples());
@@ -116,6 +128,28 @@ impl Motion {
 )]
 pub(crate) fn whole(number: f64) -> usize {
     number.round().max(0.0) as usize
+}
+
+/// The row a number of samples after another, by the cubic through the four rows around it. Beyond
+/// the ends are the rows of the ends.
+#[expect(clippy::cast_precision_loss, reason = "an index of a recording")]
+fn later(rows: &[Vec<f64>], sample: usize, later: f64) -> Vec<f64> {
+    let last = rows.len() - 1;
+    let place = (sample as f64 + later).clamp(0.0, last as f64);
+    let (at, share) = (whole(place.floor()), place.fract());
+    if share == 0.0 {
+        return rows[at].clone();
+    }
+    let weights = [
+        -share * (share - 1.0) * (share - 2.0) / 6.0,
+        (share + 1.0) * (share - 1.0) * (share - 2.0) / 2.0,
+        -(share + 1.0) * share * (share - 2.0) / 2.0,
+        (share + 1.0) * share * (share - 1.0) / 6.0,
+    ];
+    let row = |offset: usize| &rows[(at + offset).saturating_sub(1).min(last)];
+    (0..rows[at].len())
+        .map(|joint| (0..4).zip(weights).map(|(offset, weight)| weight * row(offset)[joint]).sum())
+        .collect()
 }
 
 /// Central differences; one-sided at the ends.

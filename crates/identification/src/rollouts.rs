@@ -112,10 +112,11 @@ impl<'a> Windows<'a> {
     /// Torques through each window without the sensors' gains and offsets, `[window][sample, joint]`.
     #[expect(clippy::cast_possible_truncation, reason = "the lanes take torques in f32")]
     fn torques(&self, arm: &Arm) -> Vec<Vec<f32>> {
+        let later_s = arm.delay_s.map_or(0.0, |delay_s| delay_s + 0.5 / self.rate_hz);
         let sensors: Vec<(f64, f64)> = arm.gains().into_iter().zip(arm.offsets_nm()).collect();
         let of = |window: &Window<'_>| -> Vec<f32> {
-            let rows = &window.motion.recorded_u[window.start..][..self.length];
-            let values = rows.iter().flat_map(|row| row.iter().zip(&sensors));
+            let u = window.motion.later_recorded_u(window.start, self.length, later_s);
+            let values = u.into_iter().zip(sensors.iter().cycle());
             values.map(|(u, (gain, offset))| (u / gain - offset) as f32).collect()
         };
         self.windows.iter().map(of).collect()

@@ -23,6 +23,8 @@ struct JointRegression {
     square: f64,
     /// One over the variance of what the arm cannot explain, per sample that counts.
     weight: f64,
+    /// Consecutive samples that count as one.
+    alike: f64,
 }
 
 /// The regressions on the torques of all joints.
@@ -51,13 +53,14 @@ impl Torques {
             let coulomb = motion.coulomb(arm.friction_speed_rad_s);
             let known = motion.uncertain()..motion.samples() - motion.uncertain();
             for sample in known.step_by(every) {
+                let u = motion.later_u(sample, arm.delay_s.unwrap_or(0.0));
                 let [q, qd, qdd] = [&motion.q, &motion.qd, &motion.qdd]
                     .map(|rows| Joints::from(rows[sample].as_slice()));
                 let state = MotionState { q, qd, qdd };
                 let regressor = regressor(arm, &state, &coulomb[sample]);
                 for joint in 0..joints {
                     rows[joint].extend(&regressor[joint * width..][..width]);
-                    torques[joint].push(motion.u[sample][joint]);
+                    torques[joint].push(u[joint]);
                 }
             }
         }
@@ -66,7 +69,7 @@ impl Torques {
             let torques = DVector::from_vec(torques);
             let (gram, moment) = (rows.tr_mul(&rows), rows.tr_mul(&torques));
             let square = torques.norm_squared();
-            JointRegression { rows, torques, gram, moment, square, weight: 1.0 }
+            JointRegression { rows, torques, gram, moment, square, weight: 1.0, alike: 1.0 }
         };
         let joints = rows.into_iter().zip(torques).map(joint).collect();
         Self { joints, begins, every, first }
@@ -114,9 +117,14 @@ impl Torques {
             let residuals = &joint.torques - &joint.rows * &linear;
             let mean_square = residuals.norm_squared() / residuals.len() as f64;
             let least = LEAST_DEVIATION.powi(2) * joint.square / joint.torques.len() as f64;
-            let alike = samples_alike(residuals.as_slice(), &begins);
-            joint.weight = 1.0 / (mean_square.max(least).max(f64::MIN_POSITIVE) * alike);
+            joint.alike = samples_alike(residuals.as_slice(), &begins);
+            joint.weight = 1.0 / (mean_square.max(least).max(f64::MIN_POSITIVE) * joint.alike);
         }
+    }
+
+    /// As how many independent samples the torques of each joint count.
+    pub(crate) fn independent_samples(&self) -> Vec<f64> {
+        self.joints.iter().map(|joint| joint.torques.len() as f64 / joint.alike).collect()
     }
 
     /// ½ Σ of the weighted squares at the arm's numbers.

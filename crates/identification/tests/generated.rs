@@ -314,6 +314,39 @@ fn gains_follow_from_the_described_masses() {
     assert!((gains[1] - 1.2).abs() < 0.1, "{gains:?}");
 }
 
+/// The recording as if its torques had been written down `lag` and a `share` of a sample later.
+fn late(recording: &Recording, lag: usize, share: f64) -> Recording {
+    let last = recording.u.len() - 1;
+    let row = |k: usize| {
+        let now = &recording.u[k.saturating_sub(lag).min(last)];
+        let before = &recording.u[k.saturating_sub(lag + 1).min(last)];
+        now.iter().zip(before).map(|(now, before)| now + share * (before - now)).collect()
+    };
+    Recording { u: (0..recording.u.len()).map(row).collect(), ..recording.clone() }
+}
+
+#[test]
+fn torques_that_are_recorded_late_are_found_to_be() {
+    let described = described();
+    let settings = Settings { most_delay_s: 0.05, ..torques_only() };
+    for (seed, lag, share) in [(3, 0_u32, 0.0), (4, 0, 0.3), (5, 1, 0.5), (6, 4, 0.0)] {
+        let recording = log(&drawn(&described, seed), None, 30, seed);
+        let recording = late(&recording, lag as usize, share);
+        let found = identify(&described, &[recording], &[], &settings, unheard()).unwrap();
+        let delay = found.report.parameters.last().unwrap();
+        let truth = (f64::from(lag) + share) / f64::from(RATE_HZ);
+        println!("{truth}: {delay:?}");
+        assert_eq!((delay.name.as_str(), delay.joint), ("delay", None));
+        assert!((delay.value - truth).abs() < 3.0 * delay.deviation, "{truth} s: {delay:?}");
+        assert!(delay.deviation < 0.001, "{delay:?}");
+        assert!(found.report.warnings.iter().all(|warning| !warning.contains("late")));
+    }
+    let recording = late(&log(&described, None, 30, 3), 8, 0.0);
+    let found = identify(&described, &[recording], &[], &settings, unheard()).unwrap();
+    let said = found.report.warnings.iter().any(|warning| warning.contains("late by 50.0 ms"));
+    assert!(said, "{:?}", found.report.warnings);
+}
+
 #[test]
 fn recordings_that_say_nothing_are_refused() {
     let described = described();

@@ -5,6 +5,7 @@ use utoipa::ToSchema;
 
 use crate::check::{Check, Violations};
 use crate::kind::KindSpec;
+use crate::omitted::is_zero;
 use crate::{
     DataSource, DataSources, DataSpec, Execution, Gravity, Reference, RobotModel, SpecError,
 };
@@ -44,6 +45,10 @@ pub struct IdentifySpec {
     /// constant need about 0.15, because only the described masses tell a gain.
     #[serde(default)]
     pub gain_deviation: f64,
+    /// Torques may be recorded late or early against positions by at most this, 0 to 0.1 s, and the
+    /// delay is identified. Default: 0, and none is sought.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub most_delay_s: f64,
     /// How the job is executed. It is not part of the digest.
     #[serde(default, skip_serializing_if = "Execution::is_default")]
     pub execution: Execution,
@@ -70,6 +75,9 @@ mod defaults {
 impl IdentifySpec {
     /// The most datasets of a list.
     pub const MOST_DATASETS: usize = 50;
+
+    /// The most of `most_delay_s`, s.
+    pub const MOST_DELAY_S: f64 = 0.1;
 
     /// The most trajectories of a dataset that are used.
     pub const MOST_TRAJECTORIES: u32 = 1000;
@@ -208,6 +216,7 @@ impl Check for IdentifySpec {
         violations.within("low_pass_hz", self.low_pass_hz, 0.1..=500.0);
         violations.within("motion_steps", self.motion_steps, 0..=100);
         violations.within("gain_deviation", self.gain_deviation, 0.0..=1.0);
+        violations.within("most_delay_s", self.most_delay_s, 0.0..=Self::MOST_DELAY_S);
         violations.part("execution", &self.execution);
     }
 }

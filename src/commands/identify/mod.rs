@@ -11,6 +11,7 @@ use anyhow::{Context, ensure};
 use clap::Args;
 use identification::{Recording, Settings, identify, identify_load};
 use log::{Log, LogArguments};
+use spec::IdentifySpec;
 use worker::{ArmFile, FoundLoad, IdentifiedArm};
 
 use crate::output::write_json;
@@ -51,6 +52,10 @@ pub struct Arguments {
     /// How far a torque may be off by its gain, as a standard deviation [default: 0.15 with --gains, otherwise 0]
     #[arg(long, value_name = "SHARE")]
     gain_deviation: Option<f64>,
+
+    /// How late or early against positions torques may be recorded, s; the delay is identified
+    #[arg(long, value_name = "SECONDS", default_value_t = 0.0)]
+    most_delay_s: f64,
 
     /// The most steps on motions; 0 fits torques only
     #[arg(long, value_name = "N", default_value_t = Settings::default().motion_steps)]
@@ -139,7 +144,14 @@ fn settings(arguments: &Arguments) -> anyhow::Result<Settings> {
         motion_steps <= MOST_STEPS,
         "--motion-steps is {motion_steps}, allowed: 0 to {MOST_STEPS}"
     );
-    Ok(Settings { low_pass_hz: arguments.low_pass_hz, motion_steps, gain_deviation })
+    let most_delay_s = arguments.most_delay_s;
+    ensure!(
+        (0.0..=IdentifySpec::MOST_DELAY_S).contains(&most_delay_s),
+        "--most-delay-s is {most_delay_s}, allowed: 0 to {}",
+        IdentifySpec::MOST_DELAY_S
+    );
+    let low_pass_hz = arguments.low_pass_hz;
+    Ok(Settings { low_pass_hz, motion_steps, gain_deviation, most_delay_s })
 }
 
 /// Checks before the work that the results will have a place.

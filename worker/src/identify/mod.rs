@@ -102,6 +102,7 @@ fn settings(spec: &IdentifySpec) -> Settings {
         low_pass_hz: spec.low_pass_hz,
         motion_steps: spec.motion_steps as usize,
         gain_deviation: spec.gain_deviation,
+        most_delay_s: spec.most_delay_s,
     }
 }
 
