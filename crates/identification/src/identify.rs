@@ -6,6 +6,7 @@ use wire::{ArmReport, HorizonErrors, TorqueResidual};
 
 use crate::IdentificationError;
 use crate::arm::{Arm, Prior, described_friction_speed};
+use crate::arx::Arx;
 use crate::estimates::{Estimates, IDENTIFIED, doubts};
 use crate::figure::Curves;
 use crate::motion::{Motion, Recording};
@@ -148,6 +149,7 @@ fn search(
         let steps = settings.motion_steps;
         arm = fit_motions(&motions, &prior, &arm, &torques, &covariance, steps, progress)?;
     }
+    let law = best_law(&motions);
     let Estimates { mut parameters, directions, correlated } =
         Estimates::new(&prior, &arm, &torques);
     parameters.extend(delay);
@@ -158,13 +160,13 @@ fn search(
         torques: residuals(&torques, &prior, &arm),
         validation_torques: Vec::new(),
         horizons_s: HORIZONS_S.to_vec(),
-        errors: errors(&motions, &prior, &arm),
+        errors: errors(&motions, &prior, &arm, law.as_ref()),
         validation_errors: Vec::new(),
         warnings,
     };
     if !validation.is_empty() {
         report.validation_torques = residuals(&Torques::new(&arm, &validation), &prior, &arm);
-        report.validation_errors = errors(&validation, &prior, &arm);
+        report.validation_errors = errors(&validation, &prior, &arm, law.as_ref());
     }
     let doubts = doubts(&report);
     report.warnings.extend(doubts);
@@ -273,17 +275,29 @@ fn residuals(torques: &Torques, prior: &Prior, arm: &Arm) -> Vec<TorqueResidual>
         .collect()
 }
 
-fn errors(motions: &[Motion], prior: &Prior, arm: &Arm) -> Vec<HorizonErrors> {
+/// The law that follows the motions best over the longest horizon.
+fn best_law(motions: &[Motion]) -> Option<Arx> {
     let windows = Windows::new(motions, REPORTED_EVERY_S);
-    let all = [
+    let error = |law: &Arx| windows.errors_of_law(law)[HORIZONS_S.len() - 1];
+    let laws = Arx::laws(motions).into_iter().map(|law| (error(&law), law));
+    let followed = laws.filter(|(error, _)| error.is_finite());
+    followed.min_by(|(a, _), (b, _)| a.total_cmp(b)).map(|(_, law)| law)
+}
+
+fn errors(motions: &[Motion], prior: &Prior, arm: &Arm, law: Option<&Arx>) -> Vec<HorizonErrors> {
+    let windows = Windows::new(motions, REPORTED_EVERY_S);
+    let mut all = vec![
         ("hold", windows.errors_of_holding()),
         ("constant velocity", windows.errors_of_constant_velocity()),
-        (prior.name, windows.errors(&prior.arm)),
-        (IDENTIFIED, windows.errors(arm)),
     ];
-    all.map(|(predictor, rmse)| HorizonErrors {
-        predictor: predictor.to_owned(),
-        rmse_deg: rmse.map(|rmse| Some(rmse.to_degrees()).filter(|rmse| rmse.is_finite())).into(),
-    })
-    .into()
+    all.extend(law.map(|law| ("ARX", windows.errors_of_law(law))));
+    all.push((prior.name, windows.errors(&prior.arm)));
+    all.push((IDENTIFIED, windows.errors(arm)));
+    let shown = |rmse: f64| Some(rmse.to_degrees()).filter(|rmse| rmse.is_finite());
+    all.into_iter()
+        .map(|(predictor, rmse)| HorizonErrors {
+            predictor: predictor.to_owned(),
+            rmse_deg: rmse.map(shown).into(),
+        })
+        .collect()
 }

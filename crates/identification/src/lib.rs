@@ -19,6 +19,7 @@
 #![warn(missing_docs)]
 
 mod arm;
+mod arx;
 mod body;
 mod error;
 mod estimates;

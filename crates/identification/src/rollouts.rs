@@ -2,10 +2,12 @@
 
 use dynamics::{Joints, Motion as Rollout, Replay, Robot};
 use nalgebra::{DMatrix, DVector};
+use rayon::prelude::*;
 use simd::InstructionSet;
 use spec::{Integrator, Precision};
 
 use crate::arm::Arm;
+use crate::arx::Arx;
 use crate::motion::{Motion, whole};
 use crate::normal_equations::NormalEquations;
 use crate::trace::Trace;
@@ -174,6 +176,13 @@ impl<'a> Windows<'a> {
         self.errors_of(|window, sample, joint| {
             f64::from(positions[(window * self.length + sample) * self.joints + joint])
         })
+    }
+
+    /// Errors of a linear law, rad.
+    pub(crate) fn errors_of_law(&self, law: &Arx) -> [f64; 3] {
+        let rollout = |window: &Window<'_>| law.rollout(window.motion, window.start, self.length);
+        let positions: Vec<Vec<f64>> = self.windows.par_iter().map(rollout).collect();
+        self.errors_of(|window, sample, joint| positions[window][sample * self.joints + joint])
     }
 
     /// Errors of a position that is held, rad.

@@ -34,16 +34,21 @@ pub fn tables(report: &IdentificationReport) -> Vec<Table> {
     tables
 }
 
-/// What the recordings determine, in one or two sentences.
+/// What the recordings determine, in a few sentences.
 pub fn setting(report: &IdentificationReport) -> String {
-    let directions = report.arm.directions;
-    format!(
+    let ArmReport { directions, parameters, .. } = &report.arm;
+    let mut setting = format!(
         "The recordings determine {} of {} combinations of parameters better than the description. \
          The condition number of these is {}.",
         directions.determined,
         directions.unknown,
         value(directions.condition),
-    )
+    );
+    if let Some(delay) = parameters.iter().find(|parameter| parameter.name == "delay") {
+        let [late_ms, deviation_ms] = [delay.value, delay.deviation].map(|seconds| 1e3 * seconds);
+        setting += &format!(" Torques are recorded {late_ms:.1} ± {deviation_ms:.1} ms late.");
+    }
+    setting
 }
 
 /// Warnings about the arm and its load, one sentence each.

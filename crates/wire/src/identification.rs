@@ -131,8 +131,8 @@ pub struct TorqueResidual {
 /// joints and windows.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct HorizonErrors {
-    /// `hold`, `constant velocity`, `description` or `identified`; with a load, `load of 1 kg` in
-    /// place of `description`.
+    /// `hold`, `constant velocity`, `ARX`, `description` or `identified`; with a load, `load of 1 kg`
+    /// in place of `description`. ARX is a linear law that is fitted to the same recordings.
     pub predictor: String,
     /// In the order of the report's `horizons_s`, degrees. `None` for a simulation that diverged.
     pub rmse_deg: Vec<Option<f64>>,
