@@ -68,4 +68,6 @@ pub use robot::{Payload, Robot};
 pub use scenario::{Scenario, Scenarios};
 pub use simd::InstructionSet;
 pub use simulate::{Trajectories, simulate, simulate_into, simulate_on};
-pub use single::{Evaluation, bias_forces, forward_dynamics, gravity, mass_matrix};
+pub use single::{
+    Evaluation, bias_forces, forward_dynamics, gravity, inverse_dynamics, mass_matrix,
+};

@@ -53,6 +53,27 @@ pub fn forward_dynamics(
     })
 }
 
+/// The torque for the accelerations `qdd` (rad/s²), with damping and friction, N·m: the inverse of
+/// [`forward_dynamics`].
+pub fn inverse_dynamics(
+    robot: &Robot,
+    q: impl Into<Joints<f64>>,
+    qd: impl Into<Joints<f64>>,
+    qdd: impl Into<Joints<f64>>,
+) -> Joints<f64> {
+    let (q, qd, qdd) = (q.into(), qd.into(), qdd.into());
+    let joints = q.len();
+    let no_torque = Joints::splat(joints, 0.0);
+    let (mass_matrix, free) = with_structure!(Kind::of([robot]), |structure| {
+        let (dynamics, free) = accelerations::<Lane, _, _>(structure, robot, &q, &qd, &no_torque);
+        (full(&dynamics, joints), free)
+    });
+    let torque = |row: usize| {
+        (0..joints).map(|column| mass_matrix[row][column] * (qdd[column] - free[column])).sum()
+    };
+    Joints::from_fn(joints, torque)
+}
+
 /// The equation of motion of one robot at one state.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Evaluation {
@@ -172,6 +193,11 @@ mod tests {
         assert_eq!(evaluation.gravity, gravity(&robot, q));
         assert_eq!(evaluation.bias, bias_forces(&robot, q, qd));
         assert_eq!(evaluation.mass_matrix, mass_matrix(&robot, q));
+
+        let again = inverse_dynamics(&robot, q, qd, evaluation.qdd);
+        for (again, torque) in again.iter().zip(&torque) {
+            assert!((again - torque).abs() < 1e-11, "{again} {torque}");
+        }
 
         let single = Evaluation::new(&robot, Precision::F32, &state, torque);
         assert_ne!(single.qdd, evaluation.qdd);

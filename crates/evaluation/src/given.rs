@@ -25,6 +25,6 @@ impl Predictor for Given {
 
     fn answer(&self, _observed: &Observed<'_>, count: usize) -> Result<Answer, EvaluationError> {
         let samples = self.answer.samples.clone().filter(|_| count > 1);
-        Ok(Answer { positions: self.answer.positions.clone(), samples })
+        Ok(Answer { samples, ..self.answer.clone() })
     }
 }

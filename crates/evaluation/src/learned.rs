@@ -96,7 +96,8 @@ impl Predictor for Learned<'_> {
     fn answer(&self, observed: &Observed<'_>, count: usize) -> Result<Answer, EvaluationError> {
         if !self.is_denoiser() {
             let positions = self.predict(observed)?;
-            return Ok(Answer { positions, samples: self.samples_around_mean(observed, count)? });
+            let samples = self.samples_around_mean(observed, count)?;
+            return Ok(Answer { positions, samples, ..Answer::default() });
         }
         let count = count.max(1);
         self.warm_start(observed)

@@ -1,5 +1,6 @@
 //! The trait of predictors, which evaluations compare, and their answers.
 
+use dynamics::Robot;
 use series::Observed;
 
 use crate::EvaluationError;
@@ -14,12 +15,15 @@ pub struct Samples {
 }
 
 /// One prediction, with samples if the caller asked for them and the predictor has any.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Answer {
     /// Positions `[robot, horizon, joint]`, rad.
     pub positions: Vec<f32>,
     /// Samples of its distribution.
     pub samples: Option<Samples>,
+    /// The arm of each robot by which the predictor explains the context. It says the torque that
+    /// any motion takes. `None` for a predictor without a model of the arm.
+    pub arms: Option<Vec<Robot>>,
 }
 
 impl Answer {
@@ -27,10 +31,11 @@ impl Answer {
     /// only the prediction.
     pub(crate) fn of_samples(count: usize, positions: Vec<f32>) -> Self {
         if count < 2 {
-            return Self { positions, samples: None };
+            return Self { positions, ..Self::default() };
         }
         let first = positions[..positions.len() / count].to_vec();
-        Self { positions: first, samples: Some(Samples { count, positions }) }
+        let samples = Some(Samples { count, positions });
+        Self { positions: first, samples, ..Self::default() }
     }
 }
 
@@ -90,6 +95,6 @@ pub trait Predictor {
     /// predictor with a single answer has no samples.
     fn answer(&self, observed: &Observed<'_>, count: usize) -> Result<Answer, EvaluationError> {
         let _ = count;
-        Ok(Answer { positions: self.predict(observed)?, samples: None })
+        Ok(Answer { positions: self.predict(observed)?, ..Answer::default() })
     }
 }

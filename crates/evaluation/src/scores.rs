@@ -79,6 +79,10 @@ measures! {
         "the same after a zero-phase low-pass at the edge of the band"
         => Mean,
     SmoothedRmseDeg smoothed_rmse_deg: "root mean square error after that low-pass" => Mean,
+    TorqueRmseNm torque_rmse_nm:
+        "root mean square of the torque that the predictor's arm takes for the measured motion of \
+         the horizon, minus the torque that acted"
+        => Mean,
     MeanRmseDeg mean_rmse_deg: "root mean square error of the mean of the samples" => Mean,
     CrpsDeg crps_deg: "fair continuous ranked probability score, mean over the horizon" => Mean,
     EnergyScoreDeg energy_score_deg:
@@ -191,7 +195,7 @@ impl ScenarioErrors {
         Some(sum / values.len() as f64)
     }
 
-    fn set(&mut self, measure: Measure, values: impl IntoIterator<Item = f64>) {
+    pub(crate) fn set(&mut self, measure: Measure, values: impl IntoIterator<Item = f64>) {
         self.values[measure as usize] = Some(values.into_iter().map(to_f32).collect());
     }
 

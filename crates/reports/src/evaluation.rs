@@ -16,6 +16,7 @@ pub fn tables(report: &Report) -> Vec<Table> {
         over_horizons(report),
         continuity(report),
         paired(report),
+        torques(report),
         samples(report),
         jitter(report),
         latencies(report),
@@ -194,6 +195,12 @@ pub(crate) fn continuity(report: &Report) -> Table {
 fn jitter(report: &Report) -> Table {
     let note = "The part of predictions above the band of the excitation, in degrees.";
     of_topic(report, Topic::Jitter, "Jitter", note)
+}
+
+fn torques(report: &Report) -> Table {
+    let note = "Predictors with a model of the arm say the torque for the measured motion of the \
+                horizon. Its error against the torque that acted is a mean over joints.";
+    of_topic(report, Topic::Torque, "Torque for the measured motion", note)
 }
 
 fn samples(report: &Report) -> Table {

@@ -27,6 +27,8 @@ pub enum Topic {
     Continuity,
     /// The part of predictions above the signal's band.
     Jitter,
+    /// The torques that predictors say for the measured motion.
+    Torque,
     /// Samples as a distribution.
     Samples,
     /// Computing times.

@@ -385,6 +385,10 @@ measures! {
         /// RMSE after that low-pass.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         pub smoothed_rmse_deg: Option<Interval> = Jitter "RMSE after the low-pass" Degrees,
+        /// RMSE of the torque that the predictor's arm takes for the measured motion of the horizon,
+        /// against the torque that acted. Missing for predictors without a model of the arm.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        pub torque_rmse_nm: Option<Interval> = Torque "RMSE" NewtonMetres,
         /// RMSE of the mean of the samples.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         pub mean_rmse_deg: Option<Interval> = Samples "RMSE of the mean" Degrees,

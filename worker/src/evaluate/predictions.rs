@@ -86,7 +86,8 @@ impl PredictionFile {
         }
         let count = answers.samples.len();
         let samples = (count > 0).then_some(Samples { count, positions: drawn });
-        Ok(Given { name: self.info.name.clone(), answer: Answer { positions, samples } })
+        let answer = Answer { positions, samples, ..Answer::default() };
+        Ok(Given { name: self.info.name.clone(), answer })
     }
 
     /// The trajectories at `places` of the imported dataset, in this order.

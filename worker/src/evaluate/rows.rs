@@ -38,8 +38,14 @@ pub(super) fn columns(joints: usize, horizons_s: &[f64]) -> Vec<Column> {
     ];
     let measured = Measure::ALL.into_iter().map(|measure| {
         let column = Column::new(measure.name(), ColumnType::Float32, measure.about());
-        let in_degrees = measure.name().contains("deg");
-        nullable(if in_degrees { column.unit("deg") } else { column })
+        let words = || measure.name().split('_');
+        nullable(if words().any(|word| word == "deg") {
+            column.unit("deg")
+        } else if words().any(|word| word == "nm") {
+            column.unit("N·m")
+        } else {
+            column
+        })
     });
     let horizons = horizons_s.iter().map(|&seconds| {
         let about = format!("root mean square error over the first {seconds} s of the horizon");

@@ -4,6 +4,7 @@ use models::Interrupt;
 use series::Smoother;
 use series::{Observed, Series, Shape, ShapeError};
 
+use crate::predictor::Answer;
 use crate::{EvaluationError, Predictor};
 
 /// A baseline that gets smoothed positions.
@@ -22,6 +23,13 @@ impl Predictor for Filtered {
         match smoothed(observed)? {
             Some(smoothed) => self.0.predict(&smoothed.observed(observed.context())),
             None => self.0.predict(observed),
+        }
+    }
+
+    fn answer(&self, observed: &Observed<'_>, count: usize) -> Result<Answer, EvaluationError> {
+        match smoothed(observed)? {
+            Some(smoothed) => self.0.answer(&smoothed.observed(observed.context()), count),
+            None => self.0.answer(observed, count),
         }
     }
 }

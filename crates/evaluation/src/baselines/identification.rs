@@ -1,6 +1,6 @@
 //! Classical identification: an expert's fit of a model of the arm.
 
-use dynamics::{Anchor, InstructionSet, Joints, Motion, Replay};
+use dynamics::{Anchor, InstructionSet, Joints, Motion, Replay, Robot};
 use models::Interrupt;
 use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
@@ -9,6 +9,7 @@ use spec::Integrator;
 
 use super::NominalArm;
 use super::prior::{Arm, Freedom, Prior};
+use crate::predictor::Answer;
 use crate::{EvaluationError, Predictor};
 
 /// Fits each robot's dynamic parameters by Gauss-Newton through the simulator of this project, to
@@ -106,13 +107,13 @@ impl Identification {
         }
     }
 
-    /// Positions `[sample, joint]` of the horizon.
+    /// The arm, and positions `[sample, joint]` of the horizon.
     fn predict_one(
         &self,
         observed: &Observed<'_>,
         scenario: usize,
         interrupt: &Interrupt,
-    ) -> Vec<f32> {
+    ) -> (Robot, Vec<f32>) {
         interrupt.leave_if_raised();
         let joints = self.prior.joints();
         let torques = observed.u(scenario).values();
@@ -130,10 +131,15 @@ impl Identification {
         let nominal = Parameters::zeros(self.prior.parameters());
         let candidates = [fitted, nominal].map(|numbers| self.prior.arm_at(numbers.as_slice()));
         let q = self.replay.run(&candidates.each_ref().map(|arm| fit.motion(arm, torques)));
-        let is_finite = |q: &&[f32]| q.iter().all(|q| q.is_finite());
-        match q.chunks_exact(torques.len()).find(is_finite) {
-            Some(q) => q[known..].to_vec(),
-            None => positions[known - joints..].repeat((torques.len() - known) / joints),
+        let is_finite = |(_, q): &(Arm, &[f32])| q.iter().all(|q| q.is_finite());
+        let [fitted, nominal] = candidates;
+        let mut simulated = [fitted, nominal].into_iter().zip(q.chunks_exact(torques.len()));
+        match simulated.find(is_finite) {
+            Some((arm, q)) => (arm.robot, q[known..].to_vec()),
+            None => {
+                let held = positions[known - joints..].repeat((torques.len() - known) / joints);
+                (self.prior.nominal().clone(), held)
+            }
         }
     }
 }
@@ -160,11 +166,16 @@ impl Predictor for Identification {
     }
 
     fn predict(&self, observed: &Observed<'_>) -> Result<Vec<f32>, EvaluationError> {
+        Ok(self.answer(observed, 1)?.positions)
+    }
+
+    fn answer(&self, observed: &Observed<'_>, _: usize) -> Result<Answer, EvaluationError> {
         let interrupt = Interrupt::current();
-        Ok((0..observed.robots())
+        let (arms, positions): (Vec<Robot>, Vec<Vec<f32>>) = (0..observed.robots())
             .into_par_iter()
-            .flat_map_iter(|scenario| self.predict_one(observed, scenario, &interrupt))
-            .collect())
+            .map(|scenario| self.predict_one(observed, scenario, &interrupt))
+            .unzip();
+        Ok(Answer { positions: positions.concat(), arms: Some(arms), samples: None })
     }
 }
 

@@ -94,6 +94,10 @@ impl Prior {
         self.nominal.joints()
     }
 
+    pub fn nominal(&self) -> &Robot {
+        &self.nominal
+    }
+
     /// The length of the vectors. With seven joints of a default spec, the arm and its neighbours in
     /// each number make 64 robots, a whole number of vectors.
     pub fn parameters(&self) -> usize {

@@ -6,7 +6,7 @@ use series::{Observed, SeriesView};
 use spec::{Family, Range};
 use wire::Warning;
 
-use crate::metrics::{JitterMeter, beyond_limits_deg, has_diverged, squares_deg2};
+use crate::metrics::{JitterMeter, beyond_limits_deg, has_diverged, squares_deg2, torque_rmse_nm};
 use crate::predictor::Answer;
 use crate::scores::{Measure, ScenarioErrors, ScoredAs, degrees};
 use crate::{ErrorHorizon, EvaluationError, Predictor};
@@ -259,7 +259,7 @@ impl Scorer<'_> {
         };
         let patch = predictor.patch();
         let scenarios: Vec<Option<ScenarioErrors>> =
-            (0..size).into_par_iter().map(|k| self.score(&answer, patch, k)).collect();
+            (0..size).into_par_iter().map(|k| self.score(&answer, observed, patch, k)).collect();
         let mut squares = vec![0.0; self.row];
         for scenario in (0..size).filter(|&scenario| scenarios[scenario].is_some()) {
             let of_scenario = scenario * self.row..(scenario + 1) * self.row;
@@ -331,6 +331,7 @@ impl Scorer<'_> {
     fn score(
         &self,
         answer: &Answer,
+        observed: &Observed<'_>,
         patch: Option<usize>,
         scenario: usize,
     ) -> Option<ScenarioErrors> {
@@ -354,7 +355,15 @@ impl Scorer<'_> {
                 horizons: self.horizons,
                 meter: self.meter.as_ref(),
             };
-            ScenarioErrors::new(truth, predicted, &samples, scored_as)
+            let mut errors = ScenarioErrors::new(truth, predicted, &samples, scored_as);
+            if let Some(arms) = &answer.arms {
+                let torques = &observed.u(scenario).values()[observed.context() * self.joints..];
+                let rmse_nm = torque_rmse_nm(&arms[scenario], observed.rate_hz(), torques, truth);
+                if let Some(rmse_nm) = rmse_nm {
+                    errors.set(Measure::TorqueRmseNm, rmse_nm);
+                }
+            }
+            errors
         })
     }
 }
