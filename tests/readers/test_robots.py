@@ -56,6 +56,8 @@ class PublicArm:
             self.options = [*options, "--nearest-physical"]
             (self.description,) = robot("show", path, [*self.options, "--json"])
             path = public_arms.repaired(path)
+        # The URDF that other programs read.
+        self.urdf = path
         joints = [joint["name"] for joint in self.description["joints"]]
         sources = self.description["sources"].values()
         (ends,) = (found for source in sources if (found := re.search("from link `(.*?)` to link `(.*?)`", source)))
