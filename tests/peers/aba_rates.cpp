@@ -1,6 +1,7 @@
 // Prints how many articulated-body evaluations per second Pinocchio makes, as one line of JSON.
 //
-// All evaluations share one Panda and use 1024 random states. This suits Pinocchio best, because a
+// A file that urdf_joints.py printed replaces the Panda. All evaluations share one arm and use 1024
+// random states. This suits Pinocchio best, because a
 // model per robot is slower. The faster of its two conventions counts. Everything is compiled from
 // headers for this processor. Nothing of the packaged library, which is built for all processors,
 // is called.
@@ -8,8 +9,10 @@
 #include <chrono>
 #include <cmath>
 #include <cstdio>
+#include <fstream>
 #include <functional>
 #include <random>
+#include <string>
 #include <thread>
 #include <vector>
 
@@ -19,7 +22,7 @@
 
 namespace pin = pinocchio;
 
-using Joints = Eigen::Matrix<double, 7, 1>;
+using Joints = Eigen::VectorXd;
 using Clock = std::chrono::steady_clock;
 
 // a, alpha in quarter turns, d; mass; centre of mass; inertia xx xy yy xz yz zz about it
@@ -61,16 +64,44 @@ pin::Model panda() {
   return model;
 }
 
+pin::Model arm_of(const char *file) {
+  pin::Model model;
+  pin::JointIndex parent = 0;
+  std::ifstream lines(file);
+  int axis;
+  while (lines >> axis) {
+    Eigen::Matrix3d turn;
+    Eigen::Vector3d origin, center;
+    double mass, inertia[6];
+    for (int entry = 0; entry < 9; entry++) lines >> turn(entry / 3, entry % 3);
+    for (int entry = 0; entry < 3; entry++) lines >> origin[entry];
+    lines >> mass;
+    for (int entry = 0; entry < 3; entry++) lines >> center[entry];
+    for (double &entry : inertia) lines >> entry;
+    const pin::SE3 placement(turn, origin);
+    const std::string name = "joint" + std::to_string(parent + 1);
+    if (axis == 0) parent = model.addJoint(parent, pin::JointModelRX(), placement, name);
+    if (axis == 1) parent = model.addJoint(parent, pin::JointModelRY(), placement, name);
+    if (axis == 2) parent = model.addJoint(parent, pin::JointModelRZ(), placement, name);
+    const pin::Symmetric3 about_center(inertia[0], inertia[1], inertia[2], inertia[3], inertia[4],
+                                       inertia[5]);
+    model.appendBodyToJoint(parent, pin::Inertia(mass, center, about_center),
+                            pin::SE3::Identity());
+  }
+  model.armature.setConstant(0.01);
+  return model;
+}
+
 struct States {
   std::vector<Joints> q, qd, torque;
 };
 
-States random_states(int count) {
+States random_states(int count, int joint_count) {
   std::mt19937_64 generator(20240613);
   const auto joints = [&](double limit) {
     std::uniform_real_distribution<double> uniform(-limit, limit);
-    Joints values;
-    for (int joint = 0; joint < 7; joint++) values[joint] = uniform(generator);
+    Joints values(joint_count);
+    for (int joint = 0; joint < joint_count; joint++) values[joint] = uniform(generator);
     return values;
   };
   States states;
@@ -92,7 +123,7 @@ void evaluate(const pin::Model &model, const States &states, pin::Convention con
   for (int round = 0; round < rounds; round++)
     for (size_t state = 0; state < states.q.size(); state++)
       sum += pin::aba(model, data, states.q[state], states.qd[state], states.torque[state],
-                      convention)[6];
+                      convention)[model.nv - 1];
   sink = sum;
 }
 
@@ -110,9 +141,9 @@ double rate(const pin::Model &model, const States &states, pin::Convention conve
   return double(threads) * rounds * double(states.q.size()) / seconds;
 }
 
-int main() {
-  const pin::Model model = panda();
-  const States states = random_states(1024);
+int main(int count, char **arguments) {
+  const pin::Model model = count > 1 ? arm_of(arguments[1]) : panda();
+  const States states = random_states(1024, model.nv);
   for (const auto convention : {pin::Convention::LOCAL, pin::Convention::WORLD})
     evaluate(model, states, convention, 20);
   double best[2];

@@ -83,8 +83,16 @@ macro_rules! with_structure {
                 let $structure = $crate::compiled::Compiled;
                 $body
             }
+            $crate::structure::Kind::General { joints: joints @ 6 } => {
+                let $structure = $crate::general::General::<6>::new(joints);
+                $body
+            }
+            $crate::structure::Kind::General { joints: joints @ 7 } => {
+                let $structure = $crate::general::General::<7>::new(joints);
+                $body
+            }
             $crate::structure::Kind::General { joints } => {
-                let $structure = $crate::general::General::new(joints);
+                let $structure = $crate::general::General::<{ spec::MAX_JOINTS }>::new(joints);
                 $body
             }
         }
