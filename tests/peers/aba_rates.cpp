@@ -1,8 +1,8 @@
 // Prints how many articulated-body evaluations per second Pinocchio makes, as one line of JSON.
 //
 // A file that urdf_joints.py printed replaces the Panda. All evaluations share one arm and use 1024
-// random states. This suits Pinocchio best, because a
-// model per robot is slower. The faster of its two conventions counts. Everything is compiled from
+// random states. This suits Pinocchio best, because a model per robot is slower. The faster of its
+// two conventions counts. Everything is compiled from
 // headers for this processor. Nothing of the packaged library, which is built for all processors,
 // is called.
 

@@ -160,12 +160,7 @@ impl<const N: usize> Structure<N> for General<N> {
     }
 
     #[inline(always)]
-    fn turns<L: Lanes>(
-        self,
-        model: &Model<L, N>,
-        q: &[L; N],
-        turns: &mut [Turn<L>; N],
-    ) {
+    fn turns<L: Lanes>(self, model: &Model<L, N>, q: &[L; N], turns: &mut [Turn<L>; N]) {
         for joint in 0..self.joints() {
             turns[joint] = Turn::by(q[joint]).and(model.offsets[joint]);
         }
@@ -227,12 +222,7 @@ impl<const N: usize> Structure<N> for General<N> {
     }
 
     #[inline(always)]
-    fn solve<L: Lanes>(
-        self,
-        m: &mut [[L; N]; N],
-        b: &mut [L; N],
-        qdd: &mut [L; N],
-    ) {
+    fn solve<L: Lanes>(self, m: &mut [[L; N]; N], b: &mut [L; N], qdd: &mut [L; N]) {
         let joints = self.joints();
         let mut inverse_pivots = [L::splat(0.0); N];
         for pivot in (0..joints).rev() {

@@ -299,7 +299,8 @@ fn single_robots_have_the_dynamics_of_the_reference() {
 /// Tests different robots side by side, as in a simulation.
 fn check_lanes<L: Lanes>(tolerance: f64) {
     check_structure::<L, Compiled, JOINTS>(Compiled, tolerance);
-    check_structure::<L, General, MAX_JOINTS>(General::new(JOINTS), tolerance);
+    check_structure::<L, General<JOINTS>, JOINTS>(General::new(JOINTS), tolerance);
+    check_structure::<L, General<MAX_JOINTS>, MAX_JOINTS>(General::new(JOINTS), tolerance);
 }
 
 fn check_structure<L: Lanes, S: Structure<N>, const N: usize>(structure: S, tolerance: f64) {

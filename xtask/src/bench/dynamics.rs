@@ -76,20 +76,20 @@ pub(super) fn run(wanted: Wanted) -> anyhow::Result<BenchmarkResults> {
 
 /// Rates that `crates/dynamics/examples/rates.rs` prints.
 #[derive(Clone, Debug, Deserialize)]
-struct Ours {
+pub(super) struct Ours {
     instructions: String,
     precision: String,
     threads: usize,
     trajectories_per_s: f64,
-    evaluations_per_s: f64,
+    pub(super) evaluations_per_s: f64,
     operations_per_evaluation: f64,
 }
 
 /// The output of `tests/peers/aba_rates.cpp`, with rates of one thread and of two.
 #[derive(Clone, Debug, Deserialize)]
-struct Aba {
-    version: String,
-    evaluations_per_s: [f64; 2],
+pub(super) struct Aba {
+    pub(super) version: String,
+    pub(super) evaluations_per_s: [f64; 2],
 }
 
 /// The output of `tests/peers/mujoco_rates.py`, with rates of one thread and of two.
@@ -208,6 +208,7 @@ fn compare(rounds: &[Round], accuracy: Option<&Accuracy>) -> anyhow::Result<Vec<
             rounds.iter().map(|round| round.theirs.as_ref().map(value)).collect();
         values.map(median)
     };
+    let all_ours: Vec<&[Ours]> = rounds.iter().map(|round| round.ours.as_slice()).collect();
     let first = rounds[0].theirs.as_ref();
     let pinocchio = first.map(|theirs| format!("Pinocchio {}", theirs.aba.version));
     let mujoco = accuracy.map(|accuracy| format!("MuJoCo {}", accuracy.version));
@@ -222,7 +223,7 @@ fn compare(rounds: &[Round], accuracy: Option<&Accuracy>) -> anyhow::Result<Vec<
         [("f32", 80.0, 150.0, Some(200.0)), ("f64", 40.0, 60.0, None)]
     {
         for threads in [1, 2] {
-            let ours = |value: fn(&Ours) -> f64| our_median(rounds, precision, threads, value);
+            let ours = |value: fn(&Ours) -> f64| our_median(&all_ours, precision, threads, value);
             // The goals are for two cores.
             let goal = |bound: Option<f64>| bound.filter(|_| threads == 2).map(Goal::AtLeast);
             let of = format!("{precision}, {}", in_words(threads));
@@ -262,7 +263,7 @@ fn compare(rounds: &[Round], accuracy: Option<&Accuracy>) -> anyhow::Result<Vec<
     }
     for (precision, width, goal) in [("f32", 1.0, Some(SHARE_OF_PEAK)), ("f64", 2.0, None)] {
         for threads in [1, 2] {
-            let done = our_median(rounds, precision, threads, |ours| {
+            let done = our_median(&all_ours, precision, threads, |ours| {
                 ours.evaluations_per_s * ours.operations_per_evaluation
             })?;
             let peaks: Vec<f64> = rounds.iter().map(|round| round.peaks[threads - 1]).collect();
@@ -282,19 +283,21 @@ fn compare(rounds: &[Round], accuracy: Option<&Accuracy>) -> anyhow::Result<Vec<
     Ok(measurements)
 }
 
-fn in_words(threads: usize) -> String {
+pub(super) fn in_words(threads: usize) -> String {
     format!("{threads} thread{}", if threads == 1 { "" } else { "s" })
 }
 
-fn our_median(
-    rounds: &[Round],
+/// The median of a rate over rounds.
+pub(super) fn our_median(
+    rounds: &[&[Ours]],
     precision: &str,
     threads: usize,
     value: fn(&Ours) -> f64,
 ) -> anyhow::Result<f64> {
     let values: Vec<f64> = rounds
         .iter()
-        .flat_map(|round| &round.ours)
+        .copied()
+        .flatten()
         .filter(|ours| ours.precision == precision && ours.threads == threads)
         .map(value)
         .collect();

@@ -1,5 +1,6 @@
 //! `cargo xtask bench NAME`: the command for every benchmark.
 
+mod arms;
 mod build;
 mod control;
 mod dynamics;
@@ -65,7 +66,12 @@ struct Benchmark {
     run: fn(Wanted) -> anyhow::Result<BenchmarkResults>,
 }
 
-const ALL: [Benchmark; 11] = [
+const ALL: [Benchmark; 12] = [
+    Benchmark {
+        name: "arms",
+        about: "forward dynamics per second of arms from URDFs, beside Pinocchio",
+        run: arms::run,
+    },
     Benchmark {
         name: "build",
         about: "seconds and processor time of a first build, and of the crates that take longest",
