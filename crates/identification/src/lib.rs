@@ -12,7 +12,7 @@
 //!    measured ones: Gauss-Newton steps whose derivatives are rollouts in the lanes of
 //!    [`dynamics::Replay`].
 //!
-//! [`excite`] designs the motion that such a recording should have.
+//! [`check_log`] says beforehand whether recordings can be those of the arm. [`excite`] designs the motion that such a recording should have.
 //!
 //! Everything is deterministic: random numbers have fixed keys, and sums have a fixed order.
 
@@ -21,6 +21,7 @@
 mod arm;
 mod arx;
 mod body;
+mod check;
 mod error;
 mod estimates;
 mod excitation;
@@ -35,6 +36,7 @@ mod torques;
 mod trace;
 
 pub use arm::{Arm, JointParameter, Parameter};
+pub use check::{MOST_CHECKED_S, check_log};
 pub use error::IdentificationError;
 pub use excitation::{
     Excitation, ExcitationError, ExcitationReport, ExcitationSettings, JointExcitation,

@@ -195,7 +195,7 @@ pub(crate) fn regressor(arm: &Arm, state: &MotionState, coulomb: &[f64]) -> Vec<
 
 /// How many consecutive samples count as one: 1 + 2 Σ ρ over the autocorrelations ρ before the first
 /// negative one.
-fn samples_alike(residuals: &[f64], begins: &[usize]) -> f64 {
+pub(crate) fn samples_alike(residuals: &[f64], begins: &[usize]) -> f64 {
     const LONGEST: usize = 200;
 
     let ends = begins.iter().skip(1).copied().chain([residuals.len()]);

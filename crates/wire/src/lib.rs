@@ -27,6 +27,7 @@ mod imports;
 mod jobs;
 mod labels;
 mod lists;
+mod log_check;
 mod logs;
 mod measures;
 mod predictions;
@@ -72,6 +73,7 @@ pub use lists::{
     Checkpoints, Datasets, Evaluations, Jobs, List, ListCell, ListColumn, ListPage, Listed, Robots,
     Runs, Tabled,
 };
+pub use log_check::{ChannelCheck, LogCheck, Measurement};
 pub use logs::{LogChunk, Logs, left_out};
 pub use measures::{Measure, Measured, Topic, Unit};
 pub use predictions::{

@@ -1,0 +1,229 @@
+//! A channel of torques beside the torques of the joint that it belongs to.
+
+use nalgebra::DVector;
+use rayon::prelude::*;
+use wire::{ChannelCheck, Measurement};
+
+use super::delay::{self, Unknown};
+use super::layout::Layout;
+use super::regression::{Fit, LEAST_SHARE, Regression};
+use super::rows::{GRAVITY, JointRows, REST, States};
+use crate::arm::Prior;
+use crate::torques::samples_alike;
+
+/// A joint that moves less says nothing, because its friction may hold any torque, rad.
+const LEAST_RANGE_RAD: f64 = 0.03;
+
+/// A number is told if it is so many standard deviations from 0.
+const CLEAR: f64 = 5.0;
+
+/// What the other answer about gravity must cost more: a likelihood of 3000 to 1.
+const CLEAR_COST: f64 = 8.0;
+
+/// The largest standard deviation of a share of gravity that is told.
+const LARGEST_DEVIATION: f64 = 0.2;
+
+/// What a column of torques says.
+pub struct Channel {
+    /// The column, as declared.
+    pub column: usize,
+    pub delay_s: Option<Measurement>,
+    pub sign: Option<i8>,
+    pub scale: Option<Measurement>,
+    pub carries_weight: Option<bool>,
+    pub gravity: Option<Measurement>,
+    pub explained: Option<f64>,
+    pub is_constant: bool,
+    unseen: Vec<String>,
+}
+
+/// The better of two regressions: the torques carry the arm's weight, or not.
+struct Compared {
+    regression: Regression,
+    fit: Fit,
+    /// How much more the other one costs. Above 0 if the torques carry the weight.
+    in_favour_of_weight: f64,
+    /// The share of the torque's variance that is left.
+    left: f64,
+}
+
+impl Channel {
+    /// All channels, in the order of their columns.
+    pub fn all(arm: &Prior, states: &States<'_>, layout: &Layout) -> Vec<Self> {
+        let joints = layout.torques.len();
+        if states.count() < super::LEAST_ROWS {
+            let unseen = "no recording is long enough".to_owned();
+            return (0..joints).map(|column| Self::unseen(column, unseen.clone())).collect();
+        }
+        let columns = states.columns(arm, layout);
+        let mut channels: Vec<Self> = (0..joints)
+            .into_par_iter()
+            .map(|joint| {
+                let (column, position) = (layout.torques[joint], layout.positions[joint].0);
+                let range_rad = states.range_rad(position);
+                if range_rad < LEAST_RANGE_RAD {
+                    let moves = format!("the joint moves by {:.2}° only", range_rad.to_degrees());
+                    return Self::unseen(column, moves);
+                }
+                Self::of(&columns[joint], column, states)
+            })
+            .collect();
+        channels.sort_by_key(|channel| channel.column);
+        channels
+    }
+
+    pub fn report(&self) -> ChannelCheck {
+        let Self { delay_s, sign, scale, carries_weight, gravity, explained, .. } = *self;
+        let joint = u32::try_from(self.column + 1).unwrap_or(u32::MAX);
+        let unseen = (!self.unseen.is_empty()).then(|| self.unseen.join("; "));
+        ChannelCheck { joint, delay_s, sign, scale, carries_weight, gravity, explained, unseen }
+    }
+
+    fn unseen(column: usize, why: String) -> Self {
+        Self {
+            column,
+            delay_s: None,
+            sign: None,
+            scale: None,
+            carries_weight: None,
+            gravity: None,
+            explained: None,
+            is_constant: false,
+            unseen: vec![why],
+        }
+    }
+
+    fn of(columns: &JointRows, column: usize, states: &States<'_>) -> Self {
+        let torques = states.torques(column, 0.0);
+        let mean_square = torques.norm_squared() / torques.len() as f64;
+        if torques.variance() <= 1e-12 * mean_square.max(1e-12) {
+            let constant = Self::unseen(column, "the torque is constant".to_owned());
+            return Self { is_constant: true, ..constant };
+        }
+        let singular = || Self::unseen(column, "its regression is singular".to_owned());
+        let Some(first) = Compared::new(columns, &torques, states) else { return singular() };
+        let costs = |compared: &Compared, later_s: f64| {
+            let shifted = states.torques(column, later_s);
+            compared.fit.cost(&compared.regression.moments(&shifted))
+        };
+        // Only near its delay a channel has little noise, which tells the delay well.
+        let near_s = delay::nearest_s(|later_s| costs(&first, later_s));
+        let torques = states.torques(column, near_s);
+        let Some(again) = Compared::new(columns, &torques, states) else { return singular() };
+        let delay = delay::find(|later_s| costs(&again, later_s), states.period_s());
+        let compared = if delay.is_ok() { again } else { first };
+        compared.channel(column, delay)
+    }
+}
+
+impl Compared {
+    fn new(columns: &JointRows, torques: &DVector<f64>, states: &States<'_>) -> Option<Self> {
+        let fitted = |gravity: f64| {
+            let regression = Regression::new(columns.design(gravity), gravity);
+            let moments = regression.moments(torques);
+            let fit = regression.fit(&moments, 4.0)?;
+            let residuals = torques - &regression.design * &fit.coefficients;
+            let alike = samples_alike(residuals.as_slice(), &states.begins);
+            let fit = regression.fit(&moments, alike)?;
+            Some((regression, fit, alike))
+        };
+        let (with, without) = (fitted(1.0)?, fitted(0.0)?);
+        // Both are judged by the same number of independent rows.
+        let count = torques.len() as f64 / with.2.max(without.2);
+        let least = LEAST_SHARE * torques.variance() * torques.len() as f64;
+        let cost = |fit: &Fit, offence: f64| {
+            0.5 * count * fit.left.max(least).ln() + fit.distance + 0.5 * offence
+        };
+        let of_with = cost(&with.1, with.1.square_of_difference());
+        let of_without = cost(&without.1, without.1.square_of_weight());
+        let in_favour_of_weight = of_without - of_with;
+        let (regression, fit, _) = if in_favour_of_weight >= 0.0 { with } else { without };
+        let left = fit.left / (torques.variance() * torques.len() as f64);
+        Some(Self { regression, fit, in_favour_of_weight, left })
+    }
+
+    /// What the regression says about the channel.
+    fn channel(&self, column: usize, delay: Result<Measurement, Unknown>) -> Channel {
+        let fit = &self.fit;
+        let [weight, rest] = [GRAVITY, REST].map(|column| fit.measurement(column));
+        let gravity = Some(fit.share_of_weight())
+            .filter(|share| is_clear(&rest) && share.deviation < LARGEST_DEVIATION);
+        let is_plausible = |allowed: std::ops::Range<f64>| {
+            gravity.is_none_or(|share| allowed.contains(&share.value))
+        };
+        // Without the weight, it must be clear that the weight would be seen.
+        let would_be_seen = 0.5 * rest.value.abs() > 3.0 * weight.deviation;
+        let carries_weight = if self.in_favour_of_weight > CLEAR_COST
+            && is_clear(&weight)
+            && is_plausible(0.5..f64::INFINITY)
+        {
+            Some(true)
+        } else if self.in_favour_of_weight < -CLEAR_COST
+            && is_clear(&rest)
+            && would_be_seen
+            && is_plausible(-0.5..0.5)
+        {
+            Some(false)
+        } else {
+            None
+        };
+        let scale = match carries_weight {
+            Some(true) => fit.common_scale(),
+            Some(false) => fit.scale_without_weight(),
+            None => rest,
+        };
+        let scale = Some(scale).filter(is_clear);
+        // Friction and elastic gears have delays of their own.
+        let delay = if scale.is_some() { delay } else { Err(Unknown::Flat) };
+        let by_arm = scale.map(|scale| sign_of(scale.value));
+        let friction = self.regression.friction(fit);
+        let by_friction = is_clear(&friction).then(|| sign_of(friction.value));
+        let mut unseen = Vec::new();
+        let sign = match (by_arm, by_friction) {
+            (Some(a), Some(b)) if a != b => {
+                unseen.push("the sign: friction has another one than the arm's torque".to_owned());
+                None
+            }
+            (by_arm, by_friction) => by_arm.or(by_friction),
+        };
+        if scale.is_none() {
+            unseen.push("the scale: the arm's torque hardly shows".to_owned());
+        }
+        if carries_weight.is_none() {
+            unseen.push("gravity: the motion or the torques show too little of it".to_owned());
+        }
+        match delay {
+            Ok(_) => {}
+            Err(Unknown::Flat) => {
+                unseen.push("the delay: the arm's torque changes too slowly".to_owned())
+            }
+            Err(Unknown::Ambiguous) => {
+                unseen.push("the delay: more than one fits".to_owned());
+            }
+            Err(Unknown::Beyond) => {
+                let most_ms = delay::LARGEST_S * 1e3;
+                unseen.push(format!("the delay: none within {most_ms} ms fits"));
+            }
+        }
+        Channel {
+            column,
+            delay_s: delay.ok(),
+            sign,
+            scale,
+            carries_weight,
+            gravity,
+            explained: Some((1.0 - self.left).clamp(0.0, 1.0)),
+            is_constant: false,
+            unseen,
+        }
+    }
+}
+
+/// Whether a number is not 0.
+fn is_clear(number: &Measurement) -> bool {
+    number.value.abs() > CLEAR * number.deviation
+}
+
+fn sign_of(value: f64) -> i8 {
+    if value < 0.0 { -1 } else { 1 }
+}

@@ -1,0 +1,84 @@
+//! Whether recordings can be those of an arm: units, signs, order, delay, and gravity of their
+//! torques.
+//!
+//! A channel of torques is compared with the torques that the description's arm needs for the
+//! recorded motion. Its links may differ from the description as those of [`crate::identify`] may;
+//! friction, rotor inertia and offset are free. A number is told only if the motion shows it.
+
+mod channel;
+mod delay;
+mod doubts;
+mod layout;
+mod regression;
+mod rows;
+
+use spec::RobotDescription;
+use wire::LogCheck;
+
+use crate::arm::Prior;
+use crate::motion::{Motion, Recording};
+use crate::{HORIZONS_S, IdentificationError};
+use channel::Channel;
+use layout::Layout;
+use rows::States;
+
+/// The most seconds of recordings that are compared: enough for delays to a fraction of a
+/// millisecond.
+pub const MOST_CHECKED_S: f64 = 180.0;
+
+/// The edge of the low-pass for positions and torques, Hz, and the highest one as a share of the
+/// rate.
+const LOW_PASS_HZ: f64 = 8.0;
+const LOW_PASS_SHARE: f64 = 0.125;
+
+/// The speed at which Coulomb friction bends in an arm of which nothing is known yet, rad/s.
+const FRICTION_SPEED_RAD_S: f64 = 0.05;
+
+/// With fewer rows, nothing is told.
+const LEAST_ROWS: usize = 25;
+
+/// Compares recordings with the arm of a description. Only the first [`MOST_CHECKED_S`] count, and
+/// recordings that are too short do not.
+///
+/// # Errors
+/// [`IdentificationError::Link`] when a link of the description cannot exist, and
+/// [`IdentificationError::Joints`], [`IdentificationError::Lengths`] and
+/// [`IdentificationError::NotFinite`] for recordings that are none of such an arm.
+pub fn check_log(
+    description: &RobotDescription,
+    recordings: &[Recording],
+) -> Result<LogCheck, IdentificationError> {
+    let arm = Prior::of(description, FRICTION_SPEED_RAD_S, 0.0)?;
+    let motions = motions(recordings, description.joints.len())?;
+    let seconds = motions.iter().map(|motion| motion.samples() as f64 / motion.rate_hz).sum();
+    let states = States::new(&motions);
+    let layout = Layout::find(&arm, &states);
+    let channels = Channel::all(&arm, &states, &layout);
+    Ok(LogCheck {
+        seconds,
+        doubts: doubts::of(&layout, &channels, states.period_s()),
+        channels: channels.iter().map(Channel::report).collect(),
+    })
+}
+
+/// The motions of the first recordings that are long enough.
+fn motions(recordings: &[Recording], joints: usize) -> Result<Vec<Motion>, IdentificationError> {
+    let mut left_s = MOST_CHECKED_S;
+    let mut motions = Vec::new();
+    for recording in recordings {
+        let low_pass_hz = LOW_PASS_HZ.min(LOW_PASS_SHARE * recording.rate_hz);
+        if left_s < 2.0 * HORIZONS_S[HORIZONS_S.len() - 1] {
+            break;
+        }
+        match Motion::new(recording, joints, low_pass_hz) {
+            Ok(motion) => {
+                let motion = motion.beginning(left_s);
+                left_s -= motion.samples() as f64 / motion.rate_hz;
+                motions.push(motion);
+            }
+            Err(IdentificationError::Short { .. }) => {}
+            Err(error) => return Err(error),
+        }
+    }
+    Ok(motions)
+}
