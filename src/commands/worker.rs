@@ -124,7 +124,7 @@ pub struct DecodeArguments {
 }
 
 /// This program as a worker's child, which decodes a foreign file.
-fn decoder() -> std::io::Result<DecoderProgram> {
+pub fn decoder() -> std::io::Result<DecoderProgram> {
     let program = own_program()?;
     Ok(DecoderProgram { program, arguments: vec![DECODE_RECORDING.to_owned()] })
 }

@@ -275,6 +275,52 @@ async fn several_datasets_are_fitted_together_and_each_has_its_load() {
 }
 
 #[tokio::test]
+async fn a_log_with_the_other_sign_is_doubted_before_and_after_its_import() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let data = tempfile::tempdir().unwrap();
+    let product = Product::start(data.path());
+    import(&product, folder);
+    let check = |flags: &[&str]| {
+        let file = ["log.csv", "--spec", "import.json", "--check", "--server", &product.url];
+        let (code, output, errors) =
+            run_to_end(torqued(&["import"]).args(file).args(flags).current_dir(folder));
+        assert_eq!(code, Some(0), "{output}{errors}");
+        output
+    };
+    let right = check(&[]);
+    assert!(right.contains("1 recordings with 2500 rows give 1 trajectories"), "{right}");
+    assert!(right.contains("Torques beside the robot's") && !right.contains("warning"), "{right}");
+
+    // The server knows the robot of the spec. Only u is turned.
+    let spec = read_json(&folder.join("import.json"));
+    let by_id = json!({"robot": {"model": {"robot": 1}, "gravity": "on"}});
+    let mut spec = spec.as_object().unwrap().clone();
+    spec.extend(by_id.as_object().unwrap().clone());
+    spec.insert(
+        "columns".to_owned(),
+        json!({"time": "t", "u": ["u1"], "q": ["q1"], "gains": [-1]}),
+    );
+    fs::write(folder.join("import.json"), Value::from(spec).to_string()).unwrap();
+    let turned = check(&["--json"]);
+    let turned: Value = serde_json::from_str(&turned).unwrap();
+    assert_eq!(turned["check"]["channels"][0]["sign"], -1, "{turned:#}");
+    let said = "u of joint 1 seems to have the other sign";
+    assert_eq!(turned["check"]["doubts"][0], said, "{turned:#}");
+    assert_eq!(product.get("/v1/jobs").await["jobs"].as_array().unwrap().len(), 3);
+
+    let flags = ["log.csv", "--spec", "import.json", "--wait", "--server", &product.url];
+    let (code, output, errors) = run_to_end(torqued(&["import"]).args(flags).current_dir(folder));
+    assert_eq!(code, Some(0), "{output}{errors}");
+    assert!(output.contains(&format!("warning: {said}")), "{output}");
+    let tasks = product.get("/v1/jobs/4/tasks").await;
+    let result = &tasks["tasks"][0]["result"];
+    assert_eq!(result["check"], turned["check"], "{result:#}");
+    let page = String::from_utf8(product.download("/datasets/4").await).unwrap();
+    assert!(page.contains(said) && page.contains("Torques beside the robot"), "{page}");
+}
+
+#[tokio::test]
 async fn an_identification_names_what_does_not_fit() {
     let data = tempfile::tempdir().unwrap();
     let product = Product::start(data.path());

@@ -43,6 +43,11 @@ pub enum RehearsalError {
     Device(#[from] models::DeviceError),
 }
 
+/// Why a file cannot be imported.
+#[derive(Debug, Error)]
+#[error(transparent)]
+pub struct ImportRehearsalError(#[from] TaskError);
+
 /// Why an attempt at a task failed.
 #[derive(Debug, Error)]
 pub enum TaskError {

@@ -49,9 +49,10 @@ mod verify;
 
 pub use attempt_log::{AttemptLog, CurrentAttempt};
 pub use claim_loop::{WorkerOptions, run};
-pub use error::{RehearsalError, WorkerError};
+pub use error::{ImportRehearsalError, RehearsalError, WorkerError};
 pub use folder::{DatasetFolder, FolderError, Verified};
 pub use identify::{ArmFile, ArmFileError, FoundLoad, IdentifiedArm};
+pub use import::{Rehearsal, rehearse};
 pub use models::DeviceKind;
 pub use probe::{PROBE_LIMIT, ProbeError, Probed, probe, try_device};
 pub use rehearsal::{TrainingTimes, baseline_seconds, simulation_seconds, training_times};

@@ -14,6 +14,7 @@ use crate::extract::{Path, Query};
 use crate::page::answer::{InPage, PageError, html};
 use crate::page::labels::Labelled;
 use crate::page::parts::{Commands, Fact, FileRow, JobHeader};
+use crate::page::recordings::Imported;
 use crate::page::spec_text::spec_text;
 use crate::page::verification::Checked;
 use crate::page::viewer::Viewer;
@@ -41,8 +42,8 @@ struct DatasetPage {
     /// Whether it can be verified.
     complete: bool,
     checked: Checked,
-    /// The table of channels; none before the first shard.
-    channels: Vec<Table>,
+    /// Torques beside the robot's, and channels; none before the first shard.
+    tables: Vec<Table>,
     has_spectra: bool,
     /// A sentence about trajectories that the channels do not cover.
     left_out: String,
@@ -68,11 +69,17 @@ pub async fn show(
     let checked = Checked::new(dataset.verification.as_ref());
     let mut facts = facts(&dataset, job.kind, summary.trajectories);
     let mut warnings = job.warnings.clone();
+    let mut tables = Vec::new();
     if job.kind == JobKind::Import
-        && let Some(counts) = recordings::counts(&app, &job).await?
+        && let Some(Imported { counts, check }) = Imported::of(&app, &job).await?
     {
         facts.extend(recordings::facts(&counts));
         warnings.extend(counts.warnings);
+        let table = check.as_ref().map(reports::log_check::table);
+        tables.extend(table.filter(|table| !table.rows.is_empty()));
+    }
+    if !summary.channels.is_empty() {
+        tables.push(reports::channels::table(&summary));
     }
     let page = DatasetPage {
         id,
@@ -92,10 +99,7 @@ pub async fn show(
         facts,
         complete: dataset.completed_at.is_some(),
         checked,
-        channels: (!summary.channels.is_empty())
-            .then(|| reports::channels::table(&summary))
-            .into_iter()
-            .collect(),
+        tables,
         has_spectra: summary.spectra.iter().any(|spectrum| spectrum.density.len() > 1),
         left_out: match summary.trajectories - summary.summarized.min(summary.trajectories) {
             0 => String::new(),

@@ -1,18 +1,31 @@
 //! The result of an import.
 
 use serde::Deserialize;
-use wire::{ImportCounts, Job};
+use wire::{ImportCounts, Job, LogCheck};
 
 use crate::app::App;
 use crate::error::ApiError;
 use crate::page::parts::Fact;
 use crate::page::text;
 
-/// The counts and warnings of an import; `None` until it has ended.
-pub async fn counts(app: &App, import: &Job) -> Result<Option<ImportCounts>, ApiError> {
-    let result = app.sole_results(&[import.id]).await?.remove(&import.id);
-    let counts = result.as_ref().and_then(|result| result.get("import"));
-    Ok(counts.and_then(|counts| ImportCounts::deserialize(counts).ok()))
+/// What an import says of its file.
+pub struct Imported {
+    /// Counts and warnings.
+    pub counts: ImportCounts,
+    /// The torques beside those of the robot, if the import names one.
+    pub check: Option<LogCheck>,
+}
+
+impl Imported {
+    /// `None` until the import has ended.
+    pub async fn of(app: &App, import: &Job) -> Result<Option<Self>, ApiError> {
+        let result = app.sole_results(&[import.id]).await?.remove(&import.id);
+        Ok(result.and_then(|result| {
+            let counts = ImportCounts::deserialize(result.get("import")?).ok()?;
+            let check = result.get("check").and_then(|check| LogCheck::deserialize(check).ok());
+            Some(Self { counts, check })
+        }))
+    }
 }
 
 pub fn facts(counts: &ImportCounts) -> Vec<Fact> {

@@ -28,6 +28,7 @@ mod excitation;
 mod figure;
 mod fourier;
 mod identify;
+mod log;
 mod motion;
 mod normal_equations;
 mod rollouts;
@@ -45,6 +46,7 @@ pub use excitation::{
 pub use figure::Curves;
 pub use fourier::{Fourier, FourierJoint, MotionState};
 pub use identify::{Identification, Settings, identify, identify_load};
+pub use log::{Log, LogRow};
 pub use motion::Recording;
 pub use rollouts::HORIZONS_S;
 pub use torque_fit::Progress;

@@ -9,6 +9,7 @@ use wire::ImportCounts;
 use crate::error::{ImportError, RowError};
 use crate::frozen::Frozen;
 use crate::jumps::Jumps;
+use crate::measured::{Keeper, Measured};
 use crate::recording::{Recording, rounded};
 use crate::rows::Rows;
 use crate::samples::Sampling;
@@ -33,6 +34,8 @@ pub struct Conversion<I> {
     tables: Tables,
     counts: ImportCounts,
     folded: Option<Folded>,
+    /// Keeps what was measured, if the arm is known.
+    keeper: Option<Keeper>,
     /// The line of a CSV file that was cut off.
     cut_line: Option<u64>,
 }
@@ -62,6 +65,7 @@ impl<I: Iterator<Item = Result<Rows, ImportError>>> Conversion<I> {
             tables,
             counts: ImportCounts::default(),
             folded: None,
+            keeper: spec.robot.is_some().then(|| Keeper::new(spec.joints())),
             cut_line: None,
             spec,
         }
@@ -114,6 +118,12 @@ impl<I: Iterator<Item = Result<Rows, ImportError>>> Conversion<I> {
              {dropped_samples} samples together{repeated}, and a trajectory needs {}",
             self.spec.samples
         )))
+    }
+
+    /// The first three minutes of the file as they were measured, for a check of their torques. There
+    /// are none if the spec names no robot, and none the second time.
+    pub fn take_measured(&mut self) -> Vec<Measured> {
+        self.keeper.take().map(Keeper::recordings).unwrap_or_default()
     }
 
     fn warnings(&self) -> Vec<String> {
@@ -186,6 +196,9 @@ impl<I: Iterator<Item = Result<Rows, ImportError>>> Conversion<I> {
         if !goes_on {
             let (name, place) = (name.cloned(), self.rows.place(index));
             self.end_recording()?;
+            if let Some(keeper) = &mut self.keeper {
+                keeper.begin(name.as_deref());
+            }
             self.recording = Some(Recording::new(name, place, &self.spec));
         }
         if let Some(recording) = &mut self.recording {
@@ -198,6 +211,9 @@ impl<I: Iterator<Item = Result<Rows, ImportError>>> Conversion<I> {
                 recording.check(&sample, &self.spec)?;
                 self.jumps.accept(&sample).map_err(named)?;
                 self.frozen.accept(&sample, name.as_deref()).map_err(named)?;
+                if let Some(keeper) = &mut self.keeper {
+                    keeper.keep(&sample);
+                }
                 let name = name.clone();
                 recording.accept(sample).map_err(|error| RowError { recording: name, ..error })?;
             }

@@ -12,6 +12,7 @@ pub mod channels;
 pub mod closed_loop;
 pub mod evaluation;
 pub mod identification;
+pub mod log_check;
 pub mod numbers;
 mod outcome;
 pub mod robot;

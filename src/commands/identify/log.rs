@@ -2,12 +2,11 @@
 
 use std::fs::File;
 use std::io::{BufRead, BufReader, Seek};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use anyhow::{Context, bail, ensure};
 use clap::Args;
-use identification::Recording;
-use series::LowPass;
+use identification::{Log, LogRow};
 
 /// Flags for the columns of logs.
 #[derive(Clone, Debug, Args)]
@@ -43,24 +42,10 @@ const MAX_BYTES: u64 = 2 << 30;
 /// The longest time between two rows, s. Across a longer one, nothing is known of the motion.
 const MAX_GAP_S: f64 = 0.1;
 
-/// The highest rate of the samples, Hz. A faster log is filtered before samples are left out.
-const MAX_RATE_HZ: f64 = 250.0;
-
-/// The edge of that filter, as a share of the samples' rate.
-const EDGE: f64 = 0.4;
-
 /// A log that was read, and what was left out of it.
-pub struct Log {
-    /// The rows at their own times.
-    rows: Vec<Row>,
-    pub path: PathBuf,
+pub struct LogFile {
+    pub log: Log,
     pub notes: Vec<String>,
-}
-
-struct Row {
-    time_s: f64,
-    q: Vec<f64>,
-    u: Vec<f64>,
 }
 
 /// The place of each column in a line.
@@ -72,7 +57,7 @@ struct Columns {
 
 impl LogArguments {
     /// Reads a log of an arm of so many joints.
-    pub fn read(&self, path: &Path, joints: usize) -> anyhow::Result<Log> {
+    pub fn read(&self, path: &Path, joints: usize) -> anyhow::Result<LogFile> {
         let place = || path.display().to_string();
         let gains = match &self.gains {
             None => vec![1.0; joints],
@@ -110,7 +95,7 @@ impl LogArguments {
             .has_headers(has_header)
             .flexible(true)
             .from_reader(BufReader::new(file));
-        let mut rows: Vec<Row> = Vec::new();
+        let mut rows: Vec<LogRow> = Vec::new();
         let (mut repeated, mut notes, mut short) = (0_u64, Vec::new(), None);
         for record in reader.records() {
             let record = record.with_context(place)?;
@@ -157,7 +142,7 @@ impl LogArguments {
             );
             let u = values(&columns.u)?;
             let u = u.iter().zip(&gains).map(|(u, gain)| u * gain).collect();
-            rows.push(Row { time_s, q: values(&columns.q)?, u });
+            rows.push(LogRow { time_s, q: values(&columns.q)?, u });
         }
         ensure!(rows.len() > 1, "{} has {} rows, allowed: at least 2", place(), rows.len());
         if let Some(line) = short {
@@ -169,7 +154,7 @@ impl LogArguments {
                 place()
             ));
         }
-        Ok(Log { rows, path: path.to_owned(), notes })
+        Ok(LogFile { log: Log { name: place(), rows }, notes })
     }
 
     fn number(&self, field: &str) -> Option<f64> {
@@ -236,66 +221,6 @@ fn listed(text: &str, header: Option<&csv::StringRecord>) -> anyhow::Result<Vec<
     Ok(places)
 }
 
-impl Log {
-    /// Samples per second for recordings: the log's own, at most [`MAX_RATE_HZ`].
-    pub fn rate_hz(&self) -> f64 {
-        self.own_rate_hz().min(MAX_RATE_HZ)
-    }
-
-    /// One over the median time between rows.
-    fn own_rate_hz(&self) -> f64 {
-        let mut periods: Vec<f64> =
-            self.rows.windows(2).map(|pair| pair[1].time_s - pair[0].time_s).collect();
-        periods.sort_by(f64::total_cmp);
-        1.0 / periods[periods.len() / 2]
-    }
-
-    /// The log at even times. A log with a higher rate than `rate_hz` passes a low-pass without
-    /// delay before, so that nothing from above half of the rate is folded into it.
-    pub fn recording(&self, rate_hz: f64) -> Recording {
-        let own_rate_hz = self.own_rate_hz();
-        match LowPass::new(EDGE * rate_hz, own_rate_hz) {
-            Some(filter) if own_rate_hz > rate_hz => {
-                let dense = self.at_even_times(own_rate_hz);
-                let rows = (0_u32..)
-                    .zip(filter.apply_to_columns(&dense.q))
-                    .zip(filter.apply_to_columns(&dense.u))
-                    .map(|((sample, q), u)| Row { time_s: f64::from(sample) / own_rate_hz, q, u })
-                    .collect();
-                let path = self.path.clone();
-                Log { rows, path, notes: Vec::new() }.at_even_times(rate_hz)
-            }
-            _ => self.at_even_times(rate_hz),
-        }
-    }
-
-    /// The log at even times. Values between two rows are interpolated.
-    fn at_even_times(&self, rate_hz: f64) -> Recording {
-        let (first, last) = (self.rows[0].time_s, self.rows[self.rows.len() - 1].time_s);
-        let name = self.path.display().to_string();
-        let mut recording = Recording { name, rate_hz, q: Vec::new(), u: Vec::new() };
-        let mut at = 0;
-        let times = (0_u32..).map(|sample| first + f64::from(sample) / rate_hz);
-        for time_s in times.take_while(|time_s| *time_s < last) {
-            while at + 2 < self.rows.len() && self.rows[at + 1].time_s <= time_s {
-                at += 1;
-            }
-            let (before, after) = (&self.rows[at], &self.rows[at + 1]);
-            let share = (time_s - before.time_s) / (after.time_s - before.time_s);
-            let between = |before: &[f64], after: &[f64]| {
-                before
-                    .iter()
-                    .zip(after)
-                    .map(|(before, after)| before + share * (after - before))
-                    .collect()
-            };
-            recording.q.push(between(&before.q, &after.q));
-            recording.u.push(between(&before.u, &after.u));
-        }
-        recording
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use clap::Parser;
@@ -308,7 +233,7 @@ mod tests {
         log: LogArguments,
     }
 
-    fn read(flags: &[&str], text: &str) -> anyhow::Result<Log> {
+    fn read(flags: &[&str], text: &str) -> anyhow::Result<LogFile> {
         let folder = tempfile::tempdir()?;
         let path = folder.path().join("log.csv");
         std::fs::write(&path, text)?;
@@ -329,7 +254,7 @@ mod tests {
         let numbered =
             read(&["--time", "1", "--q", "2-3", "--u", "4,5"], "0,1,2,3,4\n0.01,1,2,3,4\n")
                 .unwrap();
-        for log in [named, numbered] {
+        for LogFile { log, .. } in [named, numbered] {
             assert_eq!(
                 (log.rows[1].q.as_slice(), log.rows[1].u.as_slice()),
                 (&[1.0, 2.0][..], &[3.0, 4.0][..])
@@ -342,47 +267,21 @@ mod tests {
     fn semicolons_decimal_commas_and_gains_are_declared() {
         let flags = ["--separator", ";", "--decimal-comma", "--gains", "10,-2"];
         let log = read(&flags, "t;q1;q2;u1;u2\n0;0,5;2;3;4\n0,01;1;2;3;4\n").unwrap();
-        assert_eq!((log.rows[0].q[0], log.rows[0].u.as_slice()), (0.5, &[30.0, -8.0][..]));
+        let row = &log.log.rows[0];
+        assert_eq!((row.q[0], row.u.as_slice()), (0.5, &[30.0, -8.0][..]));
     }
 
     #[test]
     fn a_cut_last_line_and_repeated_times_are_left_out_and_named() {
         let text = "t,q1,q2,u1,u2\n0,1,2,3,4\n0,1,2,3,4\n0.01,1,2,3,4\n0.02,1,2\n";
         let log = read(&[], text).unwrap();
-        assert_eq!(log.rows.len(), 2);
+        assert_eq!(log.log.rows.len(), 2);
         assert!(
             log.notes[0].ends_with("the last line, 5, is cut off and left out"),
             "{:?}",
             log.notes
         );
         assert!(log.notes[1].ends_with("1 lines repeat the time above them and are left out"));
-    }
-
-    #[test]
-    fn values_between_rows_are_interpolated() {
-        let log = read(&[], "t,q1,q2,u1,u2\n0,0,0,0,0\n0.01,1,2,3,4\n0.02,2,4,6,8\n").unwrap();
-        let recording = log.recording(200.0);
-        assert_eq!(recording.q.len(), 4);
-        assert!((recording.q[1][1] - 1.0).abs() < 1e-12 && (recording.u[3][0] - 4.5).abs() < 1e-12);
-    }
-
-    #[test]
-    fn a_faster_log_is_filtered_before_samples_are_left_out() {
-        // 1 Hz, and 240 Hz, which would become 10 Hz at 250 samples per second.
-        let mut text = "t,q1,q2,u1,u2\n".to_owned();
-        for sample in 0..2000 {
-            let t = f64::from(sample) * 1e-3;
-            let wave = |hz: f64| (std::f64::consts::TAU * hz * t).sin();
-            text += &format!("{t},{},0,{},0\n", wave(1.0), wave(240.0));
-        }
-        let log = read(&[], &text).unwrap();
-        assert!((log.rate_hz() - 250.0).abs() < 1e-6);
-        let recording = log.recording(250.0);
-        for (k, (q, u)) in recording.q.iter().zip(&recording.u).enumerate().skip(50).take(400) {
-            let expected = (std::f64::consts::TAU * k as f64 / 250.0).sin();
-            assert!((q[0] - expected).abs() < 1e-3, "{k}: {} {expected}", q[0]);
-            assert!(u[0].abs() < 0.02, "{k}: {}", u[0]);
-        }
     }
 
     #[test]

@@ -10,7 +10,7 @@ use std::process::ExitCode;
 use anyhow::{Context, ensure};
 use clap::Args;
 use identification::{Recording, Settings, identify, identify_load};
-use log::{Log, LogArguments};
+use log::{LogArguments, LogFile};
 use spec::IdentifySpec;
 use worker::{ArmFile, FoundLoad, IdentifiedArm};
 
@@ -77,7 +77,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     }
     check_folder(&arguments.out)?;
     let description = robot.description();
-    let read = |paths: &[PathBuf]| -> anyhow::Result<Vec<Log>> {
+    let read = |paths: &[PathBuf]| -> anyhow::Result<Vec<LogFile>> {
         paths.iter().map(|path| arguments.columns.read(path, description.joints.len())).collect()
     };
     let (logs, validation, loads) =
@@ -85,9 +85,9 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     for note in [&logs, &validation, &loads].into_iter().flatten().flat_map(|log| &log.notes) {
         eprintln!("note: {note}");
     }
-    let rate_hz = logs[0].rate_hz();
-    let recordings = |logs: &[Log]| -> Vec<Recording> {
-        logs.iter().map(|log| log.recording(rate_hz)).collect()
+    let rate_hz = logs[0].log.rate_hz();
+    let recordings = |logs: &[LogFile]| -> Vec<Recording> {
+        logs.iter().map(|file| file.log.recording(rate_hz)).collect()
     };
     let progress = &mut || ControlFlow::Continue(());
     let (fit, validation) = (recordings(&logs), recordings(&validation));

@@ -4,17 +4,20 @@
 //! submitted. The number of trajectories is known only at the end, so the transaction that commits
 //! the shard writes it to the dataset. The result is a function of (file, spec).
 
+mod check;
 #[cfg(test)]
 mod tests;
 
 use std::collections::BTreeMap;
 
-use recordings::{Conversion, Decoder, ImportError, Rows, TableSchemas};
+use recordings::{Conversion, Decoder, ImportError, Measured, Rows, TableSchemas};
 use spec::{Column, DataSpec, ImportSpec};
 use store::{
     FileContent, ObjectWriter, ShardContents, ShardSummary, TableWriter, Upload, object_path,
 };
 use wire::ImportCounts;
+
+pub use check::{Rehearsal, rehearse};
 
 use crate::attempt::Attempt;
 use crate::error::TaskError;
@@ -39,11 +42,17 @@ fn run(attempt: &Attempt) -> Result<(), TaskError> {
     let written = convert(rows, &spec, trajectories, table, &|done| attempt.show(done))?;
     let ImportCounts { rows, recordings, trajectories, .. } = &written.counts;
     tracing::info!(rows, recordings, trajectories, "converted and published");
-    for warning in &written.counts.warnings {
+    let check = check::check(&spec, written.measured);
+    let mut counts = written.counts;
+    counts.warnings.extend(check.iter().flat_map(|check| check.doubts.iter().cloned()));
+    for warning in &counts.warnings {
         tracing::warn!("{warning}");
     }
     let mut result = written.summary.to_result();
-    result["import"] = serde_json::to_value(written.counts)?;
+    result["import"] = serde_json::to_value(counts)?;
+    if let Some(check) = check {
+        result["check"] = serde_json::to_value(check)?;
+    }
     attempt.end(store.commit_import(attempt.fence(), &written.shard, &result))
 }
 
@@ -63,6 +72,8 @@ pub(crate) struct WrittenImport {
     pub shard: ShardContents,
     pub counts: ImportCounts,
     pub summary: ShardSummary,
+    /// What a check of the torques looks at.
+    measured: Vec<Measured>,
 }
 
 /// Converts the rows of a file into the two tables of a dataset. Their bytes depend only on the
@@ -98,6 +109,7 @@ pub(crate) fn convert(
             table.write(imported.table)?;
         }
     }
+    let measured = conversion.take_measured();
     let counts = conversion.finish()?;
     let shard = ShardContents {
         first: 0,
@@ -106,7 +118,7 @@ pub(crate) fn convert(
         trajectories: trajectories.finish()?,
         robots: table.finish()?,
     };
-    Ok(WrittenImport { shard, counts, summary: summary.finish() })
+    Ok(WrittenImport { shard, counts, summary: summary.finish(), measured })
 }
 
 /// The file's metadata: enough to make it again, byte for byte, from the same upload.

@@ -1,5 +1,7 @@
 //! `torqued import`: sends a file of recordings or predictions, and submits the job that reads it.
 
+mod check;
+
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -51,6 +53,10 @@ pub struct Arguments {
     #[arg(long)]
     wait: bool,
 
+    /// Import nothing: say what the import would give, and what looks wrong in the recordings beside the robot of the spec
+    #[arg(long, conflicts_with_all = ["force", "wait", "predictions_of"])]
+    check: bool,
+
     #[command(flatten)]
     labels: LabelArguments,
 
@@ -79,6 +85,9 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     }
     if arguments.unwrap {
         spec["unwrap"] = json!(true);
+    }
+    if arguments.check {
+        return check::run(&client, &arguments.file, spec, arguments.output).await;
     }
     let reuse = if arguments.force { Reuse::ComputeAnew } else { Reuse::ByDigest };
     let labels = arguments.labels.parameters();

@@ -1,0 +1,66 @@
+//! `torqued import --check`: reads a file as its import would, on this machine.
+
+use std::fs::File;
+use std::path::Path;
+use std::process::ExitCode;
+
+use anyhow::{Context, bail};
+use serde_json::{Value, json};
+use spec::{JobSpec, RobotReference};
+use worker::Rehearsal;
+
+use crate::arguments::OutputArguments;
+use crate::client::Client;
+use crate::commands::worker::decoder;
+use crate::output::write_json;
+
+/// Prints what the import of a file would give. Only robots that `spec` names need the server.
+pub(super) async fn run(
+    client: &Client,
+    file: &Path,
+    mut spec: Value,
+    output: OutputArguments,
+) -> anyhow::Result<ExitCode> {
+    for named in spec::named_robots(&mut spec)? {
+        let RobotReference::Id(id) = named.robot else {
+            bail!("{} is a digest, allowed with --check: {{\"robot\": ID}}", named.field);
+        };
+        *named.place = client.get(&format!("/v1/robots/{id}/description.json")).await?;
+    }
+    spec["kind"] = json!("import");
+    // No digest is needed where nothing is stored.
+    spec["file"] = json!("0".repeat(64));
+    let JobSpec::Import(spec) = spec::parse(spec.to_string().as_bytes())? else {
+        bail!("the spec is not that of an import");
+    };
+    let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let content = File::open(file).with_context(|| format!("cannot read {}", file.display()))?;
+    let decoder = decoder()?;
+    let found =
+        tokio::task::spawn_blocking(move || worker::rehearse(&decoder, content, &name, &spec));
+    let found = found.await??;
+    if output.json {
+        write_json(&found)?;
+    } else {
+        print(&found);
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn print(Rehearsal { import, check }: &Rehearsal) {
+    println!(
+        "{} recordings with {} rows give {} trajectories",
+        import.recordings, import.rows, import.trajectories
+    );
+    match check {
+        None => println!("The spec names no robot, so torques are compared with nothing."),
+        Some(check) if check.seconds == 0.0 => {
+            println!("No recording is long enough to compare its torques with the robot's.");
+        }
+        Some(check) => print!("\n{}", reports::log_check::table(check).with_title()),
+    }
+    let doubts = check.iter().flat_map(|check| &check.doubts);
+    for warning in import.warnings.iter().chain(doubts) {
+        println!("warning: {warning}");
+    }
+}

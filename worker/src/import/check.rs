@@ -1,0 +1,83 @@
+//! Whether the torques of a file can be those of the robot that its import names.
+
+use std::fs::File;
+use std::ops::ControlFlow;
+
+use identification::{Log, LogRow, Recording, check_log};
+use recordings::{Decoder, DecoderProgram, Measured, MeasuredRow};
+use serde::Serialize;
+use spec::{Gravity, ImportSpec};
+use store::ObjectWriter;
+use wire::{ImportCounts, LogCheck};
+
+use super::convert;
+use crate::error::{ImportRehearsalError, TaskError};
+
+/// What an import would give.
+#[derive(Debug, Serialize)]
+pub struct Rehearsal {
+    /// What was read, and what looks wrong in it.
+    pub import: ImportCounts,
+    /// The torques beside those of the robot, if the spec names one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub check: Option<LogCheck>,
+}
+
+/// Reads a file as its import would, and publishes nothing.
+///
+/// # Errors
+/// When the file cannot be imported as `spec` says.
+pub fn rehearse(
+    decoder: &DecoderProgram,
+    file: File,
+    name: &str,
+    spec: &ImportSpec,
+) -> Result<Rehearsal, ImportRehearsalError> {
+    let rows = Decoder::start(decoder, file, name, spec).map_err(TaskError::from)?;
+    let nowhere = || ObjectWriter::digest_only("rehearsal");
+    let go_on = |_| ControlFlow::Continue(());
+    let written = convert(rows, spec, nowhere(), nowhere(), &go_on)?;
+    Ok(Rehearsal { import: written.counts, check: check(spec, written.measured) })
+}
+
+/// Compares what was measured with the robot. `None` if the spec names none, and for a description
+/// that no arm can have.
+pub(super) fn check(spec: &ImportSpec, measured: Vec<Measured>) -> Option<LogCheck> {
+    let robot = spec.robot.as_ref()?;
+    let logs: Vec<Log> = measured.into_iter().map(log).collect();
+    let rate_hz = logs.first().map_or(spec.rate_hz, Log::rate_hz);
+    let recordings: Vec<Recording> = logs.iter().map(|log| log.recording(rate_hz)).collect();
+    match check_log(robot.description(), &recordings) {
+        Ok(mut check) => {
+            check.doubts.extend(of_gravity(robot.gravity, &check));
+            Some(check)
+        }
+        Err(error) => {
+            tracing::warn!("the torques were not compared with the robot: {error}");
+            None
+        }
+    }
+}
+
+fn log(measured: Measured) -> Log {
+    let row = |MeasuredRow { time_s, q, u }| LogRow { time_s, q, u };
+    Log { name: measured.name, rows: measured.rows.into_iter().map(row).collect() }
+}
+
+/// What the torques carry against what the spec says of gravity.
+fn of_gravity(declared: Gravity, check: &LogCheck) -> Option<String> {
+    let carries = |expected: bool| {
+        check.channels.iter().any(|channel| channel.carries_weight == Some(expected))
+    };
+    match (declared, carries(true), carries(false)) {
+        (Gravity::Off, true, false) => Some(
+            "u carries the arm's weight, but robot.gravity is off: say \"on\", or \"compensated\" if a controller adds the weight"
+                .to_owned(),
+        ),
+        (Gravity::On | Gravity::Compensated, false, true) => Some(
+            "u does not carry the arm's weight, but robot.gravity says that it does: leave it out"
+                .to_owned(),
+        ),
+        _ => None,
+    }
+}
