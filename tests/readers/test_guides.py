@@ -88,6 +88,39 @@ class Recordings(Guide):
         self.assertRegex(said, r"^joint 4 after 0\.8 s: \S+ rad, 90 % between \S+ and \S+; it was -1\.8832\n$")
 
 
+class Urdf(Guide):
+    def test_from_a_urdf_and_a_log_to_a_model(self):
+        self.begin(Server())
+        self.succeed(sys.executable, DOCUMENTS / "examples/my_arm.py")
+        identify, parameters, keep, compare = (
+            block for block in blocks("urdf.md", "sh") if "my_arm.py" not in block and "serve" not in block
+        )
+        said, said_parameters, said_robots, said_errors = blocks("urdf.md", "text")
+        self.assertAlike(said, self.succeed("bash", "-euc", identify))
+        self.assertAlike(said_parameters, self.succeed("bash", "-euc", parameters))
+
+        whole, job, windows = blocks("urdf.md", "json")
+        for name, text in [("whole", whole), ("identify", job), ("windows", windows)]:
+            (self.folder / f"{name}.json").write_text(text)
+        printed = self.succeed("bash", "-euc", keep)
+        for line in said_robots.splitlines():
+            # Digests and ages differ.
+            self.assertIn(" ".join(line.split()[:6]), " ".join(printed.split()))
+        printed = self.succeed("bash", "-euc", compare)
+        rows = Table(said_errors).rows
+        self.assertEqual(differences(Table(said_errors), Table(printed), dict.fromkeys(rows, 0.05)), [])
+
+    def assertAlike(self, said, printed):
+        """Every line is printed, with numbers within 5 %: vectors of other widths sum in another order."""
+        number = re.compile(r"-?\d+\.\d+(?:e-?\d+)?")
+        lines = {number.sub("#", " ".join(line.split())): line for line in printed.splitlines()}
+        for line in said.splitlines():
+            found = lines.get(number.sub("#", " ".join(line.split())), "")
+            self.assertTrue(found or not line, f"{line!r} is not in {printed}")
+            for expected, value in zip(number.findall(line), number.findall(found)):
+                self.assertAlmostEqual(float(value), float(expected), delta=0.05 * abs(float(expected)), msg=line)
+
+
 class ControlLoop(Guide):
     def setUp(self):
         self.begin(Product())
