@@ -148,14 +148,6 @@ fn steps(Arguments { quick, devices, .. }: &Arguments) -> Vec<Vec<Step>> {
             count: None,
         },
         Step {
-            name: "clippy",
-            command: command(
-                "cargo",
-                &["clippy", "--release", "--workspace", "--all-targets", "--", "-D", "warnings"],
-            ),
-            count: None,
-        },
-        Step {
             name: "tests",
             command: with_skipped_tests(nextest_or_cargo_test(*quick)),
             count: Some(|text| counts::nextest(text).or_else(|| counts::cargo_test(text))),
@@ -166,7 +158,7 @@ fn steps(Arguments { quick, devices, .. }: &Arguments) -> Vec<Vec<Step>> {
             count: Some(counts::cargo_test),
         },
     ];
-    let (mut beside, mut alone) = (Vec::new(), Vec::new());
+    let (mut beside, mut alone) = (vec![clippy()], Vec::new());
     if *devices {
         steps.push(Step {
             name: "device tests",
@@ -182,7 +174,7 @@ fn steps(Arguments { quick, devices, .. }: &Arguments) -> Vec<Vec<Step>> {
             count: None,
         });
         steps.push(Step { name: "packages", command: dist(), count: None });
-        // These wait for servers and workers for most of their time.
+        // These wait for servers and workers for half of their time, which clippy uses.
         beside.push(Step {
             name: "installed packages",
             command: with_product(installed_packages()),
@@ -207,8 +199,15 @@ fn steps(Arguments { quick, devices, .. }: &Arguments) -> Vec<Vec<Step>> {
         });
     }
     let one_by_one = |steps: Vec<Step>| steps.into_iter().map(|step| vec![step]);
-    let beside = Some(beside).filter(|beside| !beside.is_empty());
-    one_by_one(steps).chain(beside).chain(one_by_one(alone)).collect()
+    one_by_one(steps).chain([beside]).chain(one_by_one(alone)).collect()
+}
+
+/// Checks the code with the processor's spare time, because tests beside it have to keep theirs.
+fn clippy() -> Step {
+    let clippy = ["clippy", "--release", "--workspace", "--all-targets", "--", "-D", "warnings"];
+    let mut command = command("nice", &["-n", "19", "cargo"]);
+    command.args(clippy);
+    Step { name: "clippy", command, count: None }
 }
 
 /// The file in which tests report that this machine cannot run them, one line `NAME: REASON` each.
