@@ -10,9 +10,11 @@ mujoco[sysid] and scipy.
 """
 
 import argparse
+import contextlib
 import json
 import re
 import resource
+import sys
 import time
 
 import mujoco
@@ -213,7 +215,9 @@ def main():
     )
     began, processor = time.perf_counter(), time.process_time()
     residual = sysid.build_residual_fn(models_sequences=[sequences])
-    found, _ = sysid.optimize(params, residual, max_iters=arguments.iterations, verbose=False)
+    # It prints its iterations, whatever `verbose` says.
+    with contextlib.redirect_stdout(sys.stderr):
+        found, _ = sysid.optimize(params, residual, max_iters=arguments.iterations, verbose=False)
     seconds, processor = time.perf_counter() - began, time.process_time() - processor
     fitted = sysid.apply_param_modifiers(found, spec)
     print(

@@ -49,18 +49,20 @@ pub fn simulate_anew(torqued: &Path, spec: &Path, folder: &Path) -> anyhow::Resu
     if let Some(parent) = folder.parent() {
         fs::create_dir_all(parent)?;
     }
+    let mut simulate = Command::new(torqued);
+    simulate.arg("simulate").arg("--spec").arg(spec).arg("--out").arg(folder);
+    cost_of(simulate.current_dir(repository()))
+}
+
+/// Runs a command to its end, without its output.
+pub fn cost_of(command: &mut Command) -> anyhow::Result<Cost> {
+    let program = command.get_program().to_string_lossy().into_owned();
     let started = Instant::now();
-    let mut child = Command::new(torqued)
-        .arg("simulate")
-        .arg("--spec")
-        .arg(spec)
-        .arg("--out")
-        .arg(folder)
-        .current_dir(repository())
+    let mut child = command
         .stdin(Stdio::null())
         .stdout(Stdio::null())
         .spawn()
-        .context("cannot run torqued")?;
+        .with_context(|| format!("cannot run {program}"))?;
     let mut peak_gib: f64 = 0.0;
     let mut processor_seconds: f64 = 0.0;
     let status = loop {
@@ -72,7 +74,7 @@ pub fn simulate_anew(torqued: &Path, spec: &Path, folder: &Path) -> anyhow::Resu
         thread::sleep(Duration::from_millis(10));
     };
     let seconds = started.elapsed().as_secs_f64();
-    ensure!(status.success(), "torqued simulate --spec {} failed", spec.display());
+    ensure!(status.success(), "{program} failed");
     Ok(Cost { seconds, processor_seconds, peak_gib })
 }
 

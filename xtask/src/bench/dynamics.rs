@@ -191,9 +191,11 @@ fn mujoco_rates(python: &Path, what: &str, dataset: &Path) -> Command {
     command
 }
 
-/// Runs a program that prints JSON.
+/// Runs a program that prints JSON, in the repository unless the command says another folder.
 pub(super) fn answer<T: DeserializeOwned>(command: &mut Command) -> anyhow::Result<T> {
-    command.current_dir(crate::places::repository());
+    if command.get_current_dir().is_none() {
+        command.current_dir(crate::places::repository());
+    }
     let program = command.get_program().to_string_lossy().into_owned();
     let output = command.output().with_context(|| format!("cannot run {program}"))?;
     ensure!(output.status.success(), "{program}: {}", String::from_utf8_lossy(&output.stderr));

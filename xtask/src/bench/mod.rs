@@ -4,6 +4,7 @@ mod arms;
 mod build;
 mod control;
 mod dynamics;
+mod identify;
 mod inference;
 pub mod isa;
 mod measurement;
@@ -66,7 +67,7 @@ struct Benchmark {
     run: fn(Wanted) -> anyhow::Result<BenchmarkResults>,
 }
 
-const ALL: [Benchmark; 12] = [
+const ALL: [Benchmark; 13] = [
     Benchmark {
         name: "arms",
         about: "forward dynamics per second of arms from URDFs, beside Pinocchio",
@@ -87,6 +88,11 @@ const ALL: [Benchmark; 12] = [
         about: "forward dynamics and trajectories per second, beside Pinocchio and MuJoCo; a million \
                 trajectories written",
         run: dynamics::run,
+    },
+    Benchmark {
+        name: "identify",
+        about: "errors, processor time and memory of identifications from logs, beside mujoco.sysid, which takes an hour",
+        run: identify::run,
     },
     Benchmark {
         name: "inference",
