@@ -289,7 +289,7 @@ async fn a_log_with_the_other_sign_is_doubted_before_and_after_its_import() {
         output
     };
     let right = check(&[]);
-    assert!(right.contains("1 recordings with 2500 rows give 1 trajectories"), "{right}");
+    assert!(right.contains("recordings: 1, rows: 2500, trajectories: 1"), "{right}");
     assert!(right.contains("Torques beside the robot's") && !right.contains("warning"), "{right}");
 
     // The server knows the robot of the spec. Only u is turned.

@@ -49,7 +49,7 @@ pub(super) async fn run(
 
 fn print(Rehearsal { import, check }: &Rehearsal) {
     println!(
-        "{} recordings with {} rows give {} trajectories",
+        "recordings: {}, rows: {}, trajectories: {}",
         import.recordings, import.rows, import.trajectories
     );
     match check {
