@@ -4,7 +4,8 @@
 //! same lengths that are zero. Zeros and quarter turns cost nothing there.
 
 use crate::Kinematics;
-use crate::kinematics::{Angle, Row};
+use crate::angle::Angle;
+use crate::kinematics::Row;
 
 /// Rotation about x from a joint's frame to its parent's, the α of its modified DH row.
 #[derive(Clone, Copy, PartialEq, Eq)]

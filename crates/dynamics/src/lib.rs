@@ -24,6 +24,7 @@
     reason = "closures do not inline into functions compiled for other instructions; loops over indices do"
 )]
 
+mod angle;
 mod block;
 mod compiled;
 mod dispatch;
@@ -55,12 +56,13 @@ mod spatial;
 mod structure;
 mod sweep;
 
+pub use angle::Angle;
 pub use error::DynamicsError;
 pub use excitation::{Chirp, Multisine, Steps, Torques};
 pub use friction::Friction;
 pub use inertia::RigidBody;
 pub use joints::Joints;
-pub use kinematics::{Angle, Base, Kinematics, Pose, Row};
+pub use kinematics::{Base, Kinematics, Pose, Row};
 pub use measurement::add_position_noise;
 pub use regressor::{LINK_PARAMETERS, torque_regressor};
 pub use replay::{Anchor, ArmState, Motion, Replay};

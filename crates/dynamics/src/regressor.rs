@@ -125,7 +125,8 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::kinematics::{Angle, Base, Row};
+    use crate::angle::Angle;
+    use crate::kinematics::{Base, Row};
     use crate::{Robot, bias_forces, mass_matrix};
 
     /// The Panda on a tilted base, with joints that no proper table has.

@@ -4,7 +4,8 @@
 use nalgebra::{Rotation3, Vector3};
 use spec::{BodyDescription, Gravity, JointDescription, RobotDescription, RobotSpec};
 
-use crate::kinematics::{Angle, Base, Row};
+use crate::angle::Angle;
+use crate::kinematics::{Base, Row};
 use crate::{Friction, Joints, Kinematics, RigidBody};
 
 /// The physical parameters of one arm.

@@ -7,8 +7,8 @@
 
 use simd::Lanes;
 
+use crate::angle::Angle;
 use crate::compiled::{TWISTS, Twist, shifted};
-use crate::kinematics::Angle;
 
 pub(crate) type Vector<L> = [L; 3];
 /// Entries xx, xy, xz, yy, yz, zz of a symmetric matrix.

@@ -6,6 +6,7 @@ mod line_count;
 mod mcap_rows;
 mod npz_rows;
 mod parquet_rows;
+mod parquet_values;
 mod section;
 mod signature;
 mod spaces;
