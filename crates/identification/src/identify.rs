@@ -82,7 +82,7 @@ pub fn identify(
         .into_iter()
         .map(|speed| Prior::of(description, speed, settings.gain_deviation))
         .collect::<Result<Vec<_>, _>>()?;
-    search(priors, recordings, validation, settings, settings.most_delay_s, progress)
+    search(priors, recordings, validation, settings, progress)
 }
 
 /// Identifies the load in the hand of an arm that [`identify`] found. All recordings have the same
@@ -98,7 +98,9 @@ pub fn identify_load(
     settings: &Settings,
     progress: Progress<'_>,
 ) -> Result<Identification, IdentificationError> {
-    search(vec![Prior::loaded(arm)], recordings, validation, settings, 0.0, progress)
+    // The delay is that of the arm.
+    let settings = Settings { most_delay_s: 0.0, ..*settings };
+    search(vec![Prior::loaded(arm)], recordings, validation, &settings, progress)
 }
 
 /// The prior whose regression leaves the least torque, and the arm from there.
@@ -107,7 +109,6 @@ fn search(
     recordings: &[Recording],
     validation: &[Recording],
     settings: &Settings,
-    most_delay_s: f64,
     progress: Progress<'_>,
 ) -> Result<Identification, IdentificationError> {
     let joints = priors.first().map_or(0, |prior| prior.arm.joints());
@@ -134,12 +135,14 @@ fn search(
         return Err(IdentificationError::NoRecordings);
     };
     let mut delay = None;
+    let most_delay_s = settings.most_delay_s;
     if most_delay_s > 0.0 {
         let (fit, found) = torque_fit::fit_delay(best, &motions, most_delay_s, progress)?;
         if found.value.abs() > 0.95 * most_delay_s {
             warnings.push(format!(
-                "the torques seem late by {:.1} ms, close to the most that was allowed, {most_delay_s} s",
-                1e3 * found.value
+                "the delay of the torques, {:.1} ms, is at the edge of what most_delay_s allows, ± {:.1} ms",
+                1e3 * found.value,
+                1e3 * most_delay_s
             ));
         }
         (best, delay) = (fit, Some(found));

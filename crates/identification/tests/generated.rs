@@ -339,11 +339,15 @@ fn torques_that_are_recorded_late_are_found_to_be() {
         assert_eq!((delay.name.as_str(), delay.joint), ("delay", None));
         assert!((delay.value - truth).abs() < 3.0 * delay.deviation, "{truth} s: {delay:?}");
         assert!(delay.deviation < 0.001, "{delay:?}");
-        assert!(found.report.warnings.iter().all(|warning| !warning.contains("late")));
+        assert!(found.report.warnings.iter().all(|warning| !warning.contains("delay")));
     }
     let recording = late(&log(&described, None, 30, 3), 8, 0.0);
     let found = identify(&described, &[recording], &[], &settings, unheard()).unwrap();
-    let said = found.report.warnings.iter().any(|warning| warning.contains("late by 50.0 ms"));
+    let said = found
+        .report
+        .warnings
+        .iter()
+        .any(|warning| warning.contains("the delay of the torques, 50.0 ms"));
     assert!(said, "{:?}", found.report.warnings);
 }
 
