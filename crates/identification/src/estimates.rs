@@ -5,8 +5,8 @@ use nalgebra::{DMatrix, DVector};
 use wire::{ArmReport, Correlation, Directions, ParameterEstimate};
 
 use crate::arm::{Arm, DESCRIBED, JointParameter, Parameter, Prior};
+use crate::horizons::HORIZONS_S;
 use crate::normal_equations::inverse;
-use crate::rollouts::HORIZONS_S;
 use crate::torques::Torques;
 
 /// What reports call the identified arm.

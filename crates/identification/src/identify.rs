@@ -9,9 +9,10 @@ use crate::arm::{Arm, Prior, described_friction_speed};
 use crate::arx::Arx;
 use crate::estimates::{Estimates, IDENTIFIED, doubts};
 use crate::figure::Curves;
+use crate::horizons::HORIZONS_S;
 use crate::motion::{Motion, Recording};
 use crate::normal_equations::minimize;
-use crate::rollouts::{HORIZONS_S, RolloutFit, Windows};
+use crate::rollouts::{RolloutFit, Windows};
 use crate::torque_fit::{self, Progress, TorqueFit};
 use crate::torques::Torques;
 

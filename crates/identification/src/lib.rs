@@ -27,6 +27,7 @@ mod estimates;
 mod excitation;
 mod figure;
 mod fourier;
+mod horizons;
 mod identify;
 mod log;
 mod motion;
@@ -45,9 +46,9 @@ pub use excitation::{
 };
 pub use figure::Curves;
 pub use fourier::{Fourier, FourierJoint, MotionState};
+pub use horizons::HORIZONS_S;
 pub use identify::{Identification, Settings, identify, identify_load};
 pub use log::{Log, LogRow};
 pub use motion::Recording;
-pub use rollouts::HORIZONS_S;
 pub use torque_fit::Progress;
 pub use trace::Trace;

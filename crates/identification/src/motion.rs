@@ -3,7 +3,7 @@
 use series::LowPass;
 
 use crate::IdentificationError;
-use crate::rollouts::HORIZONS_S;
+use crate::horizons::HORIZONS_S;
 
 /// Torques and positions of an arm at even times.
 #[derive(Clone, Debug, PartialEq)]

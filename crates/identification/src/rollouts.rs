@@ -8,13 +8,10 @@ use spec::{Integrator, Precision};
 
 use crate::arm::Arm;
 use crate::arx::Arx;
+use crate::horizons::HORIZONS_S;
 use crate::motion::{Motion, whole};
 use crate::normal_equations::NormalEquations;
 use crate::trace::Trace;
-
-/// How far ahead motions are predicted, s: one step of a controller, half a second, and the horizon
-/// of the paper's study.
-pub const HORIZONS_S: [f64; 3] = [0.1, 0.5, 1.33];
 
 /// The longest step of the integration, s. Coulomb friction bends within a millisecond.
 const LONGEST_STEP_S: f64 = 5e-4;

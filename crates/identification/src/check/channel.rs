@@ -51,7 +51,7 @@ impl Channel {
     /// All channels, in the order of their columns.
     pub fn all(arm: &Prior, states: &States<'_>, layout: &Layout) -> Vec<Self> {
         let joints = layout.torques.len();
-        if states.count() < super::LEAST_ROWS {
+        if !states.are_enough() {
             let unseen = "no recording is long enough".to_owned();
             return (0..joints).map(|column| Self::unseen(column, unseen.clone())).collect();
         }

@@ -44,7 +44,7 @@ impl Layout {
     pub fn find(arm: &Prior, states: &States<'_>) -> Self {
         let joints = arm.arm.joints();
         let declared = Self::declared(joints);
-        if states.count() < super::LEAST_ROWS {
+        if !states.are_enough() {
             return declared;
         }
         let states = states.thinned(ROWS);

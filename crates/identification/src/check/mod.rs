@@ -34,9 +34,6 @@ const LOW_PASS_SHARE: f64 = 0.125;
 /// The speed at which Coulomb friction bends in an arm of which nothing is known yet, rad/s.
 const FRICTION_SPEED_RAD_S: f64 = 0.05;
 
-/// With fewer rows, nothing is told.
-const LEAST_ROWS: usize = 25;
-
 /// Compares recordings with the arm of a description. Only the first [`MOST_CHECKED_S`] count, and
 /// recordings that are too short do not.
 ///

@@ -15,6 +15,9 @@ pub const FRICTION_SPEEDS_RAD_S: [f64; 2] = [0.02, 0.15];
 /// to be told for arms that nobody has identified.
 const SPREAD: f64 = 1.5;
 
+/// With fewer rows, nothing is told.
+const LEAST_ROWS: usize = 25;
+
 /// A sample of a motion.
 #[derive(Clone, Copy)]
 struct Row {
@@ -92,6 +95,11 @@ impl<'a> States<'a> {
 
     pub const fn count(&self) -> usize {
         self.rows.len()
+    }
+
+    /// Whether there are enough rows to tell anything.
+    pub const fn are_enough(&self) -> bool {
+        self.count() >= LEAST_ROWS
     }
 
     /// The longest period of the recordings, s.
