@@ -2,9 +2,8 @@
 //
 // A file that urdf_joints.py printed replaces the Panda. All evaluations share one arm and use 1024
 // random states. This suits Pinocchio best, because a model per robot is slower. The faster of its
-// two conventions counts. Everything is compiled from
-// headers for this processor. Nothing of the packaged library, which is built for all processors,
-// is called.
+// two conventions counts. Everything is compiled from headers for this processor. Nothing of the
+// packaged library, which is built for all processors, is called.
 
 #include <chrono>
 #include <cmath>

@@ -8,7 +8,7 @@ use crate::error::ApiError;
 use crate::page::parts::Fact;
 use crate::page::text;
 
-/// What an import says of its file.
+/// The findings of an import about its file.
 pub struct Imported {
     /// Counts and warnings.
     pub counts: ImportCounts,

@@ -14,7 +14,7 @@ use crate::spatial::{Symmetric, Turn, Vector, add_cross};
 use crate::structure::Structure;
 
 /// An arm of any structure. Arrays shorter than [`MAX_JOINTS`] are full. For them loops have a
-/// constant length, which saves a third of the time. Their arithmetic is the same.
+/// constant length and are faster. Their arithmetic is the same.
 #[derive(Clone, Copy)]
 pub(crate) struct General<const N: usize> {
     joints: usize,

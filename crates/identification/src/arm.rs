@@ -86,14 +86,14 @@ pub struct Arm {
 
 /// The description's arm and how far from it an identified arm may be.
 pub(crate) struct Prior {
-    /// What reports call the prior's arm.
+    /// The arm's name in reports.
     pub(crate) name: &'static str,
     pub(crate) arm: Arm,
     /// One standard deviation per number; 0 where the number is known.
     pub(crate) deviations: DVector<f64>,
 }
 
-/// What reports call the described arm.
+/// The described arm's name in reports.
 pub(crate) const DESCRIBED: &str = "description";
 
 /// The speed of the bend of Coulomb friction that a description has, rad/s, if all joints have the

@@ -94,7 +94,7 @@ impl Arx {
     }
 }
 
-/// What a law knows of the periods before one, the last first.
+/// Velocities and torques of the periods before one, the last first.
 struct Past {
     /// `[lag][joint]`, rad/s.
     velocities: Vec<Vec<f64>>,

@@ -9,7 +9,7 @@ use crate::horizons::HORIZONS_S;
 use crate::normal_equations::inverse;
 use crate::torques::Torques;
 
-/// What reports call the identified arm.
+/// The identified arm's name in reports.
 pub(crate) const IDENTIFIED: &str = "identified";
 
 /// The parameters of an arm, as functions of its numbers.

@@ -17,13 +17,13 @@ const LEAST_RANGE_RAD: f64 = 0.03;
 /// A number is told if it is so many standard deviations from 0.
 const CLEAR: f64 = 5.0;
 
-/// What the other answer about gravity must cost more: a likelihood of 3000 to 1.
+/// Gravity is told if the other answer costs this much more: a likelihood of 3000 to 1.
 const CLEAR_COST: f64 = 8.0;
 
 /// The largest standard deviation of a share of gravity that is told.
 const LARGEST_DEVIATION: f64 = 0.2;
 
-/// What a column of torques says.
+/// The findings about a column of torques.
 pub struct Channel {
     /// The column, as declared.
     pub column: usize,
@@ -142,7 +142,7 @@ impl Compared {
         Some(Self { regression, fit, in_favour_of_weight, left })
     }
 
-    /// What the regression says about the channel.
+    /// The findings of the regression about the channel.
     fn channel(&self, column: usize, delay: Result<Measurement, Unknown>) -> Channel {
         let fit = &self.fit;
         let [weight, rest] = [GRAVITY, REST].map(|column| fit.measurement(column));

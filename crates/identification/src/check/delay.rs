@@ -10,7 +10,7 @@ pub const LARGEST_S: f64 = 0.2;
 const STEPS: i32 = 20;
 const STEP_S: f64 = LARGEST_S / STEPS as f64;
 
-/// What another delay must cost more, if it is no neighbour: a likelihood of 400 to 1.
+/// A delay is told if all others but its neighbours cost this much more: a likelihood of 400 to 1.
 const CLEARLY: f64 = 6.0;
 
 /// Less than this share of a sample is never told.

@@ -1,4 +1,4 @@
-//! What is probably wrong with a recording, in words.
+//! Sentences about probable mistakes in a recording.
 
 use wire::Measurement;
 

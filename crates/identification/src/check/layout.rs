@@ -11,7 +11,7 @@ use crate::arm::Prior;
 /// Rows that a layout is judged by.
 const ROWS: usize = 500;
 
-/// Of consecutive rows, so many count as one. It is a usual number for motions of a robot.
+/// This many consecutive rows count as one, as is usual for motions of a robot.
 const ALIKE: f64 = 4.0;
 
 /// A channel that is explained up to this share of its variance is explained.
