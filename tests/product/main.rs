@@ -7,6 +7,7 @@ mod bad_specs;
 mod closed_loop;
 mod commands;
 mod configuration;
+mod controlled;
 mod data_folder;
 mod deployment;
 mod devices;

@@ -122,7 +122,8 @@ fn example(commands: &Commands, id: i64) -> String {
     let Commands { curl, origin } = commands;
     format!(
         "echo '{{\"kind\": \"simulate\", \"trajectories\": 1000,\n  \
-         \"excitation\": {{\"multisine\": {{\"frequency_hz\": {{\"fixed\": 0.15}}}}}},\n  \
+         \"excitation\": {{\"fourier\": {{\"frequency_hz\": {{\"fixed\": 0.15}}}}}},\n  \
+         \"controller\": {{\"law\": {{\"computed-torque\": {{}}}}}},\n  \
          \"robot\": {{\"model\": {{\"robot\": {id}}}}}}}' |\n{curl} --json @- {origin}/v1/jobs"
     )
 }

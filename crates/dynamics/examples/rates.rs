@@ -115,7 +115,12 @@ fn measure(
 ) -> Result<Vec<Rates>, Box<dyn std::error::Error>> {
     // Portable lanes are an order of magnitude slower where `mul_add` is a library call.
     let portable = Some(&instructions) == InstructionSet::available().last();
-    let count = if portable { 160 } else { 6400 };
+    let count = match (portable, &spec.controller) {
+        (true, _) => 160,
+        // A step for every control period takes longer.
+        (false, Some(_)) => 1600,
+        (false, None) => 6400,
+    };
     let per_trajectory = f64::from((spec.samples - 1) * SUBSTEPS * EVALUATIONS);
     let mut all = Vec::new();
     for precision in [Precision::F32, Precision::F64] {
@@ -126,7 +131,11 @@ fn measure(
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
             let best = |spec, count| pool.install(|| best(instructions, spec, count, repetitions));
             let trajectories = best(&spec, count)?;
-            let evaluations = best(&dense, count / 20)?.used * per_trajectory;
+            // Under control, steps are short anyway, and controllers take a part of the time.
+            let evaluations = match spec.controller {
+                None => best(&dense, count / 20)?.used * per_trajectory,
+                Some(_) => f64::NAN,
+            };
             all.push(Rates { instructions, precision, threads, trajectories, evaluations });
         }
     }

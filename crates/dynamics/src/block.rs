@@ -10,13 +10,13 @@ use simd::{Lanes, MAX_LANES};
 use spec::{Gravity, Rejection, SimulateSpec};
 
 use crate::forward_dynamics::Dynamics;
-use crate::integrators::{Scheme, Scratch, State, advance};
-use crate::kernels::MassMatrixAndBias;
+use crate::integrators::{Scheme, Scratch, State};
+use crate::kernels::{Advance, MassMatrixAndBias};
 use crate::kinematics::POSE;
 use crate::model::Model;
 use crate::spatial::Turn;
 use crate::structure::Structure;
-use crate::{ArmState, DynamicsError, Joints, Scenario, Scenarios};
+use crate::{DynamicsError, Scenario, Scenarios};
 
 /// Trajectories `first`, `first + 1`, .., one per element of `scenarios`.
 pub(crate) struct Block<'a> {
@@ -29,6 +29,10 @@ pub(crate) struct Block<'a> {
     pub(crate) q: &'a mut [f32],
     /// Velocities, [trajectory, sample, joint].
     pub(crate) qd: Option<&'a mut [f32]>,
+    /// References of a controller, [trajectory, sample, joint].
+    pub(crate) reference: Option<&'a mut [f32]>,
+    /// Positions as a controller measured them, [trajectory, sample, joint].
+    pub(crate) measured: Option<&'a mut [f32]>,
     /// Poses of the hand, [trajectory, sample, 7].
     pub(crate) end_effector: Option<&'a mut [f32]>,
     /// Gets the number of newly finished trajectories, and may ask to stop.
@@ -37,7 +41,7 @@ pub(crate) struct Block<'a> {
 
 /// The state of a lane.
 #[derive(Clone, Copy)]
-enum LaneState {
+pub(crate) enum LaneState {
     Idle,
     /// The lane starts the trajectory in this row of the block.
     Starting {
@@ -83,7 +87,9 @@ pub(crate) fn simulate<L: Lanes, S: Structure<N>, const N: usize>(
             if let LaneState::Starting { row } = lanes[lane] {
                 let scenario = &block.scenarios[row];
                 let u = &mut block.u[row * row_len..][..row_len];
-                scenario.torques.sample::<L::Double>(joints, spec.rate_hz, u);
+                if let Some(torques) = scenario.excitation.torques() {
+                    torques.sample::<L::Double>(joints, spec.rate_hz, u);
+                }
                 model.set_lane(structure, lane, &scenario.robot);
                 state.set_lane(lane, &scenario.q0, &scenario.qd0);
                 lanes[lane] = LaneState::Running { row, sample: 0 };
@@ -169,13 +175,21 @@ pub(crate) fn simulate<L: Lanes, S: Structure<N>, const N: usize>(
         for joint in 0..joints {
             torque[joint] = L::load(&torques[joint]);
         }
-        advance(structure, scheme, period, &model, &torque, &mut state, &mut scratch);
+        L::run(Advance {
+            structure,
+            scheme,
+            period,
+            model: &model,
+            torque: &torque,
+            state: &mut state,
+            scratch: &mut scratch,
+        });
     }
 }
 
 /// 0 where the recorded f32 value is finite, and NaN where it is not.
 #[inline(always)]
-fn times_zero<L: Lanes>(recorded: &[f32; MAX_LANES]) -> L {
+pub(crate) fn times_zero<L: Lanes>(recorded: &[f32; MAX_LANES]) -> L {
     L::load(recorded) * L::splat(0.0)
 }
 
@@ -195,34 +209,6 @@ fn add_gravity_torques<L: Lanes, S: Structure<N>, const N: usize>(
     L::run(MassMatrixAndBias { structure, model, turns, qd, dynamics });
     for joint in 0..structure.joints() {
         (L::load(&torques[joint]) + at_rest.bias[joint]).store(&mut torques[joint]);
-    }
-}
-
-impl<L: Lanes, const N: usize> State<L, N> {
-    #[inline(always)]
-    pub(crate) fn set_lane(&mut self, lane: usize, q: &Joints<f64>, qd: &Joints<f64>) {
-        self.set_position(lane, q);
-        for (joint, &qd) in qd.iter().enumerate() {
-            self.qd[joint].set_lane(lane, qd);
-        }
-    }
-
-    #[inline(always)]
-    pub(crate) fn of_lane(&self, joints: usize, lane: usize) -> ArmState {
-        let mut arm = ArmState { q: Joints::splat(joints, 0.0), qd: Joints::splat(joints, 0.0) };
-        for joint in 0..joints {
-            arm.q[joint] = self.q[joint].lane(lane) + self.q_remainder[joint].lane(lane);
-            arm.qd[joint] = self.qd[joint].lane(lane);
-        }
-        arm
-    }
-
-    #[inline(always)]
-    pub(crate) fn set_position(&mut self, lane: usize, q: &Joints<f64>) {
-        for (joint, &q) in q.iter().enumerate() {
-            self.q[joint].set_lane(lane, q);
-            self.q_remainder[joint].set_lane(lane, 0.0);
-        }
     }
 }
 

@@ -5,6 +5,7 @@ use spec::Precision;
 
 use crate::DynamicsError;
 use crate::block::{self, Block};
+use crate::closed_loop;
 use crate::replay::{self, MotionBatch};
 use crate::structure::{Kind, Structure, with_structure};
 
@@ -41,6 +42,34 @@ pub(crate) fn simulate(
     block: &mut Block<'_>,
 ) -> Result<(), DynamicsError> {
     with_structure!(kind, |structure| run!(instructions, precision, Simulate { structure, block }))
+}
+
+/// See [`closed_loop::simulate`].
+struct SimulateClosedLoop<'a, 'b, S, const N: usize> {
+    structure: S,
+    block: &'a mut Block<'b>,
+}
+
+impl<L: Lanes, S: Structure<N>, const N: usize> Kernel<L> for SimulateClosedLoop<'_, '_, S, N> {
+    type Output = Result<(), DynamicsError>;
+
+    #[inline(always)]
+    fn run(self) -> Self::Output {
+        closed_loop::simulate::<L, S, N>(self.structure, self.block)
+    }
+}
+
+pub(crate) fn simulate_closed_loop(
+    instructions: InstructionSet,
+    precision: Precision,
+    kind: Kind,
+    block: &mut Block<'_>,
+) -> Result<(), DynamicsError> {
+    with_structure!(kind, |structure| run!(
+        instructions,
+        precision,
+        SimulateClosedLoop { structure, block }
+    ))
 }
 
 /// See [`replay::replay`].

@@ -22,6 +22,10 @@ pub(crate) enum Purpose {
     AddedPositionNoise = 10,
     /// Levels of torques in steps, and their durations.
     Steps = 11,
+    /// References of controllers.
+    Reference = 12,
+    /// Gains and delays of controllers.
+    Controller = 13,
 }
 
 /// A sequence of random numbers keyed by (seed, trajectory, purpose, draw).
@@ -49,6 +53,12 @@ impl Draws {
     /// Normal numbers of mean 0 and variance 1.
     pub(crate) fn fill_normal(&mut self, values: &mut [f64]) {
         random::fill_normal_portably(values, &mut self.0);
+    }
+
+    /// Normal numbers of mean 0 and variance 1, other ones than those of [`Draws::fill_normal`] and
+    /// several times as fast.
+    pub(crate) fn fill_normal_fast(&mut self, values: &mut [f32]) {
+        random::fill_normal_by_ziggurat(values, &mut self.0);
     }
 
     /// −1 or 1.

@@ -17,6 +17,27 @@ pub enum DynamicsError {
     )]
     EveryDrawRejected { index: u64, seed: u64, draws: u32, margin_rad: f64 },
 
+    /// No draw of a trajectory followed its reference.
+    #[error(
+        "trajectory {index} (seed {seed}): none of {draws} draws followed its reference; in the last \
+         one, {lost}: joint {joint} was {off_rad:.3} rad off its reference {time_s:.2} s after the \
+         start, with kp {kp:.4}, kd {kd:.4} and a delay of {delay_periods} control periods; change the \
+         controller's gains or delay, lower the reach or the speed of references, or raise \
+         rejection.max_draws"
+    )]
+    NoDrawTracked {
+        index: u64,
+        seed: u64,
+        draws: u32,
+        lost: LostTrack,
+        joint: usize,
+        off_rad: f64,
+        time_s: f64,
+        kp: f64,
+        kd: f64,
+        delay_periods: u32,
+    },
+
     /// The state of a trajectory is not finite.
     #[error(
         "trajectory {index} (seed {seed}, draw {draw}): the joint positions at sample {sample} are not finite; \
@@ -27,4 +48,25 @@ pub enum DynamicsError {
     /// More samples than memory can address.
     #[error("{trajectories} trajectories of {samples} samples do not fit into memory")]
     TooLarge { trajectories: u64, samples: u32 },
+}
+
+/// The reason why a draw under control was not accepted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LostTrack {
+    /// Positions or torques are not finite.
+    Diverged,
+    /// A joint is far from its reference.
+    OffReference,
+    /// A joint came too close to its limit.
+    AtLimit,
+}
+
+impl std::fmt::Display for LostTrack {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Diverged => "the motion diverged",
+            Self::OffReference => "the arm lost its reference",
+            Self::AtLimit => "a joint came too close to its limit",
+        })
+    }
 }

@@ -3,6 +3,7 @@
 use std::fmt;
 use std::ops::{Deref, DerefMut};
 
+use serde::{Serialize, Serializer};
 use spec::MAX_JOINTS;
 
 /// One value per joint of an arm, at most [`MAX_JOINTS`], stored in place. It derefs to a slice.
@@ -79,6 +80,13 @@ impl<T> DerefMut for Joints<T> {
 impl<T: PartialEq> PartialEq for Joints<T> {
     fn eq(&self, other: &Self) -> bool {
         **self == **other
+    }
+}
+
+/// A list with one value per joint.
+impl<T: Serialize> Serialize for Joints<T> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_seq(self.iter())
     }
 }
 

@@ -8,6 +8,7 @@
 use simd::{Kernel, Lanes, align_stack};
 
 use crate::forward_dynamics::{self, Dynamics};
+use crate::integrators::{self, Scheme, Scratch, State};
 use crate::model::Model;
 use crate::spatial::Turn;
 use crate::structure::Structure;
@@ -73,5 +74,29 @@ impl<L: Lanes, S: Structure<N>, const N: usize> Kernel<L> for Accelerations<'_, 
         align_stack();
         let Self { structure, model, dynamics, qd, torque, step, qdd } = self;
         forward_dynamics::accelerations(structure, model, dynamics, qd, torque, step, qdd);
+    }
+}
+
+/// See [`integrators::advance`]. Replays and simulations, open and closed loop, share it.
+pub(crate) struct Advance<'a, S, L, const N: usize> {
+    pub(crate) structure: S,
+    pub(crate) scheme: Scheme,
+    /// s.
+    pub(crate) period: f64,
+    pub(crate) model: &'a Model<L, N>,
+    /// N·m.
+    pub(crate) torque: &'a [L; N],
+    pub(crate) state: &'a mut State<L, N>,
+    pub(crate) scratch: &'a mut Scratch<L, N>,
+}
+
+impl<L: Lanes, S: Structure<N>, const N: usize> Kernel<L> for Advance<'_, S, L, N> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        align_stack();
+        let Self { structure, scheme, period, model, torque, state, scratch } = self;
+        integrators::advance(structure, scheme, period, model, torque, state, scratch);
     }
 }

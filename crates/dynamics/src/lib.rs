@@ -1,4 +1,5 @@
-//! The arm: randomization, excitation, forward dynamics on SIMD lanes, integrators, trajectories.
+//! The arm: randomization, excitation, controllers, forward dynamics on SIMD lanes, integrators,
+//! trajectories.
 //!
 //! [`simulate`] turns a [`spec::SimulateSpec`] and a range of trajectory indices into torques and
 //! joint positions. Trajectory `i` is a function of (spec, `i`): every random number is keyed by
@@ -26,6 +27,7 @@
 
 mod angle;
 mod block;
+mod closed_loop;
 mod compiled;
 mod dispatch;
 mod draws;
@@ -46,6 +48,7 @@ mod operations;
 #[cfg(test)]
 mod pinocchio;
 mod randomization;
+mod reference;
 mod regressor;
 mod replay;
 mod robot;
@@ -55,21 +58,26 @@ mod single;
 mod spatial;
 mod structure;
 mod sweep;
+mod tracking;
 
 pub use angle::Angle;
-pub use error::DynamicsError;
+pub use error::{DynamicsError, LostTrack};
 pub use excitation::{Chirp, Multisine, Steps, Torques};
 pub use friction::Friction;
 pub use inertia::RigidBody;
 pub use joints::Joints;
 pub use kinematics::{Base, Kinematics, Pose, Row};
 pub use measurement::add_position_noise;
+pub use reference::{
+    FourierSeries, Harmonic, PointToPointMoves, Reference, ReferenceState, ViaPoints,
+};
 pub use regressor::{LINK_PARAMETERS, torque_regressor};
 pub use replay::{Anchor, ArmState, Motion, Replay};
 pub use robot::{Payload, Robot};
-pub use scenario::{Scenario, Scenarios};
+pub use scenario::{Excitation, Scenario, Scenarios};
 pub use simd::InstructionSet;
 pub use simulate::{Trajectories, simulate, simulate_into, simulate_on};
 pub use single::{
     Evaluation, bias_forces, forward_dynamics, gravity, inverse_dynamics, mass_matrix,
 };
+pub use tracking::{Gains, Tracking};

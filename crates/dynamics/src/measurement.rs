@@ -7,8 +7,14 @@ use spec::SimulateSpec;
 use crate::draws::{Draws, Purpose};
 
 /// Adds the noise that `spec` asks for to each robot of `series`. The true values are kept beside
-/// the measured ones. `first` is the index of the first trajectory, which keys its noise.
-pub(crate) fn measure(series: &mut Series, spec: &SimulateSpec, first: u64) {
+/// the measured ones. `first` is the index of the first trajectory, which keys its noise. Positions
+/// that a controller measured already are in `measured`.
+pub(crate) fn measure(
+    series: &mut Series,
+    spec: &SimulateSpec,
+    first: u64,
+    measured: Option<&[f32]>,
+) {
     let observations = &spec.observations;
     if !observations.measures_positions() && !observations.measures_torques() {
         return;
@@ -17,6 +23,10 @@ pub(crate) fn measure(series: &mut Series, spec: &SimulateSpec, first: u64) {
     let row = (series.samples() * series.joints()).max(1);
     let noise = MeasurementNoise { position_rad: observations.position_deviation_rad(), torque_nm };
     let (u, y) = series.add_noise(noise);
+    if let Some(measured) = measured {
+        y.copy_from_slice(measured);
+    }
+    let position_rad = if measured.is_some() { 0.0 } else { position_rad };
     let rows = u.par_chunks_exact_mut(row).zip(y.par_chunks_exact_mut(row));
     rows.enumerate().for_each(|(robot, (u, y))| {
         let draws = |purpose| Draws::new(spec.seed, first + robot as u64, purpose, 0);

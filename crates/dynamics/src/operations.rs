@@ -51,7 +51,7 @@ fn operations_per_evaluation() -> f64 {
     OPERATIONS.with_borrow_mut(Vec::clear);
     let zero = [Recorded::splat(0.0); 7];
     let model = Model::splat(Compiled, &Robot::panda());
-    let mut state = State { q: zero, q_remainder: zero, qd: zero };
+    let mut state = State { q: zero, q_remainder: zero, qd: zero, qdd: zero };
     let mut scratch = Scratch::new();
     let scheme = Scheme::Rk4 { substeps: 1 };
     advance(Compiled, scheme, 1.0, &model, &zero, &mut state, &mut scratch);

@@ -19,8 +19,8 @@ use crate::robot::{Hand, Nominal, Parts};
 use crate::spatial::Turn;
 use crate::structure::Structure;
 use crate::{
-    Chirp, Friction, Joints, Kinematics, Multisine, Payload, RigidBody, Robot, Scenario, Scenarios,
-    Torques, dispatch,
+    Chirp, Excitation, Friction, Joints, Kinematics, Multisine, Payload, RigidBody, Robot,
+    Scenario, Scenarios, Torques, dispatch,
 };
 
 #[derive(Deserialize)]
@@ -191,7 +191,7 @@ impl Trajectory {
             frequency_hz: 0.0,
             q0: self.q0.into(),
             qd0: self.qd0.into(),
-            torques,
+            excitation: Excitation::OpenLoop(torques),
         }
     }
 
@@ -219,6 +219,8 @@ impl Trajectory {
             u: &mut u,
             q: &mut q,
             qd: None,
+            reference: None,
+            measured: None,
             end_effector: None,
             finished: &|_| ControlFlow::Continue(()),
         };

@@ -8,7 +8,8 @@ use simd::{InstructionSet, Lanes, MAX_LANES};
 use spec::{Integrator, Precision, SimulateSpec};
 
 use crate::dispatch;
-use crate::integrators::{Scheme, Scratch, State, advance};
+use crate::integrators::{Scheme, Scratch, State};
+use crate::kernels::Advance;
 use crate::model::Model;
 use crate::structure::{Kind, Structure};
 use crate::{Joints, Robot};
@@ -29,7 +30,7 @@ pub struct Motion<'a> {
     pub anchors: &'a [Anchor],
 }
 
-/// A position and velocity to which the arm is set at a sample. Anchors keep a simulation close to
+/// A position, and perhaps a velocity, to which the arm is set at a sample. Anchors keep a simulation close to
 /// a measured motion. Under gravity, the motions of two slightly different arms would otherwise
 /// diverge.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -38,6 +39,8 @@ pub struct Anchor {
     pub sample: usize,
     /// rad.
     pub q: Joints<f64>,
+    /// rad/s; `None` keeps the velocity that the arm has there.
+    pub qd: Option<Joints<f64>>,
 }
 
 /// Positions and velocities of an arm.
@@ -161,7 +164,10 @@ pub(crate) fn replay<L: Lanes, S: Structure<N>, const N: usize>(
             if let Some(anchor) = motions[lane].anchors.get(anchored[lane])
                 && anchor.sample == sample
             {
-                state.set_position(lane, &anchor.q);
+                match &anchor.qd {
+                    None => state.set_position(lane, &anchor.q),
+                    Some(qd) => state.set_lane(lane, &anchor.q, qd),
+                }
                 anchored[lane] += 1;
             }
         }
@@ -169,9 +175,29 @@ pub(crate) fn replay<L: Lanes, S: Structure<N>, const N: usize>(
         for joint in 0..joints {
             torque[joint] = L::load(&torques[joint]);
         }
-        advance(structure, scheme, period, &model, &torque, &mut state, &mut scratch);
+        L::run(Advance {
+            structure,
+            scheme,
+            period,
+            model: &model,
+            torque: &torque,
+            state: &mut state,
+            scratch: &mut scratch,
+        });
     }
     for lane in 0..motions.len() {
         ends[lane] = state.of_lane(joints, lane);
+    }
+}
+
+impl<L: Lanes, const N: usize> State<L, N> {
+    #[inline(always)]
+    fn of_lane(&self, joints: usize, lane: usize) -> ArmState {
+        let mut arm = ArmState { q: Joints::splat(joints, 0.0), qd: Joints::splat(joints, 0.0) };
+        for joint in 0..joints {
+            arm.q[joint] = self.q[joint].lane(lane) + self.q_remainder[joint].lane(lane);
+            arm.qd[joint] = self.qd[joint].lane(lane);
+        }
+        arm
     }
 }

@@ -1,12 +1,14 @@
-//! The random choices of each trajectory: robot, initial state and torques.
+//! The random choices of each trajectory: robot, initial state, and torques or reference.
 
 use spec::{Cell, Family, Frequency, InitialState, Range, SimulateSpec};
 
 use crate::draws::{Draws, Purpose};
 use crate::excitation::{Torques, draw_chirps, draw_multisines, draw_steps};
 use crate::randomization::draw_robot;
+use crate::reference::{Limits, Room};
 use crate::robot::Nominal;
 use crate::structure::Kind;
+use crate::tracking::{Known, Tracking};
 use crate::{Joints, Robot};
 
 /// The random choices of one trajectory.
@@ -26,8 +28,35 @@ pub struct Scenario {
     pub q0: Joints<f64>,
     /// Velocities at t = 0, rad/s.
     pub qd0: Joints<f64>,
-    /// The torque law of each joint.
-    pub torques: Torques,
+    /// What moves the robot.
+    pub excitation: Excitation,
+}
+
+/// What moves a robot.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Excitation {
+    /// The torque law of each joint, open loop.
+    OpenLoop(Torques),
+    /// A controller that follows a reference.
+    ClosedLoop(Box<Tracking>),
+}
+
+impl Excitation {
+    /// The torque laws of an arm without a controller.
+    pub fn torques(&self) -> Option<&Torques> {
+        match self {
+            Self::OpenLoop(torques) => Some(torques),
+            Self::ClosedLoop(_) => None,
+        }
+    }
+
+    /// The reference and the gains of an arm with a controller.
+    pub fn tracking(&self) -> Option<&Tracking> {
+        match self {
+            Self::OpenLoop(_) => None,
+            Self::ClosedLoop(tracking) => Some(tracking),
+        }
+    }
 }
 
 /// The scenarios of a spec, by index.
@@ -36,18 +65,26 @@ pub struct Scenarios<'a> {
     cells: Vec<Cell>,
     parts: Nominal,
     nominal: Robot,
+    /// For controllers.
+    known: Option<Known>,
 }
 
 impl<'a> Scenarios<'a> {
     /// The scenarios of a checked spec.
     pub fn new(spec: &'a SimulateSpec) -> Self {
         let parts = Nominal::of(spec.robot.description());
-        Self { spec, cells: spec.cells(), parts, nominal: Robot::nominal(&spec.robot) }
+        let known = spec.controller.as_ref().map(|controller| Known::new(spec, controller));
+        Self { spec, cells: spec.cells(), parts, nominal: Robot::nominal(&spec.robot), known }
     }
 
     /// The nominal arm around which all robots are drawn.
     pub(crate) fn nominal(&self) -> &Robot {
         &self.nominal
+    }
+
+    /// The nominal arm that controllers know.
+    pub(crate) fn known(&self) -> Option<&Known> {
+        self.known.as_ref()
     }
 
     /// The kernels for all robots. Lengths that are zero in the nominal arm are zero in all.
@@ -70,51 +107,113 @@ impl<'a> Scenarios<'a> {
     /// frequency grid they belong to the last cell.
     pub fn draw(&self, index: u64, draw: u32) -> Scenario {
         let draws = |purpose, draw| Draws::new(self.spec.seed, index, purpose, draw);
-        let (excitation, frequency_hz) = self.design(index, &mut draws(Purpose::Design, 0));
+        let (law, frequency_hz) = self.design(index, &mut draws(Purpose::Design, 0));
         let robot = draw_robot(&self.spec.robot, &self.parts, |purpose| draws(purpose, draw));
-        let joint1 = self.spec.robot.description().joints[0].position_rad;
-        let (q0, qd0) = draw_initial_state(
-            &self.spec.initial_state,
-            joint1,
-            &mut draws(Purpose::InitialState, draw),
-        );
-        let joints = self.spec.joints();
         let draws = |purpose| draws(purpose, draw);
-        let torques = match excitation {
-            Law::Chirp(chirp) => {
-                draw_chirps(chirp, joints, frequency_hz, &mut draws(Purpose::Excitation))
+        let excitation = self.draw_excitation(&law, frequency_hz, draws);
+        let (family, (q0, qd0)) = match &excitation {
+            Excitation::OpenLoop(torques) => {
+                let joint1 = self.spec.robot.description().joints[0].position_rad;
+                let mut draws = draws(Purpose::InitialState);
+                let start = draw_initial_state(&self.spec.initial_state, joint1, &mut draws);
+                (torques.family(), start)
             }
-            Law::Multisine(multisine) => {
-                draw_multisines(multisine, frequency_hz, &mut draws(Purpose::Excitation))
-            }
-            Law::Steps(steps) => {
-                draw_steps(steps, joints, frequency_hz, &mut draws(Purpose::Steps))
+            Excitation::ClosedLoop(tracking) => {
+                let start = tracking.reference.at(0.0);
+                (tracking.reference.family(), (start.r, start.rd))
             }
         };
-        let family = torques.family();
-        Scenario { index, draws: draw, robot, family, frequency_hz, q0, qd0, torques }
+        Scenario { index, draws: draw, robot, family, frequency_hz, q0, qd0, excitation }
+    }
+
+    fn draw_excitation(
+        &self,
+        law: &Law<'_>,
+        frequency_hz: f64,
+        draws: impl Fn(Purpose) -> Draws,
+    ) -> Excitation {
+        let joints = self.spec.joints();
+        let torques = |torques| Excitation::OpenLoop(torques);
+        let reference = |reference| {
+            let (Some(controller), Some(known)) = (&self.spec.controller, &self.known) else {
+                unreachable!("a checked spec with references has a controller")
+            };
+            let gains = known.draw_gains(controller, &mut draws(Purpose::Controller));
+            Excitation::ClosedLoop(Box::new(Tracking { reference, gains }))
+        };
+        match law {
+            Law::Chirp(chirp) => {
+                torques(draw_chirps(chirp, joints, frequency_hz, &mut draws(Purpose::Excitation)))
+            }
+            Law::Multisine(multisine) => {
+                torques(draw_multisines(multisine, frequency_hz, &mut draws(Purpose::Excitation)))
+            }
+            Law::Steps(steps) => {
+                torques(draw_steps(steps, joints, frequency_hz, &mut draws(Purpose::Steps)))
+            }
+            Law::Fourier(series) => reference(self.room().draw_fourier(
+                series,
+                frequency_hz,
+                &mut draws(Purpose::Reference),
+            )),
+            Law::PointToPoint(moves) => reference(self.room().draw_moves(
+                moves,
+                frequency_hz,
+                self.duration_s(),
+                &mut draws(Purpose::Reference),
+            )),
+            Law::ViaPoints(spline) => reference(self.room().draw_spline(
+                spline,
+                frequency_hz,
+                self.duration_s(),
+                &mut draws(Purpose::Reference),
+            )),
+        }
+    }
+
+    /// The limits that references keep.
+    fn room(&self) -> Room {
+        let joints = &self.spec.robot.description().joints;
+        let margin = self.spec.rejection.position_margin_rad.unwrap_or_default();
+        let limits = joints.iter().zip(&self.spec.initial_state.center_rad);
+        let limits = limits.map(|(joint, &center)| Limits {
+            least: (joint.position_rad.min + margin).min(center),
+            center,
+            most: (joint.position_rad.max - margin).max(center),
+            speed: joint.velocity_rad_s,
+        });
+        Room { limits: limits.collect() }
+    }
+
+    /// The time from the start of a motion to the sample after the last one, s.
+    fn duration_s(&self) -> f64 {
+        let settling =
+            |controller: &spec::Controller| controller.settling_samples(self.spec.rate_hz);
+        let settling = self.spec.controller.as_ref().map_or(0, settling);
+        (self.spec.samples as usize + settling + 1) as f64 / self.spec.rate_hz
     }
 
     /// The excitation law and the master frequency of a trajectory.
     fn design(&self, index: u64, draws: &mut Draws) -> (Law<'a>, f64) {
         let excitation = &self.spec.excitation;
-        let drawn = draws.unit() < excitation.chirp_fraction;
+        let drawn = draws.unit();
         let cell = self.cells.iter().rfind(|cell| cell.first <= index);
-        let chirp = excitation.chirp.as_ref().map(|chirp| (Law::Chirp(chirp), &chirp.frequency_hz));
-        let multisine = || {
-            excitation
-                .multisine
-                .as_ref()
-                .map(|multisine| (Law::Multisine(multisine), &multisine.frequency_hz))
-        };
-        let steps =
-            || excitation.steps.as_ref().map(|steps| (Law::Steps(steps), &steps.frequency_hz));
         let law = match cell.map(|cell| cell.family) {
-            Some(Family::Chirp) => chirp,
-            Some(Family::Multisine) => multisine(),
-            Some(Family::Steps) => steps(),
-            None if drawn => chirp.or_else(multisine).or_else(steps),
-            None => multisine().or(chirp).or_else(steps),
+            Some(family) => self.law(family),
+            None if self.spec.controller.is_some() => {
+                let families: Vec<Family> = excitation.families().collect();
+                let place = (drawn * families.len() as f64) as usize;
+                families.get(place).and_then(|family| self.law(*family))
+            }
+            None => {
+                let [chirp, multisine, steps] = [Family::Chirp, Family::Multisine, Family::Steps];
+                let first = if drawn < excitation.chirp_fraction {
+                    [chirp, multisine, steps]
+                } else {
+                    [multisine, chirp, steps]
+                };
+                first.into_iter().find_map(|family| self.law(family))
+            }
         };
         let Some((law, frequency)) = law else {
             unreachable!("a checked spec has at least one excitation family")
@@ -126,12 +225,29 @@ impl<'a> Scenarios<'a> {
         };
         (law, frequency_hz)
     }
+
+    /// The law of a family and its master frequencies, if the family occurs.
+    fn law(&self, family: Family) -> Option<(Law<'a>, &'a Frequency)> {
+        let excitation = &self.spec.excitation;
+        let law = match family {
+            Family::Chirp => Law::Chirp(excitation.chirp.as_ref()?),
+            Family::Multisine => Law::Multisine(excitation.multisine.as_ref()?),
+            Family::Steps => Law::Steps(excitation.steps.as_ref()?),
+            Family::Fourier => Law::Fourier(excitation.fourier.as_ref()?),
+            Family::PointToPoint => Law::PointToPoint(excitation.point_to_point.as_ref()?),
+            Family::ViaPoints => Law::ViaPoints(excitation.via_points.as_ref()?),
+        };
+        Some((law, excitation.frequency_hz(family)?))
+    }
 }
 
 enum Law<'a> {
     Chirp(&'a spec::Chirp),
     Multisine(&'a spec::Multisine),
     Steps(&'a spec::Steps),
+    Fourier(&'a spec::FourierSeries),
+    PointToPoint(&'a spec::PointToPointMoves),
+    ViaPoints(&'a spec::ViaPoints),
 }
 
 /// Draws positions (rad) and velocities (rad/s) at t = 0 by the law of [`InitialState`]. `joint1`

@@ -22,8 +22,11 @@ pub struct Trajectories {
     /// Torques in N·m and positions in rad. Torque k is held from sample k to k + 1. It is bit for
     /// bit the torque that acted: the excitation, plus g(q\[k\]) where gravity is compensated.
     /// Position k is the state at k / rate, before torque k acts. Where the spec asks for noise,
-    /// the series has the measured values beside these true ones.
+    /// the series has the measured values beside these true ones. Under a controller, torque k is
+    /// the mean of the torques that acted until the next sample.
     pub series: Series,
+    /// References of the controller in rad, [trajectory, sample, joint], if the spec has one.
+    pub reference: Option<Vec<f32>>,
     /// Velocities in rad/s, [trajectory, sample, joint], when the spec asks for them.
     pub qd: Option<Vec<f32>>,
     /// Pose of the hand's frame in the base's at the recorded positions, [trajectory, sample, 7], when
@@ -106,8 +109,13 @@ fn fill(
         .observations
         .end_effector_pose
         .then(|| trajectories.end_effector.take().unwrap_or_default());
+    trajectories.reference =
+        spec.controller.is_some().then(|| trajectories.reference.take().unwrap_or_default());
     trajectories.resize(spec, range.end.saturating_sub(range.start))?;
-    let Trajectories { series, qd, end_effector, scenarios, rejected, .. } = trajectories;
+    let Trajectories { series, reference, qd, end_effector, scenarios, rejected, .. } =
+        trajectories;
+    let mut measured = (spec.controller.is_some() && spec.observations.measures_positions())
+        .then(|| vec![0.0; series.y().len()]);
     let count = series.robots();
 
     let source = Scenarios::new(spec);
@@ -130,6 +138,8 @@ fn fill(
     let (u, q) = series.both_mut();
     let mut u = u.chunks_mut(rows * row_len);
     let mut q = q.chunks_mut(rows * row_len);
+    let mut reference = reference.as_mut().map(|series| series.chunks_mut(rows * row_len));
+    let mut measured_rows = measured.as_mut().map(|series| series.chunks_mut(rows * row_len));
     let mut qd = qd.as_mut().map(|qd| qd.chunks_mut(rows * row_len));
     let mut end_effector = end_effector.as_mut().map(|poses| poses.chunks_mut(rows * pose_len));
     let mut blocks = Vec::with_capacity(count.div_ceil(rows));
@@ -140,6 +150,8 @@ fn fill(
             u: u.next().unwrap_or_default(),
             q: q.next().unwrap_or_default(),
             qd: qd.as_mut().and_then(Iterator::next),
+            reference: reference.as_mut().and_then(Iterator::next),
+            measured: measured_rows.as_mut().and_then(Iterator::next),
             end_effector: end_effector.as_mut().and_then(Iterator::next),
             finished: &finished,
         });
@@ -148,12 +160,17 @@ fn fill(
         if cancelled.load(Ordering::Relaxed) {
             return Ok(());
         }
-        dispatch::simulate(instructions, spec.precision, kind, &mut block)
+        match spec.controller {
+            None => dispatch::simulate(instructions, spec.precision, kind, &mut block),
+            Some(_) => {
+                dispatch::simulate_closed_loop(instructions, spec.precision, kind, &mut block)
+            }
+        }
     })?;
     if cancelled.into_inner() {
         return Err(DynamicsError::Cancelled { range });
     }
-    measure(series, spec, range.start);
+    measure(series, spec, range.start, measured.as_deref());
     *rejected = scenarios.iter().map(|scenario| u64::from(scenario.draws - 1)).sum();
     Ok(())
 }
@@ -168,6 +185,9 @@ impl Trajectories {
         self.series.reshape(shape, spec.rate_hz).map_err(|_| too_large())?;
         if let Some(qd) = &mut self.qd {
             resize(qd, self.series.y().len());
+        }
+        if let Some(reference) = &mut self.reference {
+            resize(reference, self.series.y().len());
         }
         if let Some(end_effector) = &mut self.end_effector {
             let poses = Shape { joints: POSE, ..shape };

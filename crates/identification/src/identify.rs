@@ -51,10 +51,15 @@ pub struct Identification {
 }
 
 impl Settings {
-    /// The most steps of [`identify`], and of [`identify_load`].
+    /// The most steps of [`identify`].
     pub fn steps(&self) -> u64 {
         let delays = if self.most_delay_s > 0.0 { torque_fit::DELAYS } else { 0 };
-        (FRICTION_SPEEDS_RAD_S.len() + 1 + delays + self.motion_steps) as u64
+        self.load_steps() + delays as u64
+    }
+
+    /// The most steps of [`identify_load`], which looks for no delay.
+    pub fn load_steps(&self) -> u64 {
+        (FRICTION_SPEEDS_RAD_S.len() + 1 + self.motion_steps) as u64
     }
 }
 

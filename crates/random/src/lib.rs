@@ -7,6 +7,8 @@
 
 #![warn(missing_docs)]
 
+use std::sync::LazyLock;
+
 pub use rand_chacha::{ChaCha8Rng, ChaCha12Rng};
 pub use rand_core::{Rng, SeedableRng};
 
@@ -81,9 +83,111 @@ pub fn fill_normal_portably(values: &mut [f64], generator: &mut impl Rng) {
     }
 }
 
+/// Fills `values` with normal numbers of mean 0 and variance 1, several times as fast as
+/// [`fill_normal_portably`], and with the same bits on every machine as well. Their resolution is
+/// 2⁻²⁴ of the largest number of their layer.
+///
+/// Source: Doornik 2005, "An improved ziggurat method to generate normal random samples", with 128
+/// layers and one word of 32 bits for most numbers.
+pub fn fill_normal_by_ziggurat(values: &mut [f32], generator: &mut impl Rng) {
+    #[expect(clippy::cast_possible_truncation, reason = "numbers are asked for in f32")]
+    values.fill_with(|| ZIGGURAT.draw(generator) as f32);
+}
+
+/// Layers of equal area under the bell curve.
+struct Ziggurat {
+    /// Half-widths of the layers, the lowest first. The lowest one stands for the tail as well.
+    width: [f64; LAYERS + 1],
+    /// The part of each layer that lies under the curve wherever it is hit.
+    inner: [f64; LAYERS],
+}
+
+const LAYERS: usize = 128;
+
+/// The beginning of the tail, and the area of a layer (Doornik 2005, table 1).
+const TAIL: f64 = 3.442_619_855_899;
+const AREA: f64 = 9.912_563_035_262_17e-3;
+
+static ZIGGURAT: LazyLock<Ziggurat> = LazyLock::new(Ziggurat::new);
+
+impl Ziggurat {
+    fn new() -> Self {
+        let curve = |x: f64| libm::exp(-0.5 * x * x);
+        let mut width = [0.0; LAYERS + 1];
+        (width[0], width[1]) = (AREA / curve(TAIL), TAIL);
+        for layer in 2..LAYERS {
+            let below = width[layer - 1];
+            width[layer] = (-2.0 * libm::log(AREA / below + curve(below))).sqrt();
+        }
+        let inner = std::array::from_fn(|layer| width[layer + 1] / width[layer]);
+        Self { width, inner }
+    }
+
+    fn draw(&self, generator: &mut impl Rng) -> f64 {
+        loop {
+            let word = generator.next_u32();
+            let layer = (word % 128) as usize;
+            // The other 25 bits are a number from -1 to 1.
+            let share = f64::from(word >> 7) / f64::from(1 << 24) - 1.0;
+            let x = share * self.width[layer];
+            if share.abs() < self.inner[layer] {
+                return x;
+            }
+            if layer == 0 {
+                return Self::tail(generator).copysign(share);
+            }
+            let fall = |width: f64| libm::exp(-0.5 * (width * width - x * x));
+            let [outer, inner] = [fall(self.width[layer]), fall(self.width[layer + 1])];
+            if inner + unit(generator) * (outer - inner) < 1.0 {
+                return x;
+            }
+        }
+    }
+
+    /// A number beyond [`TAIL`] (Marsaglia 1964).
+    fn tail(generator: &mut impl Rng) -> f64 {
+        loop {
+            let [x, y] = [(); 2].map(|()| libm::log(1.0 - unit(generator)));
+            let beyond = -x / TAIL;
+            if -2.0 * y >= beyond * beyond {
+                return TAIL + beyond;
+            }
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_ziggurat_has_the_distribution_of_a_normal_number() {
+        const COUNT: u32 = 4_000_000;
+        let mut values = vec![0.0; COUNT as usize];
+        fill_normal_by_ziggurat(&mut values, &mut generator());
+        let values: Vec<f64> = values.into_iter().map(f64::from).collect();
+        let (mean, variance) = moments(&values);
+        assert!(mean.abs() < 2e-3 && (variance - 1.0).abs() < 3e-3, "{mean} {variance}");
+        // Shares on one side of these, from 0.5 erfc(x / √2), with five standard deviations.
+        for x in [-3.6, -3.0, -2.0, -1.0, -0.1, 0.0, 0.5, 1.5, 2.5, 3.442_619_855_899, 4.0] {
+            let expected = 0.5 * libm::erfc(x / std::f64::consts::SQRT_2);
+            let above = values.iter().filter(|value| **value > x).count() as f64;
+            let count = f64::from(COUNT);
+            let deviation = (count * expected * (1.0 - expected)).sqrt();
+            assert!((above - count * expected).abs() < 5.0 * deviation, "{x}: {above}");
+        }
+    }
+
+    /// Fails if the numbers of a key change, on this machine or since they were written here.
+    #[test]
+    fn the_ziggurat_s_numbers_are_pinned() {
+        let mut values = [0.0; 4];
+        fill_normal_by_ziggurat(&mut values, &mut generator());
+        assert_eq!(values.map(f32::to_bits), [1064281621, 3215192448, 1067752191, 3198485656]);
+        let mut longer = [0.0; 7];
+        fill_normal_by_ziggurat(&mut longer, &mut generator());
+        assert_eq!(longer[..4], values);
+    }
 
     fn generator() -> ChaCha8Rng {
         keyed([7, 1, 2, 3])

@@ -118,6 +118,14 @@ pub trait Lanes:
     /// Stores into the first `LANES` of `values`, rounded.
     fn store(self, values: &mut [f32; MAX_LANES]);
 
+    /// The nearest integer while |self| < 2²² in single precision and 2⁵¹ in double. Beyond, it is
+    /// off by about the last place.
+    #[inline(always)]
+    fn round(self) -> Self {
+        let rounder = Self::splat(Self::TRIGONOMETRY.rounder);
+        (self + rounder) - rounder
+    }
+
     /// Sine and cosine of angles in rad, with an error of about the last place while |angle| < 10⁴.
     #[inline(always)]
     fn sin_cos(self) -> (Self, Self) {
@@ -175,6 +183,7 @@ mod tests {
                 small_sin,
                 small_cos,
                 c.exp(),
+                a.round(),
                 L::load(&stored),
             ];
             for lane in 0..numbers.len() {

@@ -315,6 +315,10 @@ impl ControlSpec {
             let allowed = "off or on: a plan holds all torques that act";
             violations.add("data.robot.gravity", "compensated", allowed);
         }
+        if simulation.controller.is_some() {
+            let allowed = "left out: this job moves the robots itself, after torques of chirp, multisine or steps";
+            violations.add("data.controller", "given", allowed);
+        }
         let steps = self.duration_s * simulation.rate_hz;
         if !(0.5..=MAX_STEPS).contains(&steps) {
             let allowed = format!("1 to {MAX_STEPS} samples at {} Hz", simulation.rate_hz);

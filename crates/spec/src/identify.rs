@@ -14,7 +14,7 @@ use crate::{
 /// offsets and gains with which it explains recordings.
 ///
 /// Each trajectory of a dataset is a recording. Its torques are all that the motors do, the weight
-/// of the arm included. Longer trajectories say more, and two seconds at least are needed.
+/// of the arm included. Longer trajectories say more, and 2.66 s at least are needed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct IdentifySpec {

@@ -122,9 +122,11 @@ pub use robot::{
 };
 pub use schema::{nearest, schemas, shape_violations};
 pub use simulate::{
-    Cell, Chirp, ChirpBand, Column, ColumnType, Doubt, Excitation, Family, Frequency, Friction,
-    Gravity, Integrator, MAX_POSITION_NOISE_RAD, MAX_TRAJECTORIES, Multisine, Observations,
-    Payload, Precision, Rejection, RobotSpec, STEP_LEVELS, SimulateSpec, Steps,
+    Cell, Chirp, ChirpBand, Column, ColumnType, ComputedTorque, ControlLaw, Controller, Doubt,
+    Excitation, Family, FourierSeries, Frequency, Friction, Gravity, Integrator, JointPd,
+    MAX_DELAY_PERIODS, MAX_POSITION_NOISE_RAD, MAX_TRAJECTORIES, MoveProfile, Multisine,
+    Observations, Payload, PointToPointMoves, Precision, Rejection, RobotSpec, STEP_LEVELS,
+    SimulateSpec, Steps, ViaPoints,
 };
 pub use study::{
     StudyEvaluation, StudyModel, StudyPlan, StudyQuestion, StudyScale, StudyTraining, study_models,

@@ -4,8 +4,8 @@ use serde_json::Value;
 
 /// Fields that hold one of several choices. They are replaced as a whole, because merging would mix
 /// two choices.
-pub(crate) const REPLACED_WHOLE: [&str; 6] =
-    ["frequency_hz", "data", "integrator", "checkpoints", "path", "residual"];
+pub(crate) const REPLACED_WHOLE: [&str; 7] =
+    ["frequency_hz", "data", "integrator", "checkpoints", "path", "residual", "law"];
 
 /// Merges objects field by field. Every other value replaces the one before. That includes `null`,
 /// which is a value in specs and does not remove anything.

@@ -109,7 +109,10 @@ fn tables_have_a_column_for_every_joint_of_the_robot() {
 #[test]
 fn a_field_of_a_description_is_named_with_its_value_and_what_is_allowed() {
     check_robot_refused(&json!({"model": "ur5"}), &["robot.model", "ur5", "panda"]);
-    check_robot_refused(&json!({"model": 7}), &["robot.model is 7", "\"panda\" or an object with"]);
+    check_robot_refused(
+        &json!({"model": 7}),
+        &["robot.model is 7", "\"panda\", \"ur10e\" or an object with"],
+    );
     check_refused("/jonts", json!([]), &["robot.model.jonts", "joints"]);
     check_refused("/joints/2/link/mass", json!(1), &["robot.model.joints[2].link.mass", "mass_kg"]);
     check_refused("/joints/0/a_m", json!("far"), &["robot.model.joints[0].a_m", "far"]);

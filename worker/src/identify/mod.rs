@@ -34,7 +34,7 @@ fn run(attempt: &Attempt) -> Result<(), TaskError> {
     let loaded = of("load", spec.load.as_ref())?;
 
     let settings = settings(&spec);
-    let steps = (1 + loaded.len() as u64) * settings.steps();
+    let steps = settings.steps() + loaded.len() as u64 * settings.load_steps();
     let mut done = 0;
     let mut progress = || -> ControlFlow<()> {
         done += 1;

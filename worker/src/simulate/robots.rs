@@ -33,10 +33,14 @@ pub(super) fn record_batch(
     (0..joints).for_each(|link| arrays.body(link, scenarios));
     arrays.friction(joints, scenarios);
     arrays.payload(scenarios);
-    arrays.chirps(joints, scenarios);
-    arrays.multisines(joints, scenarios);
-    if spec.excitation.steps.is_some() {
-        arrays.steps(joints, scenarios);
+    if spec.controller.is_some() {
+        arrays.tracking(scenarios)?;
+    } else {
+        arrays.chirps(joints, scenarios);
+        arrays.multisines(joints, scenarios);
+        if spec.excitation.steps.is_some() {
+            arrays.steps(joints, scenarios);
+        }
     }
     let named = schema.fields().iter().map(|field| field.name());
     if !named.eq(&arrays.names) {
@@ -196,6 +200,18 @@ impl Arrays {
         self.number_or_null("payload_radius", scenarios, |s| of(s).map(|payload| payload.radius_m));
     }
 
+    fn tracking(&mut self, scenarios: &[Scenario]) -> Result<(), ArrowError> {
+        let (mut references, mut controllers) = (Vec::new(), Vec::new());
+        for scenario in scenarios {
+            let tracking = scenario.excitation.tracking();
+            references.push(json(tracking.map(|tracking| &tracking.reference))?);
+            controllers.push(json(tracking.map(|tracking| &tracking.gains))?);
+        }
+        self.push("reference", Arc::new(StringArray::from(references)));
+        self.push("controller", Arc::new(StringArray::from(controllers)));
+        Ok(())
+    }
+
     fn chirps(&mut self, joints: usize, scenarios: &[Scenario]) {
         type Coefficient = (&'static str, fn(&dynamics::Chirp) -> f64);
         const COEFFICIENTS: [Coefficient; 6] = [
@@ -209,9 +225,9 @@ impl Arrays {
         for (name, coefficient) in COEFFICIENTS {
             for joint in 0..joints {
                 let name = format!("{name}_{}", joint + 1);
-                self.number_or_null(name, scenarios, |s| match &s.torques {
-                    Torques::Chirp(joints) => Some(coefficient(&joints[joint])),
-                    Torques::Multisine(_) | Torques::Steps(_) => None,
+                self.number_or_null(name, scenarios, |s| match s.excitation.torques() {
+                    Some(Torques::Chirp(joints)) => Some(coefficient(&joints[joint])),
+                    _ => None,
                 });
             }
         }
@@ -220,9 +236,9 @@ impl Arrays {
     fn multisines(&mut self, joints: usize, scenarios: &[Scenario]) {
         for component in 0..4 {
             for joint in 0..joints {
-                let of = |s: &Scenario| match &s.torques {
-                    Torques::Multisine(joints) => Some(joints[joint]),
-                    Torques::Chirp(_) | Torques::Steps(_) => None,
+                let of = |s: &Scenario| match s.excitation.torques() {
+                    Some(Torques::Multisine(joints)) => Some(joints[joint]),
+                    _ => None,
                 };
                 let number = joint + 1;
                 let name = format!("multisine_amplitude{component}_nm_{number}");
@@ -236,9 +252,9 @@ impl Arrays {
     fn steps(&mut self, joints: usize, scenarios: &[Scenario]) {
         for level in 0..STEP_LEVELS {
             for joint in 0..joints {
-                let of = |s: &Scenario| match &s.torques {
-                    Torques::Steps(joints) => Some(joints[joint]),
-                    Torques::Chirp(_) | Torques::Multisine(_) => None,
+                let of = |s: &Scenario| match s.excitation.torques() {
+                    Some(Torques::Steps(joints)) => Some(joints[joint]),
+                    _ => None,
                 };
                 let number = joint + 1;
                 let name = format!("steps_level{level}_nm_{number}");
@@ -248,4 +264,8 @@ impl Arrays {
             }
         }
     }
+}
+
+fn json(value: impl serde::Serialize) -> Result<String, ArrowError> {
+    serde_json::to_string(&value).map_err(|error| ArrowError::JsonError(error.to_string()))
 }

@@ -29,6 +29,7 @@ pub(super) fn record_batch(
         (simulated.end_effector.as_deref(), POSE),
         (measured("u_measured", series.u()), joints),
         (measured("q_measured", series.y()), joints),
+        (simulated.reference.as_deref(), joints),
     ];
     for (series, width) in recorded {
         let Some(series) = series else { continue };

@@ -35,10 +35,47 @@ fn arms_of_six() -> spec::SimulateSpec {
     }))
 }
 
+/// Arms under a controller, with everything that it can have.
+fn controlled() -> spec::SimulateSpec {
+    let fields = json!({
+        "preset": "panda-real", "trajectories": 20, "samples": 30, "shard_trajectories": 10,
+        "seed": 14, "observations": {"joint_velocities": true, "end_effector_pose": true},
+    });
+    match spec::parse(fields.to_string().as_bytes()).unwrap() {
+        spec::JobSpec::Simulate(spec) => spec,
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn tables_of_controlled_arms_have_references_and_gains() {
+    let dir = tempfile::tempdir().unwrap();
+    make(dir.path(), &controlled());
+    let series = rows(dir.path(), "trajectories-00001.parquet");
+    let column =
+        |name: &str| series.column_by_name(name).unwrap().as_primitive::<Float32Type>().clone();
+    for joint in 1..=7 {
+        let (r, q) = (column(&format!("r{joint}")), column(&format!("q{joint}")));
+        let off = r.values().iter().zip(q.values()).map(|(r, q)| (r - q).abs());
+        assert!((1e-5..0.5).contains(&off.fold(0.0, f32::max)), "joint {joint}");
+        assert!(column(&format!("q_measured{joint}")).values() != q.values());
+    }
+    let robots = rows(dir.path(), "robots-00001.parquet");
+    assert!(robots.column_by_name("chirp_depth_1").is_none());
+    let text = |name: &str| robots.column_by_name(name).unwrap().as_string::<i32>().clone();
+    for (reference, controller) in text("reference").iter().zip(&text("controller")) {
+        let [reference, controller]: [serde_json::Value; 2] =
+            [reference, controller].map(|text| serde_json::from_str(text.unwrap()).unwrap());
+        assert_eq!(controller["kp"].as_array().unwrap().len(), 7);
+        assert!(controller["delay_periods"].as_u64().unwrap() <= 2);
+        assert!(reference.get("postures_rad").or(reference.get("harmonics")).is_some());
+    }
+}
+
 #[test]
 fn files_have_the_columns_that_the_spec_and_dataset_json_name() {
     let dir = tempfile::tempdir().unwrap();
-    for spec in [rich(), spec_with(&json!({})), arms_of_six()] {
+    for spec in [rich(), spec_with(&json!({})), arms_of_six(), controlled()] {
         let dir = dir.path().join(spec.seed.to_string());
         make(&dir, &spec);
         let description = description(&dir);

@@ -8,6 +8,7 @@
 
 mod accuracy;
 mod calibration;
+mod closed_loop;
 mod determinism;
 mod equations;
 mod measurement;

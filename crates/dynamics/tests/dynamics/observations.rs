@@ -133,7 +133,7 @@ fn compensated_torques_are_the_excitation_and_the_gravity_of_this_robot_at_every
             for k in 0..trajectories.series.samples() {
                 let at = |series: &[f32]| sample(series, row, k, trajectories.series.samples());
                 let (u, q) = (at(trajectories.series.u()), at(trajectories.series.y()));
-                let excitation = scenario.torques.at(k as f64 / 60.0);
+                let excitation = scenario.excitation.torques().unwrap().at(k as f64 / 60.0);
                 for (joint, g) in gravity(&scenario.robot, q).iter().enumerate() {
                     let error = (u[joint] - excitation[joint] - g).abs();
                     assert!(error < 3e-5, "{row}, sample {k}, joint {joint}: {error:e} N·m");

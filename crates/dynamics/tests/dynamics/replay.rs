@@ -86,13 +86,13 @@ fn no_motions_and_no_torques_have_no_positions() {
 }
 
 #[test]
-fn an_arm_that_is_put_elsewhere_goes_on_from_there_with_its_velocity() {
+fn an_arm_that_is_put_elsewhere_goes_on_from_there_with_its_velocity_or_another() {
     let fields = json!({"precision": "f64", "observations": {"joint_velocities": true}});
     let spec = spec(&mixed(), &fields);
     let trajectories = run(&spec, 0..3);
     let velocities = trajectories.qd.as_ref().unwrap().as_chunks::<JOINTS>().0;
     let (sample, elsewhere) = (70, Joints::from([0.1, -0.2, 0.3, -1.4, 0.2, 1.7, 0.4]));
-    let anchors = [Anchor { sample, q: elsewhere }];
+    let anchors = [Anchor { sample, q: elsewhere, qd: None }];
     let samples = trajectories.series.samples();
     for (row, motion) in motions(&trajectories).into_iter().enumerate() {
         let anchored = Replay::of(&spec).run(&[Motion { anchors: &anchors, ..motion }]);
@@ -104,6 +104,16 @@ fn an_arm_that_is_put_elsewhere_goes_on_from_there_with_its_velocity() {
         let expected = Replay::of(&spec).run(&[from_there]);
         let later = anchored[(sample + 1) * JOINTS..].iter();
         for (anchored, expected) in later.zip(&expected[JOINTS..]) {
+            assert!((anchored - expected).abs() < 1e-5, "{anchored} {expected}");
+        }
+
+        let anchors = [Anchor { sample, q: elsewhere, qd: Some(motion.qd0) }];
+        let anchored = Replay::of(&spec).run(&[Motion { anchors: &anchors, ..motion }]);
+        let from_there = Motion { qd0: motion.qd0, ..from_there };
+        let expected = Replay::of(&spec).run(&[from_there]);
+        for (anchored, expected) in
+            anchored[(sample + 1) * JOINTS..].iter().zip(&expected[JOINTS..])
+        {
             assert!((anchored - expected).abs() < 1e-5, "{anchored} {expected}");
         }
     }

@@ -18,7 +18,9 @@ fn recorded_torques_are_those_of_the_scenario_and_recorded_positions_begin_at_it
         trajectories.series.u().chunks_exact(row).zip(trajectories.series.y().chunks_exact(row)),
     ) {
         for (k, sample) in u.chunks_exact(JOINTS).enumerate() {
-            for (expected, &torque) in scenario.torques.at(k as f64 / 60.0).iter().zip(sample) {
+            for (expected, &torque) in
+                scenario.excitation.torques().unwrap().at(k as f64 / 60.0).iter().zip(sample)
+            {
                 assert!((f64::from(torque) - expected).abs() < 1e-6 * expected.abs().max(1.0));
             }
         }

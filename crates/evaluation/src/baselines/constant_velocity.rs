@@ -35,9 +35,10 @@ impl Predictor for ConstantVelocity {
         for scenario in 0..observed.robots() {
             interrupt.leave_if_raised();
             let positions = observed.y(scenario);
-            let last = &positions[observed.context() - 1];
+            let last_sample = observed.context() - 1;
+            let last = &positions[last_sample];
             let steps: Vec<f64> = (0..joints)
-                .map(|joint| last_slope(positions, joint, observed.rate_hz()) * period)
+                .map(|joint| slope_at(positions, last_sample, joint, observed.rate_hz()) * period)
                 .collect();
             for sample in 1..=horizon {
                 let moved =
@@ -49,22 +50,24 @@ impl Predictor for ConstantVelocity {
     }
 }
 
-/// The velocity of `joint` at the last position, rad/s. With two positions it is their difference,
-/// and with one it is 0.
-fn last_slope(positions: Track<'_>, joint: usize, rate_hz: f64) -> f64 {
+/// The velocity of `joint` at `sample`, rad/s: the slope of the parabola that fits the positions
+/// within [`WINDOW_S`] on both sides best. With two positions it is their difference, and with one
+/// it is 0.
+pub(super) fn slope_at(positions: Track<'_>, sample: usize, joint: usize, rate_hz: f64) -> f64 {
     let samples = positions.samples();
     if samples < LEAST_SAMPLES {
         let mut ends = positions.joint(joint).map(f64::from);
         return ends.next().zip(ends.next()).map_or(0.0, |(first, last)| (last - first) * rate_hz);
     }
     let (mut curvature, mut moments) = (Matrix3::zeros(), Vector3::zeros());
-    let last = f64::from(positions[samples - 1][joint]);
-    for (ago, q) in positions.joint(joint).rev().take(window(rate_hz)).enumerate() {
-        // In units of the window, from −1 to 0, so that the equations are well conditioned.
-        let time = -(ago as f64) / (rate_hz * WINDOW_S);
+    let at = f64::from(positions[sample][joint]);
+    let reach = window(rate_hz) - 1;
+    for other in (sample.saturating_sub(reach)..=(sample + reach).min(samples - 1)).rev() {
+        // In units of the window, about −1 to 1, so that the equations are well conditioned.
+        let time = (other as f64 - sample as f64) / (rate_hz * WINDOW_S);
         let powers = Vector3::new(1.0, time, time * time);
         curvature += powers * powers.transpose();
-        moments += powers * (f64::from(q) - last);
+        moments += powers * (f64::from(positions[other][joint]) - at);
     }
     let fitted = curvature.cholesky().map(|curvature| curvature.solve(&moments));
     fitted.map_or(0.0, |fitted| fitted[1] / WINDOW_S)

@@ -1,13 +1,14 @@
 //! Classical identification: an expert's fit of a model of the arm.
 
-use dynamics::{Anchor, InstructionSet, Joints, Motion, Replay, Robot};
+use dynamics::{Anchor, InstructionSet, Joints, Motion, Replay, Robot, mass_matrix};
 use models::Interrupt;
 use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
 use series::Observed;
-use spec::Integrator;
+use spec::{Integrator, RobotSpec};
 
 use super::NominalArm;
+use super::constant_velocity::slope_at;
 use super::prior::{Arm, Freedom, Prior};
 use crate::predictor::Answer;
 use crate::{EvaluationError, Predictor};
@@ -22,9 +23,10 @@ use crate::{EvaluationError, Predictor};
 /// where the data's robots vary in them, and otherwise the nominal arm's.
 ///
 /// Residuals are measured minus simulated positions, [`COMPARED_HZ`] times a second. The simulation
-/// is set to the measured position at the end of the context and every [`STRETCH_S`] before it, and
-/// keeps its velocity. This is multiple shooting, with velocities that damping soon forgets. Over
-/// longer stretches, an arm that gravity makes unstable depends too sharply on its parameters to be
+/// is set to the measured position at the end of the context and every [`STRETCH_S`] before it. It
+/// keeps its velocity if damping soon forgets it, and is otherwise set to the slope of the measured
+/// positions: an unknown load would drive the velocity of a lightly damped arm away. This is
+/// multiple shooting. Over longer stretches, an arm that gravity makes unstable depends too sharply on its parameters to be
 /// fitted. The assumed noise of the residuals is their current size, at least [`NOISE`], so that
 /// the prior keeps steps short far from the robot.
 ///
@@ -42,6 +44,8 @@ pub struct Identification {
     replay: Replay,
     /// The simulation for derivatives.
     coarse: Replay,
+    /// Whether the nominal arm forgets velocities within a stretch.
+    forgets: bool,
 }
 
 /// Parameters in standard deviations of the prior.
@@ -102,6 +106,7 @@ impl Identification {
         };
         Self {
             prior: Prior::new(robot, freedom),
+            forgets: forgets_velocities(robot),
             coarse: Replay { integrator: coarse, ..replay },
             replay,
         }
@@ -117,15 +122,21 @@ impl Identification {
         interrupt.leave_if_raised();
         let joints = self.prior.joints();
         let torques = observed.u(scenario).values();
-        let positions = observed.y(scenario).values();
+        let track = observed.y(scenario);
+        let positions = track.values();
         let known = positions.len();
+        let rate_hz = observed.rate_hz();
+        let measured = |sample: usize| {
+            (!self.forgets)
+                .then(|| Joints::from_fn(joints, |joint| slope_at(track, sample, joint, rate_hz)))
+        };
         let fit = Fit {
             arm: self,
             torques: &torques[..known],
             positions,
-            start: Start::of(positions, joints, observed.rate_hz()),
-            anchors: anchors(positions, joints, whole(observed.rate_hz() * STRETCH_S)),
-            stride: whole(observed.rate_hz() / COMPARED_HZ),
+            start: Start::of(positions, joints, rate_hz),
+            anchors: anchors(positions, joints, whole(rate_hz * STRETCH_S), measured),
+            stride: whole(rate_hz / COMPARED_HZ),
         };
         let fitted = fit.solve(interrupt);
         let nominal = Parameters::zeros(self.prior.parameters());
@@ -144,12 +155,28 @@ impl Identification {
     }
 }
 
-/// The last measured position and every `stride`th position before it.
-fn anchors(positions: &[f32], joints: usize, stride: usize) -> Vec<Anchor> {
+/// Whether every joint of the nominal arm loses at least two fifths of a velocity, 1 − e^-0.5, to its
+/// damping within a stretch.
+fn forgets_velocities(robot: &RobotSpec) -> bool {
+    let arm = Robot::nominal(robot);
+    let center = robot.description().initial_state.center_rad.as_slice();
+    let inertia = mass_matrix(&arm, center);
+    (0..arm.joints()).all(|joint| arm.damping[joint] * STRETCH_S > 0.5 * inertia[joint][joint])
+}
+
+/// The last measured position and every `stride`th position before it, with the velocities there if
+/// `velocity` gives them.
+fn anchors(
+    positions: &[f32],
+    joints: usize,
+    stride: usize,
+    velocity: impl Fn(usize) -> Option<Joints<f64>>,
+) -> Vec<Anchor> {
     let measured = positions.chunks_exact(joints).enumerate().rev().step_by(stride);
     let anchor = |(sample, q): (usize, &[f32])| Anchor {
         sample,
         q: q.iter().copied().map(f64::from).collect(),
+        qd: velocity(sample),
     };
     let mut anchors: Vec<Anchor> = measured.map(anchor).collect();
     anchors.reverse();

@@ -49,7 +49,7 @@ impl NominalArm {
             DataSpec::Simulation(spec) => Self {
                 robot: spec.robot.clone(),
                 rate_hz: spec.rate_hz,
-                integrator: spec.integrator,
+                integrator: spec.sample_integrator(),
                 precision: spec.precision,
             },
             DataSpec::Import(spec) => Self {

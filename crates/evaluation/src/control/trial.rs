@@ -259,7 +259,8 @@ fn excited_nm(simulation: &SimulateSpec) -> Joints<f64> {
     let duration_s = f64::from(simulation.samples) / simulation.rate_hz;
     let mut torques: Vec<Joints<f64>> = Vec::new();
     for index in 0..TRAJECTORIES {
-        let law = scenarios.draw(index, 1).torques;
+        let excitation = scenarios.draw(index, 1).excitation;
+        let Some(law) = excitation.torques() else { continue };
         torques.extend((0..TIMES).map(|k| law.at(duration_s * f64::from(k) / f64::from(TIMES))));
     }
     Joints::from_fn(simulation.joints(), |joint| {

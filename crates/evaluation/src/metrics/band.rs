@@ -8,7 +8,7 @@ use spec::{Excitation, Family};
 use crate::metrics::jitter::Spectrum;
 
 /// The highest frequency in torques of `family` with master frequency `frequency_hz` during
-/// `duration_s`, for any draw. `None` for steps, and when the excitation has no such family.
+/// `duration_s`, for any draw. `None` for steps, for references, and when the excitation has no such family.
 ///
 /// For a chirp it is its highest instantaneous frequency. This grows with time because the phase is
 /// multiplied by time: d/dt f1 (1 + d cos 2π f2 t) t ≤ f1 (1 + d √(1 + (2π f2 t)²)).
@@ -31,8 +31,9 @@ pub fn highest_component_hz(
             let deviation = law.modulation_depth * 1.0_f64.hypot(turned);
             Some(frequency_hz * band.f1.max * (1.0 + deviation))
         }
-        // Jumps have components of all frequencies.
-        Family::Steps => None,
+        // Jumps have components of all frequencies, and the torques of a controller those of its
+        // noise.
+        Family::Steps | Family::Fourier | Family::PointToPoint | Family::ViaPoints => None,
     }
 }
 

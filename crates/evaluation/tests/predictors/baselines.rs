@@ -1,5 +1,6 @@
 use evaluation::{
-    Identification, LeastSquares, NominalArm, Predictor, baseline, prior_knowledge, rmse_deg,
+    ConstantVelocity, Identification, LeastSquares, NominalArm, Predictor, baseline,
+    prior_knowledge, rmse_deg,
 };
 use models::{Interrupt, Interrupted};
 use serde_json::json;
@@ -63,6 +64,21 @@ fn a_table_says_what_identification_is_not_told() {
     let recorded = prior_knowledge(Baseline::Identification, &DataSpec::Import(import()));
     assert!(recorded.ends_with("; not friction and payload"), "{recorded}");
     assert_eq!(prior_knowledge(Baseline::Arx, &DataSpec::Import(import())), "nothing");
+}
+
+/// Its load is unknown, and hardly any damping forgets a velocity that a wrong load leads to.
+#[test]
+fn a_light_arm_under_a_controller_is_identified_from_its_measured_velocities() {
+    for preset in ["panda-real", "ur10e-real"] {
+        let text = json!({"preset": preset, "trajectories": 100, "samples": 350}).to_string();
+        let Ok(JobSpec::Simulate(spec)) = spec::parse(text.as_bytes()) else {
+            panic!("{preset} is no simulation")
+        };
+        let scenarios = scenarios(&spec, 8);
+        let identified = error(&Identification::new(&arm(&spec)), &scenarios, 320);
+        let moving = error(&ConstantVelocity, &scenarios, 320);
+        assert!(identified < 0.3 * moving, "{preset}: {identified}°, constant velocity {moving}°");
+    }
 }
 
 /// Without being told of lengths and armature, the result is the closest arm without them.

@@ -10,7 +10,10 @@ use utoipa::ToSchema;
 use super::description::RobotDescription;
 
 /// Name and text of each file. A test compares the list with the folder.
-const FILES: [(&str, &str); 1] = [("panda", include_str!("../../robots/panda.json"))];
+const FILES: [(&str, &str); 2] = [
+    ("panda", include_str!("../../robots/panda.json")),
+    ("ur10e", include_str!("../../robots/ur10e.json")),
+];
 
 static BUILT_IN: LazyLock<Vec<BuiltInRobot>> = LazyLock::new(|| {
     let read = |(name, text): (&'static str, &str)| BuiltInRobot {

@@ -3,7 +3,8 @@ use utoipa::ToSchema;
 
 use crate::Range;
 
-/// How the state at t = 0 is drawn (source: the paper's code).
+/// How the state at t = 0 is drawn (source: the paper's code). With a controller, the arm starts on
+/// its reference, and only `center_rad` is used.
 ///
 /// q1 = k·(±1)·U(q1min, q1max) with k from `joint1_scale`. q2, q3, .. = center + s·spread·U(0, 1)
 /// with one sign s for all. Velocities: g from `velocity_scale`; q̇1 = g·(±1)·joint1_velocity·U(0,
@@ -14,7 +15,8 @@ use crate::Range;
 pub struct InitialState {
     /// Interval of k.
     pub joint1_scale: Range,
-    /// Centers of all joints. That of joint 1 is not used.
+    /// Centers of all joints. That of joint 1 is used only by references, which lie about these
+    /// centers.
     pub center_rad: Vec<f64>,
     /// The largest distance from the center, rad.
     pub spread_rad: f64,

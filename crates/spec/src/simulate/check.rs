@@ -1,7 +1,7 @@
 //! Checks the values of a simulation.
 
 use super::excitation::{Chirp, Excitation, Family, Frequency, Multisine, Steps};
-use super::integrator::Integrator;
+use super::integrator::{Integrator, MAX_SUBSTEPS};
 use super::robot_spec::{Friction, Payload, RobotSpec};
 use super::spec::{MAX_TRAJECTORIES, Rejection, SimulateSpec};
 use crate::RobotModel;
@@ -9,6 +9,8 @@ use crate::check::{Check, Violations};
 
 /// The largest number of frequencies of a grid.
 const MAX_GRID: usize = 200;
+/// The most postures of a reference. The table of robots lists them.
+const MAX_POSTURES: f64 = 1000.0;
 const TORQUE_NM: std::ops::RangeInclusive<f64> = -1000.0..=1000.0;
 const FACTOR: std::ops::RangeInclusive<f64> = 0.01..=100.0;
 
@@ -26,6 +28,8 @@ impl Check for SimulateSpec {
         violations.part("rejection", &self.rejection);
         violations.part("integrator", &self.integrator);
         violations.part("execution", &self.execution);
+        self.check_controller(violations);
+        self.check_families(violations);
         let joints = self.joints();
         let center = &self.initial_state.center_rad;
         violations.one_per_joint("initial_state.center_rad", center, joints);
@@ -47,6 +51,26 @@ impl Check for SimulateSpec {
 }
 
 impl SimulateSpec {
+    /// A controller follows references, and nothing else does.
+    fn check_families(&self, violations: &mut Violations) {
+        for family in self.excitation.families() {
+            let field = format!("excitation.{}", family.field());
+            match (&self.controller, family.is_reference()) {
+                (None, true) => violations.add(
+                    &field,
+                    "a reference",
+                    "chirp, multisine or steps: references need a controller",
+                ),
+                (Some(_), false) => violations.add(
+                    &field,
+                    "torques",
+                    "fourier, point_to_point or via_points: a controller follows references",
+                ),
+                _ => {}
+            }
+        }
+    }
+
     /// Refuses components above half the rate, because torques are held between samples.
     fn check_nyquist(&self, violations: &mut Violations) {
         let nyquist = self.rate_hz / 2.0;
@@ -64,6 +88,29 @@ impl SimulateSpec {
         }
         if let Some(multisine) = &self.excitation.multisine {
             check("excitation.multisine.frequency_hz", multisine.highest_frequency_hz());
+        }
+        if let Some(series) = &self.excitation.fourier {
+            let highest = series.frequency_hz.support().max * f64::from(series.harmonics);
+            check("excitation.fourier.frequency_hz", highest);
+        }
+        let postures = [Family::PointToPoint, Family::ViaPoints];
+        for (family, frequency) in
+            postures.map(|family| (family, self.excitation.frequency_hz(family)))
+        {
+            let Some(highest) = frequency.map(|frequency| frequency.support().max) else {
+                continue;
+            };
+            let field = format!("excitation.{}.frequency_hz", family.field());
+            let most = self.rate_hz / 4.0;
+            if highest > most {
+                let allowed = format!("at most {most} Hz, a quarter of rate_hz");
+                violations.add(&field, format!("up to {highest} Hz"), allowed);
+            }
+            let postures = highest * f64::from(self.samples) / self.rate_hz;
+            if postures > MAX_POSTURES {
+                let allowed = format!("at most {MAX_POSTURES} postures in a trajectory");
+                violations.add(&field, format!("up to {postures:.0} postures"), allowed);
+            }
         }
         if let Some(steps) = &self.excitation.steps {
             let shortest = steps.hold_periods.min / steps.frequency_hz.support().max;
@@ -86,10 +133,12 @@ impl Check for Excitation {
             .filter_map(|family| Some((family, self.frequency_hz(family)?)))
             .collect();
         if families.is_empty() {
-            violations.add("chirp", "missing", "chirp, multisine, both, or steps");
+            let allowed = "chirp, multisine, both, or steps; with a controller fourier, \
+                           point_to_point or via_points";
+            violations.add("chirp", "missing", allowed);
         }
         for (family, frequency) in &families {
-            check_frequency(frequency, &family.to_string(), violations);
+            check_frequency(frequency, family.field(), violations);
         }
         if let Some(chirp) = &self.chirp {
             violations.part("chirp", chirp);
@@ -100,11 +149,20 @@ impl Check for Excitation {
         if let Some(steps) = &self.steps {
             violations.part("steps", steps);
         }
+        if let Some(series) = &self.fourier {
+            violations.part("fourier", series);
+        }
+        if let Some(moves) = &self.point_to_point {
+            violations.part("point_to_point", moves);
+        }
+        if let Some(spline) = &self.via_points {
+            violations.part("via_points", spline);
+        }
         let is_grid = |frequency: &Frequency| matches!(frequency, Frequency::Grid(_));
         let grids = families.iter().filter(|(_, frequency)| is_grid(frequency));
         if grids.clone().count() < families.len() {
             for (family, _) in grids {
-                let field = format!("{family}.frequency_hz.grid");
+                let field = format!("{}.frequency_hz.grid", family.field());
                 let allowed = "a grid only when there is one family, or all have one";
                 violations.add(&field, "a grid", allowed);
             }
@@ -246,9 +304,11 @@ impl Check for Integrator {
         match self {
             Self::Extrapolated { order, substeps } => {
                 violations.within("order", *order, 1..=4);
-                violations.within("substeps", *substeps, 1..=64);
+                violations.within("substeps", *substeps, 1..=MAX_SUBSTEPS);
             }
-            Self::Rk4 { substeps } => violations.within("substeps", *substeps, 1..=64),
+            Self::Rk4 { substeps } | Self::Midpoint { substeps } => {
+                violations.within("substeps", *substeps, 1..=MAX_SUBSTEPS);
+            }
             Self::Reference => {}
         }
     }

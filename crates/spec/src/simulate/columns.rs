@@ -120,6 +120,20 @@ impl Column {
         })
     }
 
+    /// References `r1`, `r2`, ...
+    pub fn references(joints: usize) -> impl Iterator<Item = Self> {
+        numbered(joints, "r", ColumnType::Float32, "rad", |joint| {
+            format!("position that the controller should give joint {joint} at this sample")
+        })
+    }
+
+    /// Torques of a controller, `u1`, `u2`, ...
+    fn mean_torques(joints: usize) -> impl Iterator<Item = Self> {
+        numbered(joints, "u", ColumnType::Float32, "N·m", |joint| {
+            format!("torque of joint {joint}, its mean from this sample to the next")
+        })
+    }
+
     /// Velocities `qd1`, `qd2`, ...
     pub fn velocities(joints: usize) -> impl Iterator<Item = Self> {
         numbered(joints, "qd", ColumnType::Float32, "rad/s", |joint| {
@@ -145,7 +159,11 @@ impl SimulateSpec {
     pub fn trajectory_columns(&self) -> Vec<Column> {
         let joints = self.joints();
         let mut columns = vec![Column::trajectory(), Column::step()];
-        columns.extend(Column::torques(joints).chain(Column::positions(joints)));
+        match self.controller {
+            None => columns.extend(Column::torques(joints)),
+            Some(_) => columns.extend(Column::mean_torques(joints)),
+        }
+        columns.extend(Column::positions(joints));
         if self.observations.joint_velocities {
             columns.extend(Column::velocities(joints));
         }
@@ -158,6 +176,9 @@ impl SimulateSpec {
         if self.observations.measures_positions() {
             columns.extend(Column::measured_positions(joints));
         }
+        if self.controller.is_some() {
+            columns.extend(Column::references(joints));
+        }
         columns
     }
 
@@ -166,12 +187,20 @@ impl SimulateSpec {
     pub fn robot_columns(&self) -> Vec<Column> {
         let robot = self.robot.description();
         let joints = robot.joints.len();
-        let mut columns = design(robot, &self.excitation);
-        columns.extend(initial_state(joints));
+        let mut columns = design(robot, self);
+        let start = match self.controller {
+            None => "at t = 0",
+            Some(_) => "at the start, settle_s of the controller before t = 0",
+        };
+        columns.extend(initial_state(joints, start));
         columns.extend(kinematics(robot));
         (1..=joints).for_each(|link| columns.extend(body(robot, link)));
         columns.extend(friction(joints));
         columns.extend(payload(robot));
+        if self.controller.is_some() {
+            columns.extend(tracking());
+            return columns;
+        }
         columns.extend(chirps(joints));
         columns.extend(multisines(joints));
         // Only if there are steps, so that the columns of other tables do not change.
@@ -200,11 +229,17 @@ fn number(name: impl Into<String>, unit: &str, about: impl Into<String>) -> Colu
 }
 
 /// Columns of the design, which many trajectories share.
-fn design(robot: &RobotDescription, excitation: &Excitation) -> Vec<Column> {
+fn design(robot: &RobotDescription, simulation: &SimulateSpec) -> Vec<Column> {
+    let SimulateSpec { excitation: Excitation { steps, .. }, controller, .. } = simulation;
     // Files contain these words, so the words of the other families stay as they were.
-    let family = match excitation.steps {
-        None => "of the excitation: chirp or multisine",
-        Some(_) => "of the excitation: chirp, multisine or steps",
+    let family = match (controller, steps) {
+        (None, None) => "of the excitation: chirp or multisine",
+        (None, Some(_)) => "of the excitation: chirp, multisine or steps",
+        (Some(_), _) => "of the reference: fourier, point-to-point or via-points",
+    };
+    let rate = match controller {
+        None => "rate of the samples; torques are held in between",
+        Some(_) => "rate of the samples; the controller has a rate of its own",
     };
     let down = if robot.base.is_upright() {
         "acceleration along -z of the base; 0 when off"
@@ -217,7 +252,7 @@ fn design(robot: &RobotDescription, excitation: &Excitation) -> Vec<Column> {
         Column::new("seed", ColumnType::Int64, "of the dataset; with the index, key of all draws"),
         Column::new("family", ColumnType::Text, family),
         number("frequency_hz", "Hz", "master frequency of the excitation"),
-        number("rate_hz", "Hz", "rate of the samples; torques are held in between"),
+        number("rate_hz", "Hz", rate),
         number("gravity_m_s2", "m/s²", down),
         Column::new(
             "gravity_compensated",
@@ -227,11 +262,13 @@ fn design(robot: &RobotDescription, excitation: &Excitation) -> Vec<Column> {
     ]
 }
 
-fn initial_state(joints: usize) -> impl Iterator<Item = Column> {
+fn initial_state(joints: usize, start: &str) -> impl Iterator<Item = Column> {
     let joint = |prefix: &str, unit: &str, what: &str| {
-        let (prefix, unit, what) = (prefix.to_owned(), unit.to_owned(), what.to_owned());
+        let (prefix, unit) = (prefix.to_owned(), unit.to_owned());
+        let (what, start) = (what.to_owned(), start.to_owned());
         (1..=joints).map(move |joint| {
-            number(format!("{prefix}_{joint}"), &unit, format!("{what} of joint {joint} at t = 0"))
+            let about = format!("{what} of joint {joint} {start}");
+            number(format!("{prefix}_{joint}"), &unit, about)
         })
     };
     joint("q0", "rad", "position").chain(joint("qd0", "rad/s", "velocity"))
@@ -345,6 +382,23 @@ fn payload(robot: &RobotDescription) -> impl Iterator<Item = Column> {
     });
     let radius = number("payload_radius", "m", "of the sphere; null without one").nullable();
     [mass.nullable()].into_iter().chain(center).chain([radius])
+}
+
+/// What a controller follows, and how it was drawn. Both are JSON objects, because families and
+/// laws differ in their numbers.
+fn tracking() -> [Column; 2] {
+    [
+        Column::new(
+            "reference",
+            ColumnType::Text,
+            "JSON: the drawn reference, in rad and s from the start of the motion",
+        ),
+        Column::new(
+            "controller",
+            ColumnType::Text,
+            "JSON: the gains of the robot's controller, one of each per joint, and its delay",
+        ),
+    ]
 }
 
 fn chirps(joints: usize) -> impl Iterator<Item = Column> {

@@ -3,6 +3,7 @@
 use serde::Serialize;
 use serde_json::{Map, Value};
 
+use super::controller;
 use super::robot_spec::{Friction, RobotSpec};
 use crate::schema::{Components, explain};
 use crate::shorten::shorten;
@@ -14,6 +15,7 @@ pub(crate) fn complete(
     fields: &mut Map<String, Value>,
     schemas: &Components,
 ) -> Result<(), SpecError> {
+    controller::complete(fields);
     let Some(model) = complete_robot(fields, schemas)? else { return Ok(()) };
     let description = model.description();
     let initial_state = fields.entry("initial_state").or_insert_with(|| Map::new().into());

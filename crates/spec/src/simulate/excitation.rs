@@ -1,4 +1,5 @@
-//! The torques that excite arms: chirps, multisines and steps, with their frequencies and defaults.
+//! What excites arms: torques (chirps, multisines and steps) or references of a controller, with
+//! their frequencies and defaults.
 
 use std::f64::consts::PI;
 use std::fmt;
@@ -6,13 +7,16 @@ use std::fmt;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::references::{FourierSeries, PointToPointMoves, ViaPoints};
 use crate::Range;
 
-/// Joint torques that excite the arm. Each joint's torques are drawn independently.
+/// The torques that excite the arm, or the references that its controller follows. Each joint's
+/// are drawn independently.
 ///
 /// With both chirps and multisines, each trajectory draws one of them: `chirp` with probability
 /// `chirp_fraction`, and otherwise `multisine`. If their frequencies are grids, the grids decide.
-/// Steps stand alone, or beside other families if all have a grid.
+/// Steps stand alone, or beside other families if all have a grid. With several families of
+/// references, each trajectory draws one of them, all with the same probability.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Excitation {
@@ -25,6 +29,15 @@ pub struct Excitation {
     /// Torques that jump. `null` for none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub steps: Option<Steps>,
+    /// References that are Fourier series. `null` for none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fourier: Option<FourierSeries>,
+    /// References that move from posture to posture. `null` for none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub point_to_point: Option<PointToPointMoves>,
+    /// References that pass by postures without a stop. `null` for none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub via_points: Option<ViaPoints>,
     /// The probability of a chirp, 0 to 1, if there are multisines, too.
     #[serde(default = "half")]
     pub chirp_fraction: f64,
@@ -46,11 +59,44 @@ pub enum Family {
     Multisine,
     /// Torques that jump.
     Steps,
+    /// A reference that is a Fourier series.
+    Fourier,
+    /// A reference that moves from posture to posture.
+    PointToPoint,
+    /// A reference that passes by postures.
+    ViaPoints,
 }
 
 impl Family {
     /// In the order of grids, tables and figures.
-    pub const ALL: [Self; 3] = [Self::Chirp, Self::Multisine, Self::Steps];
+    pub const ALL: [Self; 6] = [
+        Self::Chirp,
+        Self::Multisine,
+        Self::Steps,
+        Self::Fourier,
+        Self::PointToPoint,
+        Self::ViaPoints,
+    ];
+
+    /// Whether a controller follows it. Otherwise it is a torque.
+    pub const fn is_reference(self) -> bool {
+        match self {
+            Self::Chirp | Self::Multisine | Self::Steps => false,
+            Self::Fourier | Self::PointToPoint | Self::ViaPoints => true,
+        }
+    }
+
+    /// Its field in an [`Excitation`].
+    pub const fn field(self) -> &'static str {
+        match self {
+            Self::Chirp => "chirp",
+            Self::Multisine => "multisine",
+            Self::Steps => "steps",
+            Self::Fourier => "fourier",
+            Self::PointToPoint => "point_to_point",
+            Self::ViaPoints => "via_points",
+        }
+    }
 }
 
 impl fmt::Display for Family {
@@ -59,6 +105,9 @@ impl fmt::Display for Family {
             Self::Chirp => "chirp",
             Self::Multisine => "multisine",
             Self::Steps => "steps",
+            Self::Fourier => "fourier",
+            Self::PointToPoint => "point-to-point",
+            Self::ViaPoints => "via-points",
         })
     }
 }
@@ -194,17 +243,26 @@ impl Excitation {
             .collect()
     }
 
+    /// The families that occur.
+    pub fn families(&self) -> impl Iterator<Item = Family> {
+        Family::ALL.into_iter().filter(|family| self.frequency_hz(*family).is_some())
+    }
+
     /// The master frequencies of `family`; `None` if it does not occur.
     pub fn frequency_hz(&self, family: Family) -> Option<&Frequency> {
         match family {
             Family::Chirp => self.chirp.as_ref().map(|chirp| &chirp.frequency_hz),
             Family::Multisine => self.multisine.as_ref().map(|multisine| &multisine.frequency_hz),
             Family::Steps => self.steps.as_ref().map(|steps| &steps.frequency_hz),
+            Family::Fourier => self.fourier.as_ref().map(|series| &series.frequency_hz),
+            Family::PointToPoint => self.point_to_point.as_ref().map(|moves| &moves.frequency_hz),
+            Family::ViaPoints => self.via_points.as_ref().map(|spline| &spline.frequency_hz),
         }
     }
 
     /// The range of amplitudes of `family`, N·m; for multisines N·m per Hz. It is that of the joint
-    /// with the smallest divisor. `None` if the family does not occur.
+    /// with the smallest divisor. For references it is the interval of their speeds, as shares of the
+    /// limits. `None` if the family does not occur.
     pub fn amplitude(&self, family: Family) -> Option<Range> {
         let over =
             |range: Range, divisor: f64| Range::new(range.min / divisor, range.max / divisor);
@@ -217,6 +275,9 @@ impl Excitation {
                 over(multisine.amplitude_nm_per_hz, least)
             }),
             Family::Steps => self.steps.as_ref().map(|steps| steps.level_nm),
+            Family::Fourier => self.fourier.as_ref().map(|series| series.speed),
+            Family::PointToPoint => self.point_to_point.as_ref().map(|moves| moves.speed),
+            Family::ViaPoints => self.via_points.as_ref().map(|spline| spline.speed),
         }
     }
 

@@ -1,7 +1,7 @@
 //! Whether an integration scheme can follow the motions of a simulation, and warnings if it cannot.
 //!
 //! Numbers are 99th percentiles, over robots, of the largest position error within 400 samples at
-//! 60 Hz. `cargo run --release -p dynamics --example errors` measures them over damping, gravity,
+//! 60 Hz. Those of controlled arms are of 400 samples at 1020 control periods per second. `cargo run --release -p dynamics --example errors` measures them over damping, gravity,
 //! friction and excitation. A motion is followed if its error is below 10⁻⁴ rad.
 
 use std::fmt;
@@ -53,6 +53,12 @@ impl SimulateSpec {
             doubts.push(Doubt { field: field.to_owned(), value, reason });
         };
         let robot = &self.robot;
+        if self.controller.is_some() {
+            if let Some(reason) = self.closed_loop_doubt() {
+                doubt("integrator", self.integrator.to_string(), reason);
+            }
+            return doubts;
+        }
         let least_damping = robot.least_damping();
 
         if least_damping < 1.0 {
@@ -130,9 +136,27 @@ impl SimulateSpec {
                 ))
             }
             Integrator::Extrapolated { .. } => None,
+            Integrator::Midpoint { substeps } => (per_sixtieth(substeps) < 8.0).then(|| {
+                "this is for the short steps of controllers: at damping 10 it leaves errors of 0.002 \
+                 rad with one step per 1/60 s, 1e-4 with four and 3e-5 with eight"
+                    .to_owned()
+            }),
             Integrator::Rk4 { substeps } => self
                 .near_instability(substeps)
                 .or_else(|| self.runge_kutta_too_coarse(per_sixtieth(substeps))),
+        }
+    }
+
+    /// Why the integrator may not follow a controlled arm to 10⁻⁴ rad.
+    fn closed_loop_doubt(&self) -> Option<String> {
+        match self.integrator {
+            Integrator::Reference | Integrator::Extrapolated { order: 1, .. } => Some(
+                "of 512 arms of panda-real without noise, steps of order 1 left 1 % with errors above \
+                 4e-4 rad, and one with 0.008; {\"scheme\": \"midpoint\"} leaves 7e-6 in the same time"
+                    .to_owned(),
+            ),
+            Integrator::Extrapolated { .. } | Integrator::Midpoint { .. } => None,
+            Integrator::Rk4 { substeps } => self.near_instability(substeps),
         }
     }
 
@@ -150,7 +174,7 @@ impl SimulateSpec {
             );
         }
         let (joint, rate) = self.robot.fastest_decay(Draw::Extreme);
-        let step = 1.0 / (self.rate_hz * f64::from(substeps));
+        let step = 1.0 / (self.torque_rate_hz() * f64::from(substeps));
         (rate * step > SAFE * RUNGE_KUTTA_LIMIT).then(|| {
             format!(
                 "joint {} loses its velocity at up to {rate:.0} /s in the lightest possible arms; \
@@ -185,7 +209,7 @@ impl SimulateSpec {
     pub(super) fn check_stability(&self, violations: &mut Violations) {
         let Integrator::Rk4 { substeps } = self.integrator else { return };
         let (joint, rate) = self.robot.fastest_decay(Draw::Nominal);
-        if rate / (self.rate_hz * f64::from(substeps)) <= RUNGE_KUTTA_LIMIT {
+        if rate / (self.torque_rate_hz() * f64::from(substeps)) <= RUNGE_KUTTA_LIMIT {
             return;
         }
         let needed = self.stable_substeps(rate);
@@ -208,7 +232,7 @@ impl SimulateSpec {
     /// The smallest number of stable Runge-Kutta steps per sample, for a decay with `rate` per
     /// second.
     fn stable_substeps(&self, rate: f64) -> f64 {
-        (rate / (self.rate_hz * RUNGE_KUTTA_LIMIT)).ceil()
+        (rate / (self.torque_rate_hz() * RUNGE_KUTTA_LIMIT)).ceil()
     }
 }
 

@@ -22,9 +22,20 @@ pub enum Integrator {
         #[serde(default = "six")]
         substeps: u32,
     },
+    /// A method of order 2 that evaluates the dynamics once per step: at the position half a step
+    /// ahead, and at the velocity there that the last acceleration foretells. It is for the short
+    /// steps of control periods.
+    Midpoint {
+        /// Number of equal parts of a period.
+        #[serde(default = "one")]
+        substeps: u32,
+    },
     /// Semi-implicit Euler with 2 substeps, which is equivalent to the paper's simulator settings.
     Reference,
 }
+
+/// The most equal parts of a period.
+pub(super) const MAX_SUBSTEPS: u32 = 64;
 
 impl Default for Integrator {
     fn default() -> Self {
@@ -39,6 +50,7 @@ impl fmt::Display for Integrator {
                 write!(f, "extrapolated, order {order}, substeps {substeps}")
             }
             Self::Rk4 { substeps } => write!(f, "rk4, substeps {substeps}"),
+            Self::Midpoint { substeps } => write!(f, "midpoint, substeps {substeps}"),
             Self::Reference => write!(f, "reference"),
         }
     }

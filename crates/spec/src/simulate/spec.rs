@@ -5,6 +5,7 @@ use std::ops::Range as IndexRange;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::controller::Controller;
 use super::excitation::{Excitation, Family};
 use super::integrator::{Integrator, Precision};
 use super::observations::Observations;
@@ -32,8 +33,12 @@ pub struct SimulateSpec {
     /// Sampling rate in Hz; the torque is held over each period.
     #[serde(default = "defaults::rate_hz")]
     pub rate_hz: f64,
-    /// The torques.
+    /// The torques, or the references of the controller.
     pub excitation: Excitation,
+    /// The controller that makes the arm follow references. `null` for torques that are applied
+    /// open loop.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub controller: Option<Controller>,
     /// The arm, and how robots differ from it.
     #[serde(default)]
     pub robot: RobotSpec,

@@ -1,0 +1,402 @@
+//! Controllers that make robots follow references: drawn per trajectory, one robot per lane.
+
+use std::f64::consts::TAU;
+
+use serde::Serialize;
+use simd::{Lanes, MAX_LANES};
+use spec::{ControlLaw, Controller, MAX_DELAY_PERIODS, Range, SimulateSpec};
+
+use crate::draws::Draws;
+use crate::forward_dynamics::Dynamics;
+use crate::kernels::MassMatrixAndBias;
+use crate::model::Model;
+use crate::reference::{Reference, ReferenceState, polynomial};
+use crate::spatial::Turn;
+use crate::structure::Structure;
+use crate::{Joints, Robot, gravity, mass_matrix};
+
+/// A reference, and the controller that follows it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Tracking {
+    /// The motion that is followed.
+    pub reference: Reference,
+    /// The drawn gains.
+    pub gains: Gains,
+}
+
+/// The gains of one robot's controller, and its delay. They are N·m/rad, N·m·s/rad and N·m/(rad·s)
+/// with `joint-pd`, and 1/s², 1/s and 1/s³ with `computed-torque`.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Gains {
+    /// kp.
+    pub kp: Joints<f64>,
+    /// kd.
+    pub kd: Joints<f64>,
+    /// ki.
+    pub ki: Joints<f64>,
+    /// Control periods between a measurement and its torque.
+    pub delay_periods: u32,
+}
+
+/// The nominal arm that all controllers of a simulation know.
+pub(crate) struct Known {
+    pub(crate) arm: Robot,
+    /// Inertia of each joint at the center of references, kg·m².
+    inertia: Joints<f64>,
+}
+
+impl Known {
+    /// The nominal arm of `spec` without a payload. It has no gravity if the controller does not
+    /// compensate it.
+    pub(crate) fn new(spec: &SimulateSpec, controller: &Controller) -> Self {
+        let mut arm = Robot::nominal(&spec::RobotSpec { payload: None, ..spec.robot.clone() });
+        if !controller.gravity_compensation {
+            arm.gravity = 0.0;
+        }
+        let matrix = mass_matrix(&arm, spec.initial_state.center_rad.as_slice());
+        let inertia = (0..arm.joints()).map(|joint| matrix[joint][joint]).collect();
+        Self { arm, inertia }
+    }
+
+    pub(crate) fn draw_gains(&self, controller: &Controller, draws: &mut Draws) -> Gains {
+        let (frequency_hz, ratio, integral, stiffness, damping) = match &controller.law {
+            ControlLaw::JointPd(law) => (
+                law.natural_frequency_hz,
+                law.damping_ratio,
+                law.integral_per_s,
+                law.stiffness_nm_rad.as_deref(),
+                law.damping_nm_s_rad.as_deref(),
+            ),
+            ControlLaw::ComputedTorque(law) => {
+                (law.natural_frequency_hz, law.damping_ratio, law.integral_per_s, None, None)
+            }
+        };
+        let w = TAU * draws.uniform(frequency_hz);
+        let ratio = draws.uniform(ratio);
+        let integral = draws.uniform(integral);
+        let mut gains = Gains {
+            kp: self.inertia,
+            kd: self.inertia,
+            ki: self.inertia,
+            delay_periods: delay(controller.delay_periods, draws),
+        };
+        for joint in 0..self.inertia.len() {
+            let inertia = match controller.law {
+                ControlLaw::JointPd(_) => self.inertia[joint],
+                ControlLaw::ComputedTorque(_) => 1.0,
+            };
+            let kp = stiffness.map_or(inertia * w * w, |stiffness| stiffness[joint]);
+            let kd = damping.map_or(2.0 * ratio * w * inertia, |damping| damping[joint]);
+            gains.kp[joint] = kp * draws.factor(controller.gain_fraction);
+            gains.kd[joint] = kd * draws.factor(controller.gain_fraction);
+            gains.ki[joint] = gains.kp[joint] * integral;
+        }
+        gains
+    }
+}
+
+#[expect(
+    clippy::cast_sign_loss,
+    clippy::cast_possible_truncation,
+    reason = "a draw from 0 to 3 periods"
+)]
+fn delay([least, most]: [u32; 2], draws: &mut Draws) -> u32 {
+    let drawn = draws.uniform(Range::new(f64::from(least), f64::from(most) + 1.0));
+    (drawn as u32).min(most)
+}
+
+/// The errors of the positions that a controller measures.
+#[derive(Clone, Copy)]
+pub(crate) struct Encoder {
+    /// Standard deviation, rad.
+    noise_rad: f64,
+    resolution_rad: f64,
+}
+
+impl Encoder {
+    pub(crate) fn new(spec: &SimulateSpec) -> Self {
+        let observations = &spec.observations;
+        Self {
+            noise_rad: observations.position_noise_rad,
+            resolution_rad: observations.position_resolution_rad,
+        }
+    }
+
+    pub(crate) fn is_noisy(&self) -> bool {
+        self.noise_rad > 0.0
+    }
+}
+
+/// Controllers of robots in lanes. They share their law and differ in their gains.
+pub(crate) struct Controllers<'a, L, const N: usize> {
+    law: &'a ControlLaw,
+    encoder: Encoder,
+    known: Model<L, N>,
+    known_arm: &'a Robot,
+    dynamics: Dynamics<L, N>,
+    /// Whether the law of single joints needs the nominal arm.
+    has_gravity: bool,
+    /// Duration of a control period, s.
+    period_s: f64,
+    /// Duration of a sampling period, s.
+    sample_s: f64,
+    smoothing: L,
+    largest_torque: [L; N],
+    /// The largest change within a control period, N·m.
+    largest_change: Option<L>,
+    kp: [L; N],
+    kd: [L; N],
+    ki: [L; N],
+    /// 1 in the lanes with this delay, and 0 in the others.
+    has_delay: [L; DELAYS],
+    /// Coefficients of the reference in the present sampling period.
+    reference: [[L; 6]; N],
+    measured: [L; N],
+    velocity: [L; N],
+    /// ∫(r − q) dt.
+    sum: [L; N],
+    /// The latest commands, the last one first.
+    commands: [[L; N]; DELAYS],
+}
+
+const DELAYS: usize = MAX_DELAY_PERIODS as usize + 1;
+
+impl<'a, L: Lanes, const N: usize> Controllers<'a, L, N> {
+    #[inline(always)]
+    pub(crate) fn new(
+        structure: impl Structure<N>,
+        spec: &'a SimulateSpec,
+        controller: &'a Controller,
+        known: &'a Known,
+    ) -> Self {
+        let zero = [L::splat(0.0); N];
+        let period_s = 1.0 / controller.rate_hz;
+        // A backward Euler step of the low-pass.
+        let ratio = TAU * controller.velocity_cutoff_hz * period_s;
+        let mut largest_torque = zero;
+        for (joint, described) in spec.robot.description().joints.iter().enumerate() {
+            largest_torque[joint] = L::splat(described.torque_nm * controller.torque_share);
+        }
+        Self {
+            law: &controller.law,
+            encoder: Encoder::new(spec),
+            known: Model::splat(structure, &known.arm),
+            known_arm: &known.arm,
+            dynamics: Dynamics::zero(),
+            has_gravity: known.arm.gravity != 0.0,
+            period_s,
+            sample_s: 1.0 / spec.rate_hz,
+            smoothing: L::splat(ratio / (1.0 + ratio)),
+            largest_torque,
+            largest_change: controller.torque_rate_nm_s.map(|rate| L::splat(rate * period_s)),
+            kp: zero,
+            kd: zero,
+            ki: zero,
+            has_delay: [L::splat(0.0); DELAYS],
+            reference: [[L::splat(0.0); 6]; N],
+            measured: zero,
+            velocity: zero,
+            sum: zero,
+            commands: [zero; DELAYS],
+        }
+    }
+
+    /// Puts the controller of a trajectory that starts at `start` into a lane. Until its first
+    /// torque acts, the arm's weight is held.
+    #[inline(never)]
+    pub(crate) fn set_lane(&mut self, lane: usize, gains: &Gains, start: &ReferenceState) {
+        let weight = gravity(self.known_arm, start.r);
+        for joint in 0..start.r.len() {
+            self.kp[joint].set_lane(lane, gains.kp[joint]);
+            self.kd[joint].set_lane(lane, gains.kd[joint]);
+            self.ki[joint].set_lane(lane, gains.ki[joint]);
+            self.measured[joint].set_lane(lane, start.r[joint]);
+            self.velocity[joint].set_lane(lane, start.rd[joint]);
+            self.sum[joint].set_lane(lane, 0.0);
+            for command in &mut self.commands {
+                command[joint].set_lane(lane, weight[joint]);
+            }
+        }
+        for (delay, has_delay) in (0..).zip(&mut self.has_delay) {
+            has_delay.set_lane(lane, if delay == gains.delay_periods { 1.0 } else { 0.0 });
+        }
+    }
+
+    /// Gives a lane its reference from one sample to the next.
+    #[inline(never)]
+    pub(crate) fn set_reference(
+        &mut self,
+        lane: usize,
+        from: &ReferenceState,
+        to: &ReferenceState,
+    ) {
+        for joint in 0..from.r.len() {
+            let coefficients = polynomial(self.sample_s, joint, from, to);
+            for (entry, value) in self.reference[joint].iter_mut().zip(coefficients) {
+                entry.set_lane(lane, value);
+            }
+        }
+    }
+
+    /// The positions that the controllers measured last, rad.
+    pub(crate) fn measured(&self) -> &[L; N] {
+        &self.measured
+    }
+
+    /// The largest distance of a joint from its reference at the beginning of the present sampling
+    /// period, rad.
+    #[inline(always)]
+    pub(crate) fn largest_error(&self, joints: usize, q: &[L; N]) -> L {
+        let mut largest = L::splat(0.0);
+        for joint in 0..joints {
+            let error = self.reference[joint][0] - q[joint];
+            largest = largest.max(error).max(-error);
+        }
+        largest
+    }
+
+    /// The torques of the control period that begins at `period` of the sampling period's periods.
+    /// `noise` is of variance 1.
+    #[inline(always)]
+    pub(crate) fn torques<S: Structure<N>>(
+        &mut self,
+        structure: S,
+        period: usize,
+        q: &[L; N],
+        noise: Option<&[[f32; MAX_LANES]; N]>,
+        torques: &mut [L; N],
+    ) {
+        let joints = structure.joints();
+        self.measure(joints, q, noise);
+
+        let zero = L::splat(0.0);
+        let share = L::splat(period as f64 * self.period_s / self.sample_s);
+        let [per_s, per_s2] =
+            [L::splat(1.0 / self.sample_s), L::splat(1.0 / (self.sample_s * self.sample_s))];
+        let period_s = L::splat(self.period_s);
+        let mut command = [zero; N];
+        let mut acceleration = [zero; N];
+        for joint in 0..joints {
+            let [c0, c1, c2, c3, c4, c5] = self.reference[joint];
+            let r = c5
+                .mul_add(share, c4)
+                .mul_add(share, c3)
+                .mul_add(share, c2)
+                .mul_add(share, c1)
+                .mul_add(share, c0);
+            let times = |coefficient: L, factor: f64| coefficient * L::splat(factor);
+            let rd = times(c5, 5.0)
+                .mul_add(share, times(c4, 4.0))
+                .mul_add(share, times(c3, 3.0))
+                .mul_add(share, times(c2, 2.0))
+                .mul_add(share, c1)
+                * per_s;
+            acceleration[joint] = times(c5, 20.0)
+                .mul_add(share, times(c4, 12.0))
+                .mul_add(share, times(c3, 6.0))
+                .mul_add(share, times(c2, 2.0))
+                * per_s2;
+            let error = r - self.measured[joint];
+            self.sum[joint] = error.mul_add(period_s, self.sum[joint]);
+            let slower = rd - self.velocity[joint];
+            command[joint] = self.kp[joint]
+                .mul_add(error, self.kd[joint].mul_add(slower, self.ki[joint] * self.sum[joint]));
+        }
+        match self.law {
+            ControlLaw::JointPd(_) => {
+                if self.has_gravity {
+                    self.evaluate(structure, &[zero; N]);
+                    for joint in 0..joints {
+                        command[joint] = command[joint] + self.dynamics.bias[joint];
+                    }
+                }
+            }
+            ControlLaw::ComputedTorque(_) => {
+                let velocity = self.velocity;
+                self.evaluate(structure, &velocity);
+                for joint in 0..joints {
+                    acceleration[joint] = acceleration[joint] + command[joint];
+                }
+                let matrix = &self.dynamics.mass_matrix;
+                for row in 0..joints {
+                    let mut torque = self.dynamics.bias[row];
+                    for column in 0..joints {
+                        // Only entries on and below the diagonal are set.
+                        let entry = matrix[row.max(column)][row.min(column)];
+                        torque = entry.mul_add(acceleration[column], torque);
+                    }
+                    command[row] = torque;
+                }
+            }
+        }
+        self.limit(joints, &mut command);
+        self.delay(joints, command, torques);
+    }
+
+    /// Measures positions, and smooths their differences to velocities.
+    #[inline(always)]
+    fn measure(&mut self, joints: usize, q: &[L; N], noise: Option<&[[f32; MAX_LANES]; N]>) {
+        let Encoder { noise_rad, resolution_rad } = self.encoder;
+        let deviation = L::splat(noise_rad);
+        let (step, steps) = (L::splat(resolution_rad), L::splat(1.0 / resolution_rad));
+        let rate = L::splat(1.0 / self.period_s);
+        let rounds = resolution_rad > 0.0;
+        for joint in 0..joints {
+            let mut measured = q[joint];
+            if let Some(noise) = noise {
+                measured = deviation.mul_add(L::load(&noise[joint]), measured);
+            }
+            if rounds {
+                measured = (measured * steps).round() * step;
+            }
+            let difference = (measured - self.measured[joint]) * rate;
+            self.velocity[joint] =
+                self.smoothing.mul_add(difference - self.velocity[joint], self.velocity[joint]);
+            self.measured[joint] = measured;
+        }
+    }
+
+    /// The nominal arm's equation of motion at the measured positions.
+    #[inline(always)]
+    fn evaluate<S: Structure<N>>(&mut self, structure: S, qd: &[L; N]) {
+        let mut turns = [Turn::none(); N];
+        structure.turns(&self.known, &self.measured, &mut turns);
+        let (model, dynamics) = (&self.known, &mut self.dynamics);
+        L::run(MassMatrixAndBias { structure, model, turns: &turns, qd, dynamics });
+    }
+
+    #[inline(always)]
+    fn limit(&self, joints: usize, command: &mut [L; N]) {
+        for joint in 0..joints {
+            let most = self.largest_torque[joint];
+            command[joint] = clamped(command[joint], most);
+            if let Some(most) = self.largest_change {
+                let before = self.commands[0][joint];
+                command[joint] = before + clamped(command[joint] - before, most);
+            }
+        }
+    }
+
+    /// Remembers the command, and gives each lane the one that acts after its delay.
+    #[inline(always)]
+    fn delay(&mut self, joints: usize, command: [L; N], torques: &mut [L; N]) {
+        for age in (1..DELAYS).rev() {
+            self.commands[age] = self.commands[age - 1];
+        }
+        self.commands[0] = command;
+        for joint in 0..joints {
+            let mut torque = self.has_delay[0] * command[joint];
+            for age in 1..DELAYS {
+                torque = self.has_delay[age].mul_add(self.commands[age][joint], torque);
+            }
+            torques[joint] = torque;
+        }
+    }
+}
+
+/// `value` within ±`most`.
+#[inline(always)]
+fn clamped<L: Lanes>(value: L, most: L) -> L {
+    let raised = value.max(-most);
+    -((-raised).max(-most))
+}
