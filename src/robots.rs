@@ -323,7 +323,7 @@ mod tests {
         assert!(message.contains("arm: ") && message.contains("joints"), "{message}");
         assert!(refused("{\"name\": ", &[]).contains("not valid JSON: line 1"));
         let missing = arguments(&["no/such.urdf"]).unwrap().read().unwrap_err().to_string();
-        assert!(missing.ends_with("the built-in robots are panda"), "{missing}");
+        assert!(missing.ends_with("the built-in robots are panda, ur10e"), "{missing}");
         let folder = arguments(&["/"]).unwrap().read().unwrap_err().to_string();
         assert_eq!(folder, "/ is a folder, allowed: a file");
     }

@@ -1,4 +1,4 @@
-//! One value per joint.
+//! One value per joint, and the state of all joints.
 
 use std::fmt;
 use std::ops::{Deref, DerefMut};
@@ -11,6 +11,15 @@ use spec::MAX_JOINTS;
 pub struct Joints<T> {
     values: [T; MAX_JOINTS],
     count: usize,
+}
+
+/// Positions and velocities of an arm.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ArmState {
+    /// Positions, rad.
+    pub q: Joints<f64>,
+    /// Velocities, rad/s.
+    pub qd: Joints<f64>,
 }
 
 impl<T: Copy + Default> Joints<T> {

@@ -65,14 +65,14 @@ pub use error::{DynamicsError, LostTrack};
 pub use excitation::{Chirp, Multisine, Steps, Torques};
 pub use friction::Friction;
 pub use inertia::RigidBody;
-pub use joints::Joints;
+pub use joints::{ArmState, Joints};
 pub use kinematics::{Base, Kinematics, Pose, Row};
 pub use measurement::add_position_noise;
 pub use reference::{
     FourierSeries, Harmonic, PointToPointMoves, Reference, ReferenceState, ViaPoints,
 };
 pub use regressor::{LINK_PARAMETERS, torque_regressor};
-pub use replay::{Anchor, ArmState, Motion, Replay};
+pub use replay::{Anchor, Motion, Replay};
 pub use robot::{Payload, Robot};
 pub use scenario::{Excitation, Scenario, Scenarios};
 pub use simd::InstructionSet;

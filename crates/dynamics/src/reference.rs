@@ -145,9 +145,18 @@ impl PointToPointMoves {
 
 /// The period at time `t`, at most `last`, and the time since it began.
 fn part(t: f64, period_s: f64, last: usize) -> (usize, f64) {
-    #[expect(clippy::cast_sign_loss, reason = "times of a motion are not negative")]
-    let k = ((t / period_s) as usize).min(last);
+    let k = whole(t / period_s).min(last);
     (k, t - k as f64 * period_s)
+}
+
+/// The whole part of a number that is not negative.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "checks bound durations and the number of postures"
+)]
+pub(crate) fn whole(number: f64) -> usize {
+    number as usize
 }
 
 /// The share of a move's distance at the share `s` of its time, and its derivatives by `s`.
@@ -294,7 +303,7 @@ impl Room {
         let period_s = 1.0 / frequency_hz;
         let share = draws.uniform(spec.speed);
         let longest_s = share * spec.moving * period_s / largest_speed(spec.profile);
-        let count = (duration_s / period_s) as usize + 2;
+        let count = whole(duration_s / period_s) + 2;
         Reference::PointToPoint(PointToPointMoves {
             period_s,
             moving: spec.moving,
@@ -313,7 +322,7 @@ impl Room {
         let period_s = 1.0 / frequency_hz;
         // A B-spline is never faster than its control points.
         let longest_s = draws.uniform(spec.speed) * period_s;
-        let count = (duration_s / period_s) as usize + 5;
+        let count = whole(duration_s / period_s) + 5;
         Reference::ViaPoints(ViaPoints {
             period_s,
             postures_rad: self.draw_postures(count, spec.reach, longest_s, draws),

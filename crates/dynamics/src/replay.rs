@@ -12,7 +12,7 @@ use crate::integrators::{Scheme, Scratch, State};
 use crate::kernels::Advance;
 use crate::model::Model;
 use crate::structure::{Kind, Structure};
-use crate::{Joints, Robot};
+use crate::{ArmState, Joints, Robot};
 
 /// One robot with its initial state and its torques.
 #[derive(Clone, Copy, Debug)]
@@ -41,15 +41,6 @@ pub struct Anchor {
     pub q: Joints<f64>,
     /// rad/s; `None` keeps the velocity that the arm has there.
     pub qd: Option<Joints<f64>>,
-}
-
-/// Positions and velocities of an arm.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct ArmState {
-    /// Positions, rad.
-    pub q: Joints<f64>,
-    /// Velocities, rad/s.
-    pub qd: Joints<f64>,
 }
 
 /// The settings of a replay. With the fields of a [`SimulateSpec`], a drawn robot moves as it did

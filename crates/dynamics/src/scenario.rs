@@ -5,7 +5,7 @@ use spec::{Cell, Family, Frequency, InitialState, Range, SimulateSpec};
 use crate::draws::{Draws, Purpose};
 use crate::excitation::{Torques, draw_chirps, draw_multisines, draw_steps};
 use crate::randomization::draw_robot;
-use crate::reference::{Limits, Room};
+use crate::reference::{Limits, Room, whole};
 use crate::robot::Nominal;
 use crate::structure::Kind;
 use crate::tracking::{Known, Tracking};
@@ -33,6 +33,7 @@ pub struct Scenario {
 }
 
 /// What moves a robot.
+#[expect(clippy::large_enum_variant, reason = "all scenarios of a simulation have the same one")]
 #[derive(Clone, Debug, PartialEq)]
 pub enum Excitation {
     /// The torque law of each joint, open loop.
@@ -189,7 +190,7 @@ impl<'a> Scenarios<'a> {
     fn duration_s(&self) -> f64 {
         let settling =
             |controller: &spec::Controller| controller.settling_samples(self.spec.rate_hz);
-        let settling = self.spec.controller.as_ref().map_or(0, settling);
+        let settling = self.spec.controller.as_deref().map_or(0, settling);
         (self.spec.samples as usize + settling + 1) as f64 / self.spec.rate_hz
     }
 
@@ -202,7 +203,7 @@ impl<'a> Scenarios<'a> {
             Some(family) => self.law(family),
             None if self.spec.controller.is_some() => {
                 let families: Vec<Family> = excitation.families().collect();
-                let place = (drawn * families.len() as f64) as usize;
+                let place = whole(drawn * families.len() as f64);
                 families.get(place).and_then(|family| self.law(*family))
             }
             None => {
@@ -233,9 +234,9 @@ impl<'a> Scenarios<'a> {
             Family::Chirp => Law::Chirp(excitation.chirp.as_ref()?),
             Family::Multisine => Law::Multisine(excitation.multisine.as_ref()?),
             Family::Steps => Law::Steps(excitation.steps.as_ref()?),
-            Family::Fourier => Law::Fourier(excitation.fourier.as_ref()?),
-            Family::PointToPoint => Law::PointToPoint(excitation.point_to_point.as_ref()?),
-            Family::ViaPoints => Law::ViaPoints(excitation.via_points.as_ref()?),
+            Family::Fourier => Law::Fourier(excitation.fourier.as_deref()?),
+            Family::PointToPoint => Law::PointToPoint(excitation.point_to_point.as_deref()?),
+            Family::ViaPoints => Law::ViaPoints(excitation.via_points.as_deref()?),
         };
         Some((law, excitation.frequency_hz(family)?))
     }

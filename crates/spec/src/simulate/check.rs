@@ -150,13 +150,13 @@ impl Check for Excitation {
             violations.part("steps", steps);
         }
         if let Some(series) = &self.fourier {
-            violations.part("fourier", series);
+            violations.part("fourier", series.as_ref());
         }
         if let Some(moves) = &self.point_to_point {
-            violations.part("point_to_point", moves);
+            violations.part("point_to_point", moves.as_ref());
         }
         if let Some(spline) = &self.via_points {
-            violations.part("via_points", spline);
+            violations.part("via_points", spline.as_ref());
         }
         let is_grid = |frequency: &Frequency| matches!(frequency, Frequency::Grid(_));
         let grids = families.iter().filter(|(_, frequency)| is_grid(frequency));

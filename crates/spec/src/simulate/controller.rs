@@ -177,13 +177,12 @@ impl Check for ComputedTorque {
 impl Controller {
     /// The control periods of a sampling period at `rate_hz`.
     pub fn periods(&self, rate_hz: f64) -> usize {
-        // A check refuses other ratios.
-        (self.rate_hz / rate_hz).round().max(1.0) as usize
+        whole(self.rate_hz / rate_hz).max(1)
     }
 
     /// The samples from the start of the motion to the first one that is recorded.
     pub fn settling_samples(&self, rate_hz: f64) -> usize {
-        (self.settle_s * rate_hz).ceil() as usize
+        whole((self.settle_s * rate_hz).ceil())
     }
 
     /// The explicit gains of the law, if it has some: stiffnesses and dampings.
@@ -196,6 +195,15 @@ impl Controller {
             ("damping_nm_s_rad", law.damping_nm_s_rad.as_ref()),
         ]
     }
+}
+
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "checks bound both rates and the time to settle"
+)]
+fn whole(number: f64) -> usize {
+    number.round() as usize
 }
 
 impl SimulateSpec {
@@ -228,7 +236,7 @@ impl SimulateSpec {
     /// Checks the controller against the rate, the robot and the observations.
     pub(super) fn check_controller(&self, violations: &mut Violations) {
         let Some(controller) = &self.controller else { return };
-        violations.part("controller", controller);
+        violations.part("controller", controller.as_ref());
         let ratio = controller.rate_hz / self.rate_hz;
         if ratio < 0.999 || (ratio - ratio.round()).abs() > 1e-9 * ratio {
             let [below, above] =

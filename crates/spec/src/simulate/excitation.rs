@@ -31,13 +31,13 @@ pub struct Excitation {
     pub steps: Option<Steps>,
     /// References that are Fourier series. `null` for none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub fourier: Option<FourierSeries>,
+    pub fourier: Option<Box<FourierSeries>>,
     /// References that move from posture to posture. `null` for none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub point_to_point: Option<PointToPointMoves>,
+    pub point_to_point: Option<Box<PointToPointMoves>>,
     /// References that pass by postures without a stop. `null` for none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub via_points: Option<ViaPoints>,
+    pub via_points: Option<Box<ViaPoints>>,
     /// The probability of a chirp, 0 to 1, if there are multisines, too.
     #[serde(default = "half")]
     pub chirp_fraction: f64,

@@ -38,7 +38,7 @@ pub struct SimulateSpec {
     /// The controller that makes the arm follow references. `null` for torques that are applied
     /// open loop.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub controller: Option<Controller>,
+    pub controller: Option<Box<Controller>>,
     /// The arm, and how robots differ from it.
     #[serde(default)]
     pub robot: RobotSpec,
