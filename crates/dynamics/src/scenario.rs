@@ -28,11 +28,11 @@ pub struct Scenario {
     pub q0: Joints<f64>,
     /// Velocities at t = 0, rad/s.
     pub qd0: Joints<f64>,
-    /// What moves the robot.
+    /// Its torques, or its controller.
     pub excitation: Excitation,
 }
 
-/// What moves a robot.
+/// The cause of a robot's motion: torques, or a controller.
 #[expect(clippy::large_enum_variant, reason = "all scenarios of a simulation have the same one")]
 #[derive(Clone, Debug, PartialEq)]
 pub enum Excitation {

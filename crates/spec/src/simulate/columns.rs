@@ -6,7 +6,8 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::excitation::{Excitation, STEP_LEVELS};
+use super::excitation::Excitation;
+use super::excitation_columns::{chirps, multisines, steps, tracking};
 use super::spec::SimulateSpec;
 use crate::{JointDescription, RobotDescription};
 
@@ -77,7 +78,7 @@ impl Column {
     }
 
     #[must_use]
-    fn nullable(mut self) -> Self {
+    pub(super) fn nullable(mut self) -> Self {
         self.nullable = true;
         self
     }
@@ -224,7 +225,7 @@ fn end_effector_pose(world: &str) -> impl Iterator<Item = Column> {
     position.into_iter().chain(rotation)
 }
 
-fn number(name: impl Into<String>, unit: &str, about: impl Into<String>) -> Column {
+pub(super) fn number(name: impl Into<String>, unit: &str, about: impl Into<String>) -> Column {
     Column::new(name, ColumnType::Float64, about).unit(unit)
 }
 
@@ -384,74 +385,6 @@ fn payload(robot: &RobotDescription) -> impl Iterator<Item = Column> {
     [mass.nullable()].into_iter().chain(center).chain([radius])
 }
 
-/// What a controller follows, and how it was drawn. Both are JSON objects, because families and
-/// laws differ in their numbers.
-fn tracking() -> [Column; 2] {
-    [
-        Column::new(
-            "reference",
-            ColumnType::Text,
-            "JSON: the drawn reference, in rad and s from the start of the motion",
-        ),
-        Column::new(
-            "controller",
-            ColumnType::Text,
-            "JSON: the gains of the robot's controller, one of each per joint, and its delay",
-        ),
-    ]
-}
-
-fn chirps(joints: usize) -> impl Iterator<Item = Column> {
-    const COEFFICIENTS: [(&str, &str); 6] = [
-        ("chirp_offset_nm", "N·m"),
-        ("chirp_amplitude_nm", "N·m"),
-        ("chirp_f1_hz", "Hz"),
-        ("chirp_f2_hz", "Hz"),
-        ("chirp_depth", "1"),
-        ("chirp_phase_rad", "rad"),
-    ];
-    COEFFICIENTS.into_iter().flat_map(move |(name, unit)| {
-        (1..=joints).map(move |joint| {
-            let about = format!(
-                "of joint {joint}: offset + amplitude · cos(2π f1 (1 + depth · cos(2π f2 t)) t + \
-                 phase); null unless a chirp"
-            );
-            number(format!("{name}_{joint}"), unit, about).nullable()
-        })
-    })
-}
-
-fn multisines(joints: usize) -> impl Iterator<Item = Column> {
-    (0..4).flat_map(move |part| {
-        (1..=joints).flat_map(move |joint| {
-            let wave = if part % 2 == 0 { "sin" } else { "cos" };
-            let about = format!(
-                "of joint {joint}: its part {part} is amplitude · {wave}(2π f t); null unless a \
-                 multisine"
-            );
-            [("amplitude", "nm", "N·m"), ("f", "hz", "Hz")].map(|(what, suffix, unit)| {
-                let name = format!("multisine_{what}{part}_{suffix}_{joint}");
-                number(name, unit, about.clone()).nullable()
-            })
-        })
-    })
-}
-
-fn steps(joints: usize) -> impl Iterator<Item = Column> {
-    (0..STEP_LEVELS).flat_map(move |part| {
-        (1..=joints).flat_map(move |joint| {
-            let about = format!(
-                "of joint {joint}: level {part} is held so long; after the last it begins again; null unless \
-                 steps"
-            );
-            [("level", "nm", "N·m"), ("hold", "s", "s")].map(|(what, suffix, unit)| {
-                let name = format!("steps_{what}{part}_{suffix}_{joint}");
-                number(name, unit, about.clone()).nullable()
-            })
-        })
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use std::collections::HashSet;
@@ -459,6 +392,7 @@ mod tests {
     use serde_json::json;
 
     use super::*;
+    use crate::simulate::STEP_LEVELS;
     use crate::{JobSpec, parse};
 
     fn spec(fields: &serde_json::Value) -> SimulateSpec {

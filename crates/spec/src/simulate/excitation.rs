@@ -1,5 +1,5 @@
-//! What excites arms: torques (chirps, multisines and steps) or references of a controller, with
-//! their frequencies and defaults.
+//! The excitations of arms: torques (chirps, multisines and steps), or references of a controller,
+//! with their frequencies and defaults.
 
 use std::f64::consts::PI;
 use std::fmt;

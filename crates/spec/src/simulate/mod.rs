@@ -6,6 +6,7 @@ mod columns;
 mod completion;
 mod controller;
 mod excitation;
+mod excitation_columns;
 mod following;
 mod integrator;
 mod kind;
