@@ -18,22 +18,32 @@ def frames(config: dict, u: Tensor, y_context: Tensor, y_mean: Tensor, y_std: Te
     residual = config["model"].get("residual", "none")
     if residual == "none":
         return y_mean.expand(u.shape), y_std.expand(u.shape)
-    [(kind, integrator)] = residual.items()
     context, samples = y_context.shape[1], u.shape[1]
+    if residual == "reference":
+        center = y_context[:, -1:] + (u - u[:, context - 1 : context])
+        return center, _scale(center.double(), y_context, samples)
+    [(kind, integrator)] = residual.items()
     gain = 1.0 / (integrator["damping"] * config["rate_hz"])
     travelled = torch.zeros(u.shape, dtype=torch.float64)
     travelled[:, 1:] = gain * u[:, :-1].double().cumsum(1)
     last = context - 1
     start = y_context[:, last : last + 1].double()
     center = start + travelled - travelled[:, last : last + 1]
-    first = max(last - (samples - context), 0)
-    errors = (y_context.double() - center[:, :context])[:, first:last]
-    scale = errors.square().sum(1, keepdim=True).div(max(last - first, 1)).sqrt()
-    scale = scale.clamp(min=SMALLEST_SCALE).expand(u.shape).clone()
+    scale = _scale(center, y_context, samples).double()
     if kind == "lagged-integrator":
         ahead, error = lagged_path(gain * u.double(), y_context.double(), samples - context)
         center[:, context:], scale[:, context:] = ahead, error
     return center.float(), scale.float()
+
+
+def _scale(center: Tensor, y_context: Tensor, samples: int) -> Tensor:
+    """The error of a path over as many samples of the context as the horizon has, at every sample."""
+    context = y_context.shape[1]
+    last = context - 1
+    first = max(last - (samples - context), 0)
+    errors = (y_context.double() - center[:, :context])[:, first:last]
+    scale = errors.square().sum(1, keepdim=True).div(max(last - first, 1)).sqrt()
+    return scale.clamp(min=SMALLEST_SCALE).expand(center.shape).clone().float()
 
 
 def known_series_per_joint(config: dict) -> int:

@@ -76,3 +76,80 @@ async fn a_control_job_and_references_without_a_controller_are_refused() {
         assert!(answer.to_string().contains(part), "{answer}");
     }
 }
+
+#[tokio::test]
+async fn models_and_baselines_predict_from_references_under_an_unknown_controller() {
+    let folder = tempfile::tempdir().unwrap();
+    let product = Product::start(folder.path());
+    let train = json!({
+        "kind": "train", "given": "references", "context": 40, "batch_size": 8, "steps": 60,
+        "optimizer": {"warmup_steps": 0, "learning_rate": 0.002},
+        "model": {"preset": "robomorph-tiny", "patch": 4, "residual": "reference"},
+    });
+    let on = |data: Value| {
+        let mut train = train.clone();
+        train["data"] = data;
+        train
+    };
+    let evaluate = |data: Value| {
+        json!({
+            "kind": "evaluate", "data": data, "context": 40, "given": "references",
+            "checkpoints": [{"job": "train"}, {"job": "streamed"}],
+            "bootstrap": {"resamples": 100},
+        })
+    };
+    let same = data(40, 1, &json!({}));
+    let pipeline = json!({
+        "kind": "pipeline", "name": "references", "jobs": {
+            "data": same,
+            "train": on(json!({"job": "data"})),
+            "streamed": on(json!({"stream": data(40, 1, &json!({}))})),
+            "stored": evaluate(json!({"job": "data"})),
+            "simulated": evaluate(json!({"stream": same})),
+        },
+    });
+    let id = product.submit(&pipeline).await;
+    let pipeline = product.succeeded(id).await;
+    let report = async |name: &str| {
+        let evaluation = member(&pipeline, name);
+        product.get(&format!("/v1/evaluations/{evaluation}")).await["report"].clone()
+    };
+    let [stored, simulated] = [report("stored").await, report("simulated").await];
+    assert_eq!((&stored["given"], &stored["failures"]), (&json!("references"), &json!([])));
+    // The dataset and the stream have the same robots, references and noise.
+    assert_eq!(stored["groups"], simulated["groups"]);
+    let names: Vec<&str> = stored["predictors"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|predictor| predictor["name"].as_str().unwrap())
+        .collect();
+    let expected = [
+        "hold-last",
+        "constant-velocity",
+        "follow-reference",
+        "least-squares",
+        "arx",
+        "train",
+        "streamed",
+    ];
+    assert_eq!(names, expected);
+    let rmse = |place: usize| stored["groups"][0]["rmse_deg"][place]["mean"].as_f64().unwrap();
+    assert!(rmse(2) < 0.5 * rmse(0), "the reference tells where the arm goes: {stored:#}");
+
+    let training = product.get(&format!("/v1/jobs/{}", member(&pipeline, "train"))).await;
+    let id = training["checkpoints"].as_array().unwrap().last().unwrap().clone();
+    let config = product.get(&format!("/v1/checkpoints/{id}/files/config.json")).await;
+    assert_eq!(
+        (&config["given"], &config["ranges"]["given"]),
+        (&json!("references"), &json!("references"))
+    );
+    let control = json!({
+        "kind": "control", "checkpoints": [{"checkpoint": id}], "robots": 2, "context": 40,
+        "data": {"stream": {"preset": "D1-multisine", "trajectories": 2, "samples": 60}},
+        "planner": {"horizon": 20},
+    });
+    let (status, answer) = product.post("/v1/jobs", control.to_string()).await;
+    assert_eq!(status, StatusCode::UNPROCESSABLE_ENTITY, "{answer}");
+    assert!(answer.to_string().contains("given references"), "{answer}");
+}

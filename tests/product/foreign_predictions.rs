@@ -180,18 +180,18 @@ async fn a_file_is_scored_as_if_its_model_had_been_asked() {
     let mut backwards = laboratory.each(held);
     backwards.reverse();
     let same = laboratory.imported("held.csv", &backwards).await;
-    let predictions = json!([named("oracle", oracle), named("my-hold", same)]);
+    let predictions = json!([named("truth", oracle), named("my-hold", same)]);
     let report = laboratory.evaluated(&predictions, &json!({})).await;
     assert_eq!(report["failures"], json!([]));
     for cell in report["cells"].as_array().unwrap() {
-        assert_eq!(cell["rmse_deg"][2]["predictor"], "oracle");
+        assert_eq!(cell["rmse_deg"][2]["predictor"], "truth");
         assert_eq!(cell["rmse_deg"][2]["mean"], 0.0);
     }
     assert_eq!(findings(&report, "my-hold"), findings(&report, "hold-last"));
 
     let infos = report["predictors"].as_array().unwrap();
     let names: Vec<&str> = infos.iter().map(|info| info["name"].as_str().unwrap()).collect();
-    assert_eq!(names, ["hold-last", "damped-integrator", "oracle", "my-hold"]);
+    assert_eq!(names, ["hold-last", "damped-integrator", "truth", "my-hold"]);
     assert_eq!(infos[2]["kind"], "predictions");
     assert_eq!(infos[2]["told"], "unknown, perhaps the horizon");
     let import = laboratory.product.get(&format!("/v1/datasets/{oracle}")).await;
@@ -200,10 +200,9 @@ async fn a_file_is_scored_as_if_its_model_had_been_asked() {
         (&import["spec"]["file"], &import["digest"])
     );
     let paired = report["paired"].as_array().unwrap();
-    assert!(
-        paired.iter().any(|difference| difference["predictor"] == "oracle"
-            && difference["against"] == "hold-last")
-    );
+    assert!(paired.iter().any(
+        |difference| difference["predictor"] == "truth" && difference["against"] == "hold-last"
+    ));
 
     let evaluation = &laboratory.product.get("/v1/evaluations").await["evaluations"][0]["id"];
     let page = laboratory.product.get(&format!("/evaluations/{evaluation}")).await;

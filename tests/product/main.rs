@@ -15,6 +15,7 @@ mod doctor;
 mod events;
 mod everywhere;
 mod excite;
+mod fine_tuning;
 mod foreign_predictions;
 mod forgiving;
 mod four_models;

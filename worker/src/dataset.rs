@@ -9,7 +9,7 @@ use arrow_array::cast::AsArray;
 use arrow_array::types::Float32Type;
 use arrow_schema::ArrowError;
 use series::{Columns, MeasurementNoise, Series, Shape};
-use spec::{Column, DataSource, DataSpec, JobSpec};
+use spec::{Column, DataSource, DataSpec, Given, JobSpec};
 use store::{ShardContents, ShardReader, Store};
 
 use crate::attempt::Attempt;
@@ -20,6 +20,7 @@ use crate::error::TaskError;
 pub(crate) struct DatasetReader {
     pub spec: DataSpec,
     shards: Arc<OpenShards>,
+    given: Given,
 }
 
 /// The shards of a dataset. Only the recently read ones are open, because a large dataset has more
@@ -70,7 +71,12 @@ impl DatasetReader {
             all: shards.into_iter().map(|shard| shard.contents).collect(),
             open: Mutex::default(),
         };
-        Ok(Self { spec, shards: Arc::new(shards) })
+        Ok(Self { spec, shards: Arc::new(shards), given: Given::Torques })
+    }
+
+    /// The same dataset with what predictors are given in the place of torques.
+    pub fn given(self, given: Given) -> Self {
+        Self { given, ..self }
     }
 
     /// Number of trajectories.
@@ -146,11 +152,14 @@ impl DatasetReader {
         let joints = self.spec.joints();
         let observations = self.spec.observations();
         let measures = Measures {
-            torques: observations.measures_torques(),
+            torques: observations.measures_torques() && self.given == Given::Torques,
             positions: observations.measures_positions(),
         };
-        let mut columns: Vec<Column> =
-            Column::torques(joints).chain(Column::positions(joints)).collect();
+        let mut columns: Vec<Column> = match self.given {
+            Given::Torques => Column::torques(joints).collect(),
+            Given::References => Column::references(joints).collect(),
+        };
+        columns.extend(Column::positions(joints));
         if measures.torques {
             columns.extend(Column::measured_torques(joints));
         }

@@ -25,6 +25,7 @@
 
 mod attempt;
 mod attempt_log;
+mod checkpoint;
 mod claim_loop;
 mod control;
 mod dataset;

@@ -55,7 +55,8 @@ pub fn training_times(
         // This avoids computing the statistics, whose time does not count.
         normalization: Normalization::default_for(&spec.model),
         gradient_accumulation: 1,
-        data: DataSource::Stream(Box::new(data.clone())),
+        data: DataSource::Stream(Box::new(data.clone())).into(),
+        data_weights: None,
         ..spec.clone()
     };
     let device = &Device::open(device)?;

@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use series::Series;
-use spec::{DataSource, DataSpec};
+use spec::{DataSource, DataSpec, Given};
 
 use crate::attempt::Attempt;
 use crate::dataset::DatasetReader;
@@ -18,15 +18,16 @@ pub(crate) enum TrajectorySource {
 }
 
 impl TrajectorySource {
-    /// Opens the data that a stored spec refers to.
-    pub fn open(attempt: &Attempt, source: &DataSource) -> Result<Self, TaskError> {
+    /// Opens the data that a stored spec refers to. Its series have what predictors are `given` in
+    /// the place of torques.
+    pub fn open(attempt: &Attempt, source: &DataSource, given: Given) -> Result<Self, TaskError> {
         match source {
             DataSource::Stream(spec) => {
                 tracing::info!(seed = spec.seed, samples = spec.samples, "simulates its data");
-                Ok(Self::Stream(Stream::new(spec)))
+                Ok(Self::Stream(Stream::new(spec).given(given)))
             }
             DataSource::Job(_) | DataSource::Dataset(_) | DataSource::Digest(_) => {
-                Ok(Self::Dataset(DatasetReader::open(attempt, source)?))
+                Ok(Self::Dataset(DatasetReader::open(attempt, source)?.given(given)))
             }
         }
     }

@@ -138,6 +138,16 @@ fn unfinished(job: &Job) -> String {
     }
 }
 
+/// The share of draws that were kept, in percent, without hiding that some were not.
+fn kept(trajectories: u64, rejected: u64) -> String {
+    let drawn = trajectories + rejected;
+    if drawn == 0 || rejected == 0 {
+        return "all".to_owned();
+    }
+    let percent = 100.0 * trajectories as f64 / drawn as f64;
+    format!("{} %", text::value(percent.min(99.99)))
+}
+
 /// The source of a dataset, in a word.
 pub fn filling(kind: JobKind) -> &'static str {
     if kind == JobKind::Import { "import" } else { "simulation" }
@@ -163,8 +173,10 @@ fn facts(dataset: &Dataset, kind: JobKind, trajectories: u64) -> Vec<Fact> {
         Fact::new("Size", text::size(dataset.bytes), "Parquet, zstd"),
     ];
     if !recorded {
-        let rejected = text::count(dataset.rejected);
-        facts.push(Fact::new("Drawn again", rejected, "trajectories at joint limits"));
+        let is_controlled = dataset.spec["controller"].is_object();
+        let why = if is_controlled { "near limits or off their reference" } else { "near limits" };
+        let again = format!("{} drawn again, {why}", text::count(dataset.rejected));
+        facts.push(Fact::new("Draws kept", kept(trajectories, dataset.rejected), again));
     }
     facts
 }

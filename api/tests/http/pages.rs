@@ -250,7 +250,7 @@ async fn an_import_tells_what_became_of_the_file() {
     for text in texts {
         assert!(dataset.contains(text), "{text} is not in {dataset}");
     }
-    assert!(!dataset.contains("Drawn again"), "{dataset}");
+    assert!(!dataset.contains("Draws kept"), "{dataset}");
     let tasks = server.json(&format!("/v1/jobs/{}/tasks", job["id"])).await;
     let counts = &tasks["tasks"][0]["result"]["import"];
     assert_eq!((&counts["recordings"], &counts["rows"]), (&json!(5), &json!(1700)));

@@ -12,7 +12,7 @@ use crate::integrators::{Scheme, Scratch, State};
 use crate::kernels::Advance;
 use crate::kinematics::POSE;
 use crate::model::Model;
-use crate::reference::ReferenceState;
+use crate::reference::{Reference, ReferenceState};
 use crate::structure::Structure;
 use crate::tracking::{Controllers, Encoder, Tracking};
 use crate::{DynamicsError, Scenario};
@@ -71,6 +71,22 @@ pub(crate) fn simulate<L: Lanes, S: Structure<N>, const N: usize>(
                 lanes[lane] = LaneState::Starting { row };
             }
             if let LaneState::Starting { row } = lanes[lane] {
+                while let Reference::HandPath(path) = &tracking_of(&block.scenarios[row]).reference
+                    && let Some(lost) = path.lost()
+                {
+                    let scenario = &block.scenarios[row];
+                    if scenario.draws >= spec.rejection.max_draws {
+                        return Err(DynamicsError::NoPathFollowed {
+                            index: scenario.index,
+                            seed: spec.seed,
+                            draws: scenario.draws,
+                            end: lost.end,
+                            time_s: lost.time_s,
+                            radius_m: path.radius_m,
+                        });
+                    }
+                    block.scenarios[row] = block.source.draw(scenario.index, scenario.draws + 1);
+                }
                 let scenario = &block.scenarios[row];
                 let tracking = tracking_of(scenario);
                 let start = tracking.reference.at(0.0);
@@ -151,6 +167,8 @@ pub(crate) fn simulate<L: Lanes, S: Structure<N>, const N: usize>(
         clearance.excess(joints, &at_sample).store(&mut excess);
         let mut off = [0.0; MAX_LANES];
         controllers.largest_error(joints, &at_sample).store(&mut off);
+        let mut singular = [0.0; MAX_LANES];
+        controllers.take_singular().store(&mut singular);
 
         let mut finished = 0;
         for lane in 0..L::LANES {
@@ -159,6 +177,8 @@ pub(crate) fn simulate<L: Lanes, S: Structure<N>, const N: usize>(
             // Infinite torques of an unstable loop come before positions that are not finite.
             let lost = if zero_if_finite[lane] != 0.0 {
                 Some(LostTrack::Diverged)
+            } else if singular[lane] > 0.0 {
+                Some(LostTrack::Singular)
             } else if f64::from(off[lane]) > LOST_RAD {
                 Some(LostTrack::OffReference)
             } else if excess[lane] > 0.0 {
@@ -257,8 +277,9 @@ fn lost_track(
         joint: worst + 1,
         off_rad: off[worst],
         time_s: sample as f64 / spec.rate_hz,
-        kp: gains.kp[worst],
-        kd: gains.kd[worst],
+        // Controllers of the hand have a gain for each direction, and not for each joint.
+        kp: gains.kp.get(worst).copied().unwrap_or(gains.kp[0]),
+        kd: gains.kd.get(worst).copied().unwrap_or(gains.kd[0]),
         delay_periods: gains.delay_periods,
     }
 }

@@ -26,6 +26,8 @@ pub(crate) enum Purpose {
     Reference = 12,
     /// Gains and delays of controllers.
     Controller = 13,
+    /// Levels of pulses, and their durations.
+    Pulses = 14,
 }
 
 /// A sequence of random numbers keyed by (seed, trajectory, purpose, draw).

@@ -2,6 +2,8 @@
 
 use std::ops::Range;
 
+use crate::hand_path::PathEnd;
+
 /// The reason why a simulation has no result.
 #[derive(Debug, thiserror::Error)]
 #[expect(missing_docs, reason = "messages say what the fields mean")]
@@ -38,6 +40,14 @@ pub enum DynamicsError {
         delay_periods: u32,
     },
 
+    /// No draw of a trajectory has a path that joints can follow.
+    #[error(
+        "trajectory {index} (seed {seed}): joints can follow no path of the hand of {draws} draws; in \
+         the last one {end} {time_s:.2} s after the start, with a radius of {radius_m:.4} m; lower \
+         reach, radius_m or frequency_hz of excitation.hand_paths, or raise its speed"
+    )]
+    NoPathFollowed { index: u64, seed: u64, draws: u32, end: PathEnd, time_s: f64, radius_m: f64 },
+
     /// The state of a trajectory is not finite.
     #[error(
         "trajectory {index} (seed {seed}, draw {draw}): the joint positions at sample {sample} are not finite; \
@@ -59,6 +69,8 @@ pub enum LostTrack {
     OffReference,
     /// A joint came too close to its limit.
     AtLimit,
+    /// The posture is singular for a controller of the hand.
+    Singular,
 }
 
 impl std::fmt::Display for LostTrack {
@@ -67,6 +79,7 @@ impl std::fmt::Display for LostTrack {
             Self::Diverged => "the motion diverged",
             Self::OffReference => "the arm lost its reference",
             Self::AtLimit => "a joint came too close to its limit",
+            Self::Singular => "the hand could not move in some direction (a singular posture)",
         })
     }
 }

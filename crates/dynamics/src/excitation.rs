@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 
 use simd::{Lanes, MAX_LANES};
-use spec::{Family, STEP_LEVELS};
+use spec::{Family, PULSES, STEP_LEVELS};
 
 use crate::Joints;
 use crate::draws::Draws;
@@ -18,6 +18,8 @@ pub enum Torques {
     Multisine(Joints<Multisine>),
     /// Boxed, since most trajectories have none and would be twice as large.
     Steps(Box<Joints<Steps>>),
+    /// Pulses on each joint.
+    Pulses(Box<Joints<Pulses>>),
 }
 
 /// u(t) = offset + amplitude · cos(2π f1 (1 + depth · cos(2π f2 t)) t + phase).
@@ -55,6 +57,20 @@ pub struct Steps {
     pub hold_s: [f64; STEP_LEVELS],
 }
 
+/// u(t) rests at 0, rises to a level, holds it and falls to 0 as it rose; then the next pulse, and
+/// after the last again the first, from t = 0 on.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Pulses {
+    /// The level of each pulse, N·m.
+    pub level_nm: [f64; PULSES],
+    /// The rest before it, s.
+    pub rest_s: [f64; PULSES],
+    /// The time in which it rises, and that in which it falls, s.
+    pub rise_s: [f64; PULSES],
+    /// The time for which its level is held, s.
+    pub hold_s: [f64; PULSES],
+}
+
 impl Torques {
     /// The family of these torques.
     pub fn family(&self) -> Family {
@@ -62,6 +78,7 @@ impl Torques {
             Self::Chirp(_) => Family::Chirp,
             Self::Multisine(_) => Family::Multisine,
             Self::Steps(_) => Family::Steps,
+            Self::Pulses(_) => Family::Pulses,
         }
     }
 
@@ -71,6 +88,7 @@ impl Torques {
             Self::Chirp(joints) => joints.len(),
             Self::Multisine(joints) => joints.len(),
             Self::Steps(joints) => joints.len(),
+            Self::Pulses(joints) => joints.len(),
         }
     }
 
@@ -80,6 +98,7 @@ impl Torques {
             Self::Chirp(joints) => joints.map(|joint| joint.at(t)),
             Self::Multisine(joints) => joints.map(|joint| joint.at(t)),
             Self::Steps(joints) => joints.map(|joint| joint.at(t)),
+            Self::Pulses(joints) => joints.map(|joint| joint.at(t)),
         }
     }
 
@@ -93,7 +112,8 @@ impl Torques {
         match self {
             Self::Chirp(joints) => sample_chirps::<D>(joints, count, rate_hz, u),
             Self::Multisine(joints) => sample_multisines::<D>(joints, count, rate_hz, u),
-            Self::Steps(joints) => sample_steps(joints, count, rate_hz, u),
+            Self::Steps(joints) => sample_each(joints, count, rate_hz, u, Steps::at),
+            Self::Pulses(joints) => sample_each(joints, count, rate_hz, u, Pulses::at),
         }
     }
 }
@@ -125,6 +145,33 @@ impl Steps {
         }
         // Rounding may leave the end of the last level.
         self.level_nm[STEP_LEVELS - 1]
+    }
+}
+
+impl Pulses {
+    fn at(&self, t: f64) -> f64 {
+        let length =
+            |pulse: usize| self.rest_s[pulse] + 2.0 * self.rise_s[pulse] + self.hold_s[pulse];
+        let mut left = t % (0..PULSES).map(length).sum::<f64>();
+        for pulse in 0..PULSES {
+            if left < length(pulse) {
+                let since = left - self.rest_s[pulse];
+                let (rise, hold) = (self.rise_s[pulse], self.hold_s[pulse]);
+                return self.level_nm[pulse]
+                    * if since < 0.0 {
+                        0.0
+                    } else if since < rise {
+                        since / rise
+                    } else if since < rise + hold {
+                        1.0
+                    } else {
+                        (1.0 - (since - rise - hold) / rise).max(0.0)
+                    };
+            }
+            left -= length(pulse);
+        }
+        // Rounding may leave the end of the last pulse.
+        0.0
     }
 }
 
@@ -183,6 +230,24 @@ pub(crate) fn draw_steps(
         }
     }
     Torques::Steps(Box::new(joints))
+}
+
+pub(crate) fn draw_pulses(
+    spec: &spec::Pulses,
+    joints: usize,
+    frequency_hz: f64,
+    draws: &mut Draws,
+) -> Torques {
+    let mut joints = Joints::splat(joints, Pulses::default());
+    for joint in joints.iter_mut() {
+        for pulse in 0..PULSES {
+            joint.level_nm[pulse] = draws.uniform(spec.level_nm);
+            joint.rest_s[pulse] = draws.uniform(spec.rest_periods) / frequency_hz;
+            joint.rise_s[pulse] = draws.uniform(spec.rise_periods) / frequency_hz;
+            joint.hold_s[pulse] = draws.uniform(spec.hold_periods) / frequency_hz;
+        }
+    }
+    Torques::Pulses(Box::new(joints))
 }
 
 fn random_sign(random: bool, draws: &mut Draws) -> f64 {
@@ -276,12 +341,18 @@ fn sample_multisines<D: Lanes>(
     }
 }
 
-fn sample_steps(joints: &Joints<Steps>, count: usize, rate_hz: f64, u: &mut [f32]) {
+fn sample_each<T: Copy>(
+    joints: &Joints<T>,
+    count: usize,
+    rate_hz: f64,
+    u: &mut [f32],
+    at: fn(&T, f64) -> f64,
+) {
     for (k, sample) in u.chunks_exact_mut(count).enumerate() {
         let t = k as f64 / rate_hz;
         for (torque, joint) in sample.iter_mut().zip(joints.iter()) {
             #[expect(clippy::cast_possible_truncation, reason = "torques are recorded in f32")]
-            let held = joint.at(t) as f32;
+            let held = at(joint, t) as f32;
             *torque = held;
         }
     }
@@ -336,6 +407,35 @@ mod tests {
         };
         let found = [0.0, 0.49, 0.5, 0.74, 0.75, 3.99, 4.0, 4.6].map(|t| steps.at(t));
         assert_eq!(found, [1.0, 1.0, 2.0, 2.0, 3.0, 8.0, 1.0, 2.0]);
+    }
+
+    #[test]
+    fn pulses_rest_rise_hold_and_fall() {
+        let pulses = Pulses {
+            level_nm: [2.0, -4.0, 1.0, 8.0],
+            rest_s: [1.0, 0.5, 0.5, 0.0],
+            rise_s: [0.5, 0.0, 0.25, 0.0],
+            hold_s: [1.0, 0.5, 0.0, 0.5],
+        };
+        for (t, expected) in [
+            (0.5, 0.0),
+            (1.25, 1.0),
+            (1.5, 2.0),
+            (2.4, 2.0),
+            (2.75, 1.0),
+            (3.25, 0.0),
+            (3.5, -4.0),
+            (3.9, -4.0),
+            (4.25, 0.0),
+            (4.625, 0.5),
+            (4.75, 1.0),
+            (4.875, 0.5),
+            (5.25, 8.0),
+            (6.0, 0.0),
+            (6.75, 1.0),
+        ] {
+            assert!((pulses.at(t) - expected).abs() < 1e-12, "{} at {t} s", pulses.at(t));
+        }
     }
 
     #[test]

@@ -12,6 +12,7 @@ use spec::{Family, MoveProfile, Range};
 
 use crate::Joints;
 use crate::draws::Draws;
+use crate::hand_path::HandPath;
 
 /// The reference of one trajectory. Times are from the start of the motion.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -23,6 +24,8 @@ pub enum Reference {
     PointToPoint(PointToPointMoves),
     /// A motion past postures.
     ViaPoints(ViaPoints),
+    /// The joints' motion for a path of the hand.
+    HandPath(Box<HandPath>),
 }
 
 /// r(t) = offset + Σ (sine_k sin 2πkft + cosine_k cos 2πkft), k = 1, 2, ..
@@ -86,6 +89,7 @@ impl Reference {
             Self::Fourier(_) => Family::Fourier,
             Self::PointToPoint(_) => Family::PointToPoint,
             Self::ViaPoints(_) => Family::ViaPoints,
+            Self::HandPath(_) => Family::HandPaths,
         }
     }
 
@@ -95,6 +99,7 @@ impl Reference {
             Self::Fourier(series) => series.at(t),
             Self::PointToPoint(moves) => moves.at(t),
             Self::ViaPoints(spline) => spline.at(t),
+            Self::HandPath(path) => path.at(t),
         }
     }
 }
@@ -122,7 +127,7 @@ impl FourierSeries {
 }
 
 /// Sine and cosine with the same bits on every machine.
-fn sin_cos(angle: f64) -> (f64, f64) {
+pub(crate) fn sin_cos(angle: f64) -> (f64, f64) {
     let (sin, cos) = F64Array::<1>::splat(angle).sin_cos();
     (sin.lane(0), cos.lane(0))
 }
@@ -236,7 +241,7 @@ pub(crate) struct Limits {
 
 impl Limits {
     /// The share `reach` of the range on both sides of the center.
-    fn within(&self, reach: f64) -> Range {
+    pub(crate) fn within(&self, reach: f64) -> Range {
         Range::new(
             self.center - reach * (self.center - self.least),
             self.center + reach * (self.most - self.center),

@@ -3,9 +3,9 @@
 use spec::{Cell, Family, Frequency, InitialState, Range, SimulateSpec};
 
 use crate::draws::{Draws, Purpose};
-use crate::excitation::{Torques, draw_chirps, draw_multisines, draw_steps};
+use crate::excitation::{Torques, draw_chirps, draw_multisines, draw_pulses, draw_steps};
 use crate::randomization::draw_robot;
-use crate::reference::{Limits, Room, whole};
+use crate::reference::{Limits, Reference, Room, whole};
 use crate::robot::Nominal;
 use crate::structure::Kind;
 use crate::tracking::{Known, Tracking};
@@ -152,6 +152,9 @@ impl<'a> Scenarios<'a> {
             Law::Steps(steps) => {
                 torques(draw_steps(steps, joints, frequency_hz, &mut draws(Purpose::Steps)))
             }
+            Law::Pulses(pulses) => {
+                torques(draw_pulses(pulses, joints, frequency_hz, &mut draws(Purpose::Pulses)))
+            }
             Law::Fourier(series) => reference(self.room().draw_fourier(
                 series,
                 frequency_hz,
@@ -169,6 +172,18 @@ impl<'a> Scenarios<'a> {
                 self.duration_s(),
                 &mut draws(Purpose::Reference),
             )),
+            Law::HandPaths(paths) => {
+                let Some(known) = &self.known else {
+                    unreachable!("a checked spec with references has a controller")
+                };
+                reference(Reference::HandPath(Box::new(self.room().draw_hand_path(
+                    &known.arm.kinematics,
+                    paths,
+                    frequency_hz,
+                    self.duration_s(),
+                    &mut draws(Purpose::Reference),
+                ))))
+            }
         }
     }
 
@@ -207,13 +222,14 @@ impl<'a> Scenarios<'a> {
                 families.get(place).and_then(|family| self.law(*family))
             }
             None => {
-                let [chirp, multisine, steps] = [Family::Chirp, Family::Multisine, Family::Steps];
+                let [chirp, multisine] = [Family::Chirp, Family::Multisine];
+                let others = [Family::Steps, Family::Pulses];
                 let first = if drawn < excitation.chirp_fraction {
-                    [chirp, multisine, steps]
+                    [chirp, multisine]
                 } else {
-                    [multisine, chirp, steps]
+                    [multisine, chirp]
                 };
-                first.into_iter().find_map(|family| self.law(family))
+                first.into_iter().chain(others).find_map(|family| self.law(family))
             }
         };
         let Some((law, frequency)) = law else {
@@ -233,10 +249,12 @@ impl<'a> Scenarios<'a> {
         let law = match family {
             Family::Chirp => Law::Chirp(excitation.chirp.as_ref()?),
             Family::Multisine => Law::Multisine(excitation.multisine.as_ref()?),
-            Family::Steps => Law::Steps(excitation.steps.as_ref()?),
+            Family::Steps => Law::Steps(excitation.steps.as_deref()?),
+            Family::Pulses => Law::Pulses(excitation.pulses.as_deref()?),
             Family::Fourier => Law::Fourier(excitation.fourier.as_deref()?),
             Family::PointToPoint => Law::PointToPoint(excitation.point_to_point.as_deref()?),
             Family::ViaPoints => Law::ViaPoints(excitation.via_points.as_deref()?),
+            Family::HandPaths => Law::HandPaths(excitation.hand_paths.as_deref()?),
         };
         Some((law, excitation.frequency_hz(family)?))
     }
@@ -246,9 +264,11 @@ enum Law<'a> {
     Chirp(&'a spec::Chirp),
     Multisine(&'a spec::Multisine),
     Steps(&'a spec::Steps),
+    Pulses(&'a spec::Pulses),
     Fourier(&'a spec::FourierSeries),
     PointToPoint(&'a spec::PointToPointMoves),
     ViaPoints(&'a spec::ViaPoints),
+    HandPaths(&'a spec::HandPaths),
 }
 
 /// Draws positions (rad) and velocities (rad/s) at t = 0 by the law of [`InitialState`]. `joint1`

@@ -8,6 +8,8 @@ use spec::{ControlLaw, Controller, MAX_DELAY_PERIODS, Range, SimulateSpec};
 
 use crate::draws::Draws;
 use crate::forward_dynamics::Dynamics;
+use crate::hand::MOTION;
+use crate::hand_task::{HandTask, Moment};
 use crate::kernels::MassMatrixAndBias;
 use crate::model::Model;
 use crate::reference::{Reference, ReferenceState, polynomial};
@@ -25,7 +27,9 @@ pub struct Tracking {
 }
 
 /// The gains of one robot's controller, and its delay. They are N·m/rad, N·m·s/rad and N·m/(rad·s)
-/// with `joint-pd`, and 1/s², 1/s and 1/s³ with `computed-torque`.
+/// with `joint-pd`, and 1/s², 1/s and 1/s³ with `computed-torque`. Controllers of the hand have one
+/// for each direction, first along x, y and z and then about them: 1/s² and 1/s with
+/// `operational-space`; N/m, N·s/m, N·m/rad and N·m·s/rad with `cartesian-impedance`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Gains {
     /// kp.
@@ -36,6 +40,12 @@ pub struct Gains {
     pub ki: Joints<f64>,
     /// Control periods between a measurement and its torque.
     pub delay_periods: u32,
+    /// kn, the posture's gain of a controller of the hand: 1/s² or N·m/rad.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub kn: Option<f64>,
+    /// dn, the posture's damping: 1/s or N·m·s/rad.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub dn: Option<f64>,
 }
 
 /// The nominal arm that all controllers of a simulation know.
@@ -60,6 +70,20 @@ impl Known {
 
     pub(crate) fn draw_gains(&self, controller: &Controller, draws: &mut Draws) -> Gains {
         let (frequency_hz, ratio, integral, stiffness, damping) = match &controller.law {
+            ControlLaw::OperationalSpace(law) => {
+                let w = TAU * draws.uniform(law.natural_frequency_hz);
+                let ratio = draws.uniform(law.damping_ratio);
+                let posture = TAU * draws.uniform(law.posture_frequency_hz);
+                let gains = HandGains { kp: [w * w; 2], ratio, kn: posture * posture };
+                return self.draw_hand_gains(&gains, controller, draws);
+            }
+            ControlLaw::CartesianImpedance(law) => {
+                let kp =
+                    [law.stiffness_n_m, law.stiffness_nm_rad].map(|range| draws.uniform(range));
+                let ratio = draws.uniform(law.damping_ratio);
+                let gains = HandGains { kp, ratio, kn: draws.uniform(law.posture_nm_rad) };
+                return self.draw_hand_gains(&gains, controller, draws);
+            }
             ControlLaw::JointPd(law) => (
                 law.natural_frequency_hz,
                 law.damping_ratio,
@@ -79,11 +103,13 @@ impl Known {
             kd: self.inertia,
             ki: self.inertia,
             delay_periods: delay(controller.delay_periods, draws),
+            kn: None,
+            dn: None,
         };
         for joint in 0..self.inertia.len() {
             let inertia = match controller.law {
                 ControlLaw::JointPd(_) => self.inertia[joint],
-                ControlLaw::ComputedTorque(_) => 1.0,
+                _ => 1.0,
             };
             let kp = stiffness.map_or(inertia * w * w, |stiffness| stiffness[joint]);
             let kd = damping.map_or(2.0 * ratio * w * inertia, |damping| damping[joint]);
@@ -92,6 +118,45 @@ impl Known {
             gains.ki[joint] = gains.kp[joint] * integral;
         }
         gains
+    }
+
+    fn draw_hand_gains(
+        &self,
+        HandGains { kp, ratio, kn }: &HandGains,
+        controller: &Controller,
+        draws: &mut Draws,
+    ) -> Gains {
+        let dims = dims(controller, self.arm.joints());
+        let delay_periods = delay(controller.delay_periods, draws);
+        let kp: Joints<f64> =
+            (0..dims).map(|row| kp[row / 3] * draws.factor(controller.gain_fraction)).collect();
+        Gains {
+            kp,
+            kd: kp.map(|kp| 2.0 * ratio * kp.sqrt() * draws.factor(controller.gain_fraction)),
+            ki: Joints::splat(dims, 0.0),
+            delay_periods,
+            kn: Some(*kn),
+            dn: Some(2.0 * kn.sqrt()),
+        }
+    }
+}
+
+/// The drawn gains of a controller of the hand, before each direction has its own.
+struct HandGains {
+    /// Along the axes, and about them.
+    kp: [f64; 2],
+    /// ζ.
+    ratio: f64,
+    kn: f64,
+}
+
+/// Numbers of the task of a controller: 6 with the hand's orientation, 3 without, and 0 of a
+/// controller of joints.
+fn dims(controller: &Controller, joints: usize) -> usize {
+    match controller.law.task(joints) {
+        Some(true) => MOTION,
+        Some(false) => MOTION / 2,
+        None => 0,
     }
 }
 
@@ -157,6 +222,7 @@ pub(crate) struct Controllers<'a, L, const N: usize> {
     sum: [L; N],
     /// The latest commands, the last one first.
     commands: [[L; N]; DELAYS],
+    task: HandTask<L, N>,
 }
 
 const DELAYS: usize = MAX_DELAY_PERIODS as usize + 1;
@@ -198,6 +264,7 @@ impl<'a, L: Lanes, const N: usize> Controllers<'a, L, N> {
             velocity: zero,
             sum: zero,
             commands: [zero; DELAYS],
+            task: HandTask::new(dims(controller, known.arm.joints())),
         }
     }
 
@@ -206,10 +273,13 @@ impl<'a, L: Lanes, const N: usize> Controllers<'a, L, N> {
     #[inline(never)]
     pub(crate) fn set_lane(&mut self, lane: usize, gains: &Gains, start: &ReferenceState) {
         let weight = gravity(self.known_arm, start.r);
+        self.task.set_lane(lane, gains);
         for joint in 0..start.r.len() {
-            self.kp[joint].set_lane(lane, gains.kp[joint]);
-            self.kd[joint].set_lane(lane, gains.kd[joint]);
-            self.ki[joint].set_lane(lane, gains.ki[joint]);
+            if !self.task.is_of_hand() {
+                self.kp[joint].set_lane(lane, gains.kp[joint]);
+                self.kd[joint].set_lane(lane, gains.kd[joint]);
+                self.ki[joint].set_lane(lane, gains.ki[joint]);
+            }
             self.measured[joint].set_lane(lane, start.r[joint]);
             self.velocity[joint].set_lane(lane, start.rd[joint]);
             self.sum[joint].set_lane(lane, 0.0);
@@ -255,6 +325,12 @@ impl<'a, L: Lanes, const N: usize> Controllers<'a, L, N> {
         largest
     }
 
+    /// Above 0 where the posture of a controller of the hand was singular since the last call.
+    #[inline(always)]
+    pub(crate) fn take_singular(&mut self) -> L {
+        self.task.take_singular()
+    }
+
     /// The torques of the control period that begins at `period` of the sampling period's periods.
     /// `noise` is of variance 1.
     #[inline(always)]
@@ -275,6 +351,8 @@ impl<'a, L: Lanes, const N: usize> Controllers<'a, L, N> {
             [L::splat(1.0 / self.sample_s), L::splat(1.0 / (self.sample_s * self.sample_s))];
         let period_s = L::splat(self.period_s);
         let mut command = [zero; N];
+        let mut position = [zero; N];
+        let mut speed = [zero; N];
         let mut acceleration = [zero; N];
         for joint in 0..joints {
             let [c0, c1, c2, c3, c4, c5] = self.reference[joint];
@@ -296,6 +374,7 @@ impl<'a, L: Lanes, const N: usize> Controllers<'a, L, N> {
                 .mul_add(share, times(c3, 6.0))
                 .mul_add(share, times(c2, 2.0))
                 * per_s2;
+            (position[joint], speed[joint]) = (r, rd);
             let error = r - self.measured[joint];
             self.sum[joint] = error.mul_add(period_s, self.sum[joint]);
             let slower = rd - self.velocity[joint];
@@ -326,6 +405,25 @@ impl<'a, L: Lanes, const N: usize> Controllers<'a, L, N> {
                         torque = entry.mul_add(acceleration[column], torque);
                     }
                     command[row] = torque;
+                }
+            }
+            ControlLaw::OperationalSpace(_) => {
+                let (q, v) = (self.measured, self.velocity);
+                self.evaluate(structure, &v);
+                let moment = Moment { r: &position, rd: &speed, rdd: &acceleration, q: &q, v: &v };
+                self.task.see(&self.known_arm.kinematics, &moment);
+                self.task.move_hand(joints, &moment, &self.dynamics, &mut command);
+            }
+            ControlLaw::CartesianImpedance(_) => {
+                let (q, v) = (self.measured, self.velocity);
+                let moment = Moment { r: &position, rd: &speed, rdd: &acceleration, q: &q, v: &v };
+                self.task.see(&self.known_arm.kinematics, &moment);
+                self.task.push_hand(joints, &moment, &mut command);
+                if self.has_gravity {
+                    self.evaluate(structure, &[zero; N]);
+                    for joint in 0..joints {
+                        command[joint] = command[joint] + self.dynamics.bias[joint];
+                    }
                 }
             }
         }

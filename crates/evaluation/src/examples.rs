@@ -37,7 +37,7 @@ pub struct Example {
 /// best model.
 pub fn examples(cells: &[CellResult], predictors: &[PredictorInfo]) -> Option<Examples> {
     let is_baseline = |info: &&PredictorInfo| info.kind == PredictorKind::Baseline;
-    let fair = predictors.iter().filter(|info| !info.sees_the_future());
+    let fair = predictors.iter().filter(|info| info.competes());
     let (baselines, models): (Vec<_>, Vec<_>) = fair.partition(is_baseline);
     let models = best_first(cells, models);
     let baselines = best_first(cells, baselines);

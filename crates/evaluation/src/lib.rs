@@ -1,8 +1,8 @@
 //! Evaluation of predictors: baselines, metrics, intervals, closed loops, reports.
 //!
 //! All predictors are compared on the same scenarios. A predictor gets [`series::Observed`], which
-//! has the torques of all samples, but only the positions of the context. So it cannot see the
-//! positions that it predicts.
+//! has the torques of all samples, or the references of a controller in their place, but only the
+//! positions of the context. So it cannot see the positions that it predicts.
 
 #![warn(missing_docs)]
 
@@ -23,8 +23,8 @@ mod rows;
 mod scores;
 
 pub use baselines::{
-    Arx, ConstantVelocity, DampedIntegrator, FittedDamping, HoldLast, Identification, LeastSquares,
-    NominalArm, baseline, prior_knowledge,
+    Arx, ConstantVelocity, DampedIntegrator, FittedDamping, FollowReference, HoldLast,
+    Identification, LeastSquares, NominalArm, Oracle, baseline, prior_knowledge,
 };
 pub use cell::{
     CellResult, Failure, PredictorErrors, Rollouts, Scoring, evaluate_cell, measured_jitter_deg,
@@ -41,6 +41,6 @@ pub use horizons::ErrorHorizon;
 pub use learned::{FirstPrediction, LeakyLearned, Learned, OracleStarted, Start};
 pub use metrics::rmse_deg;
 pub use predictor::{Answer, Predictor, Samples};
-pub use report::{Setting, summarize, trained_on};
+pub use report::{Setting, summarize, trained_on, trained_on_together};
 pub use rows::Row;
 pub use scores::{Measure, ScenarioErrors};

@@ -60,16 +60,18 @@ impl References<'_> {
         }
     }
 
-    /// The data that a training was trained on.
+    /// The first data that a training was trained on. Others have the same shape and rate.
     pub async fn trained_on(
         &self,
         training: &TrainSpec,
         field: &str,
     ) -> Result<DataSpec, SubmissionError> {
-        let digest = match &training.data {
-            DataSource::Digest(digest) => *digest,
-            DataSource::Stream(spec) => return Ok(DataSpec::Simulation(spec.as_ref().clone())),
-            DataSource::Job(_) | DataSource::Dataset(_) => {
+        let digest = match training.data.each().first() {
+            Some(DataSource::Digest(digest)) => *digest,
+            Some(DataSource::Stream(spec)) => {
+                return Ok(DataSpec::Simulation(spec.as_ref().clone()));
+            }
+            Some(DataSource::Job(_) | DataSource::Dataset(_)) | None => {
                 return Err(SpecError::one(field, "", "a training with resolved data").into());
             }
         };

@@ -24,15 +24,20 @@ impl Kind for TrainSpec {
     }
 
     fn check_inputs(&self, inputs: &Inputs) -> Result<(), SpecError> {
-        let data = inputs.data()?;
-        self.check_data(&data.spec)?;
-        // Only the dataset of an import knows its number of trajectories, once it exists.
-        match (&data.spec.trajectories(), &data.dataset) {
-            (None, Some(dataset)) if dataset.state == DatasetState::Complete => {
-                self.check_trajectories(dataset.trajectories)
-            }
-            _ => Ok(()),
+        let data: Vec<&DataSpec> = inputs.data.iter().map(|found| &found.spec).collect();
+        self.check_data(&data)?;
+        if let (Some(data), Some(init)) = (data.first(), inputs.trainings().first()) {
+            self.check_init(data, init)?;
         }
+        // Only the dataset of an import knows its number of trajectories, once it exists.
+        let counts =
+            inputs.data.iter().map(|found| match (&found.spec.trajectories(), &found.dataset) {
+                (None, Some(dataset)) if dataset.state == DatasetState::Complete => {
+                    Some(dataset.trajectories)
+                }
+                _ => None,
+            });
+        self.check_trajectories(&counts.collect::<Vec<_>>())
     }
 
     fn memory_doubt(&self, data: &DataSpec, memory: &MemoryDoubts) -> Option<Doubt> {

@@ -215,7 +215,11 @@ fn check_optimizer_steps(peer: &Peer) {
         _ => Normalization::Dataset,
     };
     let spec = TrainSpec {
-        data: DataSource::Dataset(1),
+        data: DataSource::Dataset(1).into(),
+        data_weights: None,
+        given: spec::Given::Torques,
+        init: None,
+        frozen: Vec::new(),
         model: config.model.clone(),
         context: config.context,
         normalization,

@@ -44,20 +44,31 @@ impl Framing {
             Residual::LaggedIntegrator(integrator) => {
                 self.lagged(observed.u(robot), observed.y(robot), integrator.damping)
             }
+            Residual::Reference => self.referred(observed.u(robot), observed.y(robot)),
         };
         statistics.par_iter().enumerate().map(frame).collect()
     }
 
+    /// The center is the reference, shifted to the last position of the context.
+    fn referred(&self, reference: Track<'_>, y: Track<'_>) -> Frame {
+        let last = self.context - 1;
+        let joints = y.joints();
+        let mut center = reference.values().to_vec();
+        for (place, value) in center.iter_mut().enumerate() {
+            let joint = place % joints;
+            *value = y[last][joint] + (*value - reference[last][joint]);
+        }
+        self.scaled(center, y)
+    }
+
     /// The center is the damped integrator through the last sample of the context, forwards and
-    /// backwards. The scale is its error over as many samples of the context as the horizon has,
-    /// because that is the best estimate of its error over the horizon.
+    /// backwards.
     #[expect(clippy::cast_possible_truncation, reason = "series are computed in f32")]
     fn integrated(&self, u: Track<'_>, y: Track<'_>, damping: f64) -> Frame {
         let last = self.context - 1;
         let gain = 1.0 / (damping * self.rate_hz);
         let joints = u.joints();
         let mut center = vec![0.0; u.values().len()];
-        let mut scale = vec![0.0; u.values().len()];
         for joint in 0..joints {
             let at = |sample: usize| sample * joints + joint;
             let start = f64::from(y[last][joint]);
@@ -73,10 +84,21 @@ impl Framing {
                 position -= gain * f64::from(u[sample][joint]);
                 center[at(sample)] = position as f32;
             }
+        }
+        self.scaled(center, y)
+    }
+
+    /// The frame of a path. The scale is the path's error over as many samples of the context as the
+    /// horizon has, because that is the best estimate of its error over the horizon.
+    #[expect(clippy::cast_possible_truncation, reason = "series are computed in f32")]
+    fn scaled(&self, center: Vec<f32>, y: Track<'_>) -> Frame {
+        let (last, joints) = (self.context - 1, y.joints());
+        let mut scale = vec![0.0; center.len()];
+        for joint in 0..joints {
             let seen = last.saturating_sub(self.samples - self.context)..last;
             let count = seen.len().max(1) as f64;
-            let squares: f64 =
-                seen.map(|sample| f64::from(y[sample][joint] - center[at(sample)]).powi(2)).sum();
+            let error = |sample: usize| y[sample][joint] - center[sample * joints + joint];
+            let squares: f64 = seen.map(|sample| f64::from(error(sample)).powi(2)).sum();
             let of_joint = ((squares / count).sqrt() as f32).max(SMALLEST_STANDARD_DEVIATION);
             scale.iter_mut().skip(joint).step_by(joints).for_each(|scale| *scale = of_joint);
         }
@@ -149,9 +171,9 @@ const PER_LOGARITHM: f64 = 0.25;
 /// size of their unit. The path and the unit give both.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum KnownInputs {
-    /// Normalized torques.
+    /// Normalized torques, or references in their place.
     Torques,
-    /// Torques, the path as normalized positions, and a quarter of the logarithm of the unit in them.
+    /// These, the path as normalized positions, and a quarter of the logarithm of the unit in them.
     TorquesPathAndUnit,
 }
 
@@ -160,7 +182,9 @@ impl KnownInputs {
     pub fn of(residual: Residual) -> Self {
         match residual {
             Residual::None => Self::Torques,
-            Residual::Integrator(_) | Residual::LaggedIntegrator(_) => Self::TorquesPathAndUnit,
+            Residual::Integrator(_) | Residual::LaggedIntegrator(_) | Residual::Reference => {
+                Self::TorquesPathAndUnit
+            }
         }
     }
 
@@ -218,6 +242,28 @@ mod tests {
             y[i] = y[i - JOINTS] + u[i - JOINTS] / damping / 60.0;
         }
         Series::new(Shape { robots: 1, samples: 12, joints: JOINTS }, 60.0, u, y).unwrap()
+    }
+
+    #[test]
+    fn the_path_of_a_reference_goes_through_the_last_position() {
+        let shape = Shape { robots: 1, samples: 12, joints: JOINTS };
+        let reference: Vec<f32> = (0..36_u8).map(|k| (0.3 * f32::from(k)).sin()).collect();
+        // The arm is 0.1 rad off its reference, and in the last four samples of the context 0.2 rad.
+        let off = |place: usize| if place / JOINTS < 4 { 0.1 } else { 0.2 };
+        let y = reference.iter().enumerate().map(|(place, r)| r - off(place)).collect();
+        let series = Series::new(shape, 60.0, reference.clone(), y).unwrap();
+        let framing = Framing { residual: Residual::Reference, ..FRAMING };
+        let observed = series.observed(8);
+        let frames = framing.frames(&observed, &[Statistics::identity(JOINTS)]);
+        for (center, r) in frames[0].center().iter().zip(&reference) {
+            assert!((center - (r - 0.2)).abs() < 1e-6);
+        }
+        // One of the four samples before the last one is 0.1 rad off this path.
+        assert!(
+            frames[0].scale().iter().all(|scale| (scale - 0.05).abs() < 1e-6),
+            "{:?}",
+            frames[0].scale()
+        );
     }
 
     #[test]

@@ -105,7 +105,10 @@ struct OwnParameters;
 
 impl ModuleMapper for OwnParameters {
     fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
-        param.map(|value| Tensor::from_inner(value.inner()).require_grad())
+        param.map(|value| {
+            let is_trained = value.is_require_grad();
+            Tensor::from_inner(value.inner()).set_require_grad(is_trained)
+        })
     }
 }
 

@@ -50,6 +50,7 @@ mod ema;
 mod error;
 mod flow;
 mod frame;
+mod frozen;
 mod gradient_sum;
 mod initialization;
 mod lag;
@@ -78,8 +79,8 @@ mod unet;
 mod validation;
 
 pub use checkpoint::{
-    CONFIG_FILE, CheckpointConfig, CheckpointFiles, FORMAT_VERSION, MODEL_FILE, OPTIMIZER_FILE,
-    Versions,
+    CONFIG_FILE, CheckpointConfig, CheckpointFiles, FORMAT_VERSION, InitialCheckpoint, MODEL_FILE,
+    OPTIMIZER_FILE, Origin, Versions,
 };
 pub use device::{Device, DeviceDescription, DeviceError, DeviceKind};
 pub use error::ModelError;

@@ -39,7 +39,7 @@ impl Statistics {
     }
 
     /// Mean 0 and standard deviation 1. The model sees N·m and rad.
-    fn identity(joints: usize) -> Self {
+    pub(crate) fn identity(joints: usize) -> Self {
         let [zeros, ones] = [0.0, 1.0].map(|value| vec![value; joints]);
         Self { u_mean: zeros.clone(), u_std: ones.clone(), y_mean: zeros, y_std: ones }
     }
@@ -152,6 +152,24 @@ impl Normalizer {
             (Normalization::None, _) => Ok(Self::None),
             (Normalization::Dataset, Some(statistics)) => Ok(Self::Dataset(statistics)),
             (Normalization::Dataset, None) => Err(ModelError::MissingStatistics),
+        }
+    }
+
+    /// The fixed statistics, where there are any.
+    pub(crate) fn statistics(&self) -> Option<Statistics> {
+        match self {
+            Self::Dataset(statistics) => Some(statistics.clone()),
+            Self::Context | Self::PaperLeaky | Self::None => None,
+        }
+    }
+
+    /// The normalization's name in specs.
+    pub(crate) const fn name(&self) -> &'static str {
+        match self {
+            Self::Context => "context",
+            Self::Dataset(_) => "dataset",
+            Self::PaperLeaky => "paper-leaky",
+            Self::None => "none",
         }
     }
 

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use series::{Observed, SeriesView, Track};
-use spec::Range;
+use spec::{Given, Range};
 use wire::{Warning, WarningKind};
 
 /// A value counts as outside if it lies beyond its range by more than this share of the range's
@@ -25,12 +25,19 @@ const FEWEST_SAMPLES: u32 = 10;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct DataRanges {
-    /// Torques, N·m.
+    /// Torques, N·m. Where a model is given references, these are references, rad.
     pub u_nm: Vec<Range>,
     /// Positions, rad.
     pub y_rad: Vec<Range>,
     /// Differences of neighbouring positions over the sampling time, rad/s.
     pub rate_rad_s: Vec<Range>,
+    /// What the model is given.
+    #[serde(default, skip_serializing_if = "is_torques")]
+    pub given: Given,
+}
+
+fn is_torques(given: &Given) -> bool {
+    *given == Given::Torques
 }
 
 impl DataRanges {
@@ -53,7 +60,14 @@ impl DataRanges {
             u_nm: Ends::of(joints, u, |_, _| ()).ranges(1.0),
             y_rad: Ends::of(joints, y, |_, _| ()).ranges(1.0),
             rate_rad_s: steps.ranges(rate_hz),
+            given: Given::Torques,
         }
+    }
+
+    /// The same ranges of a model that is given something else.
+    #[must_use]
+    pub(crate) fn given(self, given: Given) -> Self {
+        Self { given, ..self }
     }
 
     /// The ranges of both together, in either order.
@@ -67,6 +81,7 @@ impl DataRanges {
             u_nm: both(self.u_nm, other.u_nm),
             y_rad: both(self.y_rad, other.y_rad),
             rate_rad_s: both(self.rate_rad_s, other.rate_rad_s),
+            given: self.given,
         }
     }
 
@@ -91,8 +106,12 @@ impl DataRanges {
 
     /// The warnings for one robot, whose data has the ranges `found`.
     pub fn warnings_of(&self, found: &Self) -> Vec<Warning> {
+        let of_given = match self.given {
+            Given::Torques => WarningKind::TorqueRange,
+            Given::References => WarningKind::ReferenceRange,
+        };
         let quantities = [
-            (WarningKind::TorqueRange, &self.u_nm, &found.u_nm),
+            (of_given, &self.u_nm, &found.u_nm),
             (WarningKind::PositionRange, &self.y_rad, &found.y_rad),
             (WarningKind::RateRange, &self.rate_rad_s, &found.rate_rad_s),
         ];

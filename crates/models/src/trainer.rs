@@ -5,13 +5,16 @@ use std::collections::BTreeMap;
 use kernels::Interrupt;
 use random::ChaCha12Rng;
 use series::{Series, SeriesView};
-use spec::{DataSource, Digest, EmaSpec, Lengths, ModelSpec, Range, TrainSpec};
+use spec::{DataSource, DataSources, Digest, EmaSpec, Given, Lengths, ModelSpec, Range, TrainSpec};
 
 use crate::architecture::{Draw, Extents};
-use crate::checkpoint::{self, CheckpointConfig, CheckpointFiles, TrainingState, Versions};
+use crate::checkpoint::{
+    self, CheckpointConfig, CheckpointFiles, InitialCheckpoint, Origin, TrainingState, Versions,
+};
 use crate::device::host_values;
 use crate::ema::WeightAverage;
 use crate::frame::Framing;
+use crate::frozen::freeze;
 use crate::gradient_sum::{self, GradientSum};
 use crate::initialization::InitialWeights;
 use crate::loss::Loss;
@@ -80,6 +83,9 @@ struct Identity {
     spec_digest: String,
     dataset_digest: Option<String>,
     ema: Option<EmaSpec>,
+    given: Given,
+    /// The checkpoint that a fine-tuning began from.
+    init: Option<Origin>,
 }
 
 /// One optimizer step.
@@ -127,14 +133,6 @@ impl Trainer {
         let parameters = parameters_of(&model);
         let micro_batching =
             MicroBatching::new(spec, spec.gradient_accumulation, parameters, device.kind());
-        let dataset_digest = match &spec.data {
-            DataSource::Digest(digest) => Some(digest.to_string()),
-            DataSource::Stream(_) => {
-                let value = serde_json::to_value(&spec.data).unwrap_or_default();
-                Some(Digest::of_json(&value).to_string())
-            }
-            DataSource::Job(_) | DataSource::Dataset(_) => None,
-        };
         Ok(Self {
             optimizer: ModelOptimizer::new(&spec.optimizer, &model),
             average: spec.ema.map(|ema| WeightAverage::new(ema, &model)),
@@ -160,12 +158,53 @@ impl Trainer {
                 data,
                 seed: spec.seed,
                 spec_digest: spec_digest.to_owned(),
-                dataset_digest,
+                dataset_digest: digest_of(&spec.data),
                 ema: spec.ema,
+                given: spec.given,
+                init: None,
             },
             device: device.clone(),
             step: 0,
         })
+    }
+
+    /// A trainer whose weights are those of another training's checkpoint, the averaged ones where
+    /// there are any. Its steps and its optimizer begin anew. The spec's frozen parameters keep
+    /// these weights. Fixed statistics are those of the checkpoint, because its weights belong to
+    /// them; the ranges of its data are extended.
+    ///
+    /// # Errors
+    /// Those of [`Trainer::new`]. [`ModelError::OtherTraining`] when the checkpoint's model, arm,
+    /// rate or normalization is another one, [`ModelError::CheckpointFile`] when it is damaged or
+    /// its tensors have other shapes.
+    pub fn fine_tune(
+        spec: &TrainSpec,
+        mut data: TrainingData,
+        spec_digest: &str,
+        init: &InitialCheckpoint,
+        device: &Device,
+    ) -> Result<Self, ModelError> {
+        let config = CheckpointConfig::parse(&init.config)?;
+        agree("architecture", config.model.architecture(), spec.model.architecture())?;
+        agree("joints", &config.joints, &data.joints)?;
+        agree("rate_hz", &config.rate_hz, &data.rate_hz)?;
+        agree("given", &config.given, &spec.given)?;
+        data.statistics = config.normalizer.statistics();
+        let mut trainer = Self::new(spec, data, spec_digest, device)?;
+        if trainer.normalizer != config.normalizer {
+            let (found, expected) = (config.normalizer.name(), trainer.normalizer.name());
+            return Err(ModelError::OtherTraining {
+                field: "normalization",
+                found: found.to_owned(),
+                expected: expected.to_owned(),
+            });
+        }
+        let model = checkpoint::load_weights(trainer.model, &init.model)?;
+        trainer.model = freeze(model, &spec.frozen)?;
+        trainer.average = spec.ema.map(|ema| WeightAverage::new(ema, &trainer.model));
+        trainer.ranges = config.ranges;
+        trainer.identity.init = Some(Origin { spec_digest: config.spec_digest, step: config.step });
+        Ok(trainer)
     }
 
     /// Restores the trainer that wrote `files`. It continues as if it had never stopped, bit for
@@ -193,18 +232,17 @@ impl Trainer {
             let (found, expected) = (format!("{:?}", config.model), format!("{:?}", spec.model));
             return Err(ModelError::OtherTraining { field: "model", found, expected });
         }
-        data.statistics = match config.normalizer {
-            Normalizer::Dataset(statistics) => Some(statistics),
-            Normalizer::Context | Normalizer::PaperLeaky | Normalizer::None => None,
-        };
+        data.statistics = config.normalizer.statistics();
         let mut trainer = Self::new(spec, data, spec_digest, device)?;
         let kept = checkpoint::load_weights(trainer.model, &files.model)?;
         let mut state = TrainingState::read(&files.optimizer)?;
         trainer.average = spec.ema.map(|ema| WeightAverage::new(ema, &kept));
-        trainer.model = if spec.ema.is_some() { state.weights(kept)? } else { kept };
+        let model = if spec.ema.is_some() { state.weights(kept)? } else { kept };
+        trainer.model = freeze(model, &spec.frozen)?;
         trainer.optimizer = state.optimizer(&spec.optimizer, &trainer.model, config.step)?;
         trainer.metrics = config.metrics;
         trainer.ranges = config.ranges;
+        trainer.identity.init = config.init;
         trainer.step = config.step;
         Ok(trainer)
     }
@@ -248,8 +286,11 @@ impl Trainer {
             }
         });
         // A checkpoint without ranges lacks those of its earlier batches.
-        if self.step == 0 || self.ranges.is_some() {
-            let seen = self.ranges.take().into_iter().chain(DataRanges::of(&batch.view()));
+        let is_first = self.step == 0 && self.identity.init.is_none();
+        if is_first || self.ranges.is_some() {
+            let of_batch = DataRanges::of(&batch.view());
+            let of_batch = of_batch.map(|ranges| ranges.given(self.identity.given));
+            let seen = self.ranges.take().into_iter().chain(of_batch);
             self.ranges = seen.reduce(DataRanges::and);
         }
         self.step = step;
@@ -373,7 +414,7 @@ impl Trainer {
     /// # Errors
     /// [`ModelError::NotFiniteTensor`] if a tensor has a value that is not finite.
     pub fn checkpoint(&self) -> Result<CheckpointFiles, ModelError> {
-        let Identity { model, context, data, seed, spec_digest, dataset_digest, ema } =
+        let Identity { model, context, data, seed, spec_digest, dataset_digest, ema, given, init } =
             &self.identity;
         let extents = Extents::new(*context, data.samples, data.joints)?;
         let config = CheckpointConfig {
@@ -390,6 +431,8 @@ impl Trainer {
             seed: *seed,
             spec_digest: spec_digest.clone(),
             dataset_digest: dataset_digest.clone(),
+            given: *given,
+            init: init.clone(),
             ranges: self.ranges.clone(),
             limits_rad: self.limits_rad.clone(),
             ema: *ema,
@@ -443,6 +486,19 @@ impl Trainer {
             Some(weights) => loss.weighted(weights),
             None => loss,
         })
+    }
+}
+
+/// The digest of the data's spec: of a dataset, that of the job that makes it. Ids and names of a
+/// spec that was not submitted have none.
+fn digest_of(data: &DataSources) -> Option<String> {
+    match data {
+        DataSources::One(DataSource::Digest(digest)) => Some(digest.to_string()),
+        DataSources::One(DataSource::Job(_) | DataSource::Dataset(_)) => None,
+        DataSources::One(DataSource::Stream(_)) | DataSources::Each(_) => {
+            let value = serde_json::to_value(data).unwrap_or_default();
+            Some(Digest::of_json(&value).to_string())
+        }
     }
 }
 

@@ -1,9 +1,10 @@
 //! The report of an evaluation: its tables, and sentences about its setting and its failures.
 
-use spec::{Family, Normalization};
+use spec::{Family, Given, Normalization};
 use wire::{
-    CellSummary, DataNoise, FailureSummary, GroupSummary, HorizonError, Latency, PredictorInfo,
-    PredictorScores, PredictorSummary, Report, RolloutSummary, Topic, Unit, WorstCase, at_noise,
+    CellSummary, DataNoise, FailureSummary, GroupSummary, HorizonError, Latency, ORACLE,
+    PredictorInfo, PredictorScores, PredictorSummary, Report, RolloutSummary, Topic, Unit,
+    WorstCase, at_noise,
 };
 
 use crate::numbers::{count, degrees, value};
@@ -14,6 +15,7 @@ pub fn tables(report: &Report) -> Vec<Table> {
     let first = [
         errors(report),
         over_horizons(report),
+        skill(report),
         continuity(report),
         paired(report),
         torques(report),
@@ -49,8 +51,12 @@ pub fn setting(report: &Report) -> String {
             " The data's own noise has standard deviations of {position_rad} rad and {torque_nm} N·m."
         )
     });
+    let given = match report.given {
+        Given::Torques => "",
+        Given::References => ", and the references of a controller that it does not know,",
+    };
     format!(
-        "Every predictor is given {} samples ({} s) and predicts the next {} ({} s) at {} Hz; {trained}.{noise}",
+        "Every predictor is given {} samples ({} s){given} and predicts the next {} ({} s) at {} Hz; {trained}.{noise}",
         report.context,
         seconds(report.context),
         report.horizon,
@@ -106,6 +112,60 @@ pub(crate) fn over_horizons(report: &Report) -> Table {
     with_seconds.titled("RMSE in degrees over the first part of the horizon", "")
 }
 
+/// The skill of every predictor relative to what can be known: 0 where it is as good as holding the
+/// last position, and 1 where it is as good as the robot itself. Without rows unless both are there.
+pub(crate) fn skill(report: &Report) -> Table {
+    let known = |name: &str, group: &GroupSummary| {
+        let info = report.predictors.iter().find(|info| info.name == name)?;
+        (name == HELD || info.is_oracle()).then(|| Errors::of(group, name))
+    };
+    let bounded = |row: &Scored<'_>| known(ORACLE, row.group).zip(known(HELD, row.group)).is_some();
+    let competes = |row: &Scored<'_>| !row.predictor.is_oracle() && row.predictor.name != HELD;
+    let rows: Vec<Scored<'_>> =
+        scored(report).filter(|row| bounded(row) && competes(row)).collect();
+    let measured = rows.iter().map(Scored::horizon_errors).find(|errors| !errors.is_empty());
+    let first = measured.unwrap_or_default();
+    let seconds: Vec<f64> = first.iter().map(|error| error.seconds).collect();
+    let cell = |row: &Scored<'_>, error: &dyn Fn(&Errors) -> Option<f64>| {
+        let [oracle, held] = [known(ORACLE, row.group)?, known(HELD, row.group)?];
+        let own = Errors::of(row.group, &row.predictor.name);
+        let [least, most, own] = [error(&oracle)?, error(&held)?, error(&own)?];
+        (most > least).then(|| Cell::Number((most - own) / (most - least), Unit::Ratio))
+    };
+    let predictors = TableOf::new(rows)
+        .text("predictor", |row| label(row.predictor))
+        .text("scenarios", |row| row.group.name.as_str());
+    let with_seconds = seconds.iter().enumerate().fold(predictors, |table, (k, &seconds)| {
+        table.number(&format!("{} s", value(seconds)), |row| {
+            cell(row, &|errors: &Errors| errors.horizons.get(k).copied())
+        })
+    });
+    with_seconds
+        .number("all", |row| cell(row, &|errors: &Errors| errors.whole))
+        .titled("Skill relative to what can be known: 0 holds, 1 is the robot itself", "")
+}
+
+/// The baseline that has no skill.
+const HELD: &str = "hold-last";
+
+/// Mean errors of a predictor in a group, degrees.
+struct Errors {
+    whole: Option<f64>,
+    horizons: Vec<f64>,
+}
+
+impl Errors {
+    fn of(group: &GroupSummary, predictor: &str) -> Self {
+        let whole = group.rmse_deg.iter().find(|error| error.predictor == predictor);
+        let scores = group.scores.iter().find(|scores| scores.predictor == predictor);
+        let horizons = scores.map_or(&[][..], |scores| &scores.horizon_errors);
+        Self {
+            whole: whole.map(|error| error.interval.mean),
+            horizons: horizons.iter().map(|error| error.rmse_deg.mean).collect(),
+        }
+    }
+}
+
 /// Every predictor's RMSE at every frequency, a table for each family and level of noise.
 pub(crate) fn by_frequency(report: &Report) -> Vec<Table> {
     let mut levels: Vec<f64> = Vec::new();
@@ -136,8 +196,7 @@ pub(crate) fn by_frequency(report: &Report) -> Vec<Table> {
     levels.into_iter().flat_map(of_families).collect()
 }
 
-/// The RMSE of each predictor over some scenarios. The lowest is marked, among predictors that do
-/// not see the future.
+/// The RMSE of each predictor over some scenarios. The lowest is marked, among predictors that compete.
 fn rmse<'a>(
     report: &Report,
     errors: &'a [PredictorSummary],
@@ -145,12 +204,12 @@ fn rmse<'a>(
     let find = |info: &PredictorInfo| {
         errors.iter().find(|error| error.predictor == info.name).map(|error| error.interval)
     };
-    let honest = report.predictors.iter().filter(|info| !info.sees_the_future());
+    let honest = report.predictors.iter().filter(|info| info.competes());
     let means = honest.filter_map(find).map(|interval| interval.mean);
     let lowest = means.fold(f64::INFINITY, f64::min);
     move |info| match find(info) {
         None => Cell::Missing,
-        Some(interval) if interval.mean <= lowest && !info.sees_the_future() => {
+        Some(interval) if interval.mean <= lowest && info.competes() => {
             Cell::Best(interval, Unit::Degrees)
         }
         Some(interval) => Cell::Interval(interval, Unit::Degrees),
@@ -343,6 +402,36 @@ mod tests {
                 "robomorph  out of distribution  0.012     2.50",
             ]
         );
+    }
+
+    #[test]
+    fn skill_lies_between_the_last_position_and_the_robot_itself() {
+        let mut report = example();
+        assert!(skill(&report).rows.is_empty());
+        report.predictors[1].name = ORACLE.to_owned();
+        for group in &mut report.groups {
+            group.rmse_deg[1].predictor = ORACLE.to_owned();
+        }
+        let error = |mean| HorizonError {
+            seconds: 0.1,
+            rmse_deg: Interval { mean, low: mean, high: mean },
+        };
+        let scores = |predictor: &str, mean| PredictorScores {
+            predictor: predictor.to_owned(),
+            horizon_errors: vec![error(mean)],
+            ..PredictorScores::default()
+        };
+        for group in &mut report.groups {
+            group.scores = vec![scores(HELD, 1.0), scores(ORACLE, 0.5), scores("robomorph", 0.6)];
+        }
+        let table = lines(&skill(&report));
+        let words: Vec<Vec<&str>> =
+            table.iter().map(|line| line.split_whitespace().collect()).collect();
+        assert_eq!(words[0], ["predictor", "scenarios", "0.1", "s", "all"]);
+        assert_eq!(words[2], ["robomorph", "out", "of", "distribution", "0.80", "0.92"]);
+        assert_eq!(words.len(), 3);
+        // The robot itself is never the best.
+        assert!(errors(&report).rows.iter().flatten().any(Cell::is_best));
     }
 
     fn interval(mean: f64) -> Option<Interval> {

@@ -35,10 +35,12 @@ pub fn text(report: &Report) -> String {
         text += &format!("failed: {failure}\n\n");
     }
     let by_frequency = evaluation::by_frequency(report).into_iter().map(Table::means);
-    let tables = [evaluation::errors(report), evaluation::over_horizons(report).means()]
-        .into_iter()
-        .chain(by_frequency)
-        .chain([evaluation::continuity(report)]);
+    let first = [
+        evaluation::errors(report),
+        evaluation::over_horizons(report).means(),
+        evaluation::skill(report),
+    ];
+    let tables = first.into_iter().chain(by_frequency).chain([evaluation::continuity(report)]);
     text.extend(tables.map(|table| table.with_title()));
     text += &warnings(&report.warnings, report.scenarios(), "scenarios");
     for verdict in verdicts(report) {

@@ -19,7 +19,7 @@ pub fn verdicts(report: &Report) -> Vec<String> {
 /// the first.
 fn strongest(report: &Report) -> Option<&str> {
     let is_baseline = |rmse: &&PredictorSummary| {
-        let mut infos = report.predictors.iter();
+        let mut infos = report.predictors.iter().filter(|info| info.competes());
         infos.any(|info| info.kind == PredictorKind::Baseline && info.name == rmse.predictor)
     };
     let errors = report.groups.first()?.rmse_deg.iter().filter(is_baseline);

@@ -106,6 +106,24 @@ impl Series {
         self.shape.robots += robots.len();
     }
 
+    /// Appends the robots of `other`. The noise stays that of the robots before.
+    ///
+    /// # Panics
+    /// If samples, known samples or joints differ.
+    pub fn append(&mut self, other: &Self) {
+        let shape = |series: &Self| Shape { robots: 0, ..series.shape };
+        assert_eq!((shape(self), self.known), (shape(other), other.known), "samples and joints");
+        if self.truth.is_some() || other.truth.is_some() {
+            let Self { u, y, truth, .. } = self;
+            let truth = truth.get_or_insert_with(|| Truth { u: u.clone(), y: y.clone() });
+            truth.u.extend_from_slice(other.true_u());
+            truth.y.extend_from_slice(other.true_y());
+        }
+        self.u.extend_from_slice(&other.u);
+        self.y.extend_from_slice(&other.y);
+        self.shape.robots += other.shape.robots;
+    }
+
     /// Changes the shape and keeps the memory. The caller overwrites the values.
     ///
     /// # Errors
@@ -133,6 +151,17 @@ impl Series {
         truth.get_or_insert_with(|| Truth { u: u.clone(), y: y.clone() });
         self.noise = self.noise.and(noise);
         (u, y)
+    }
+
+    /// Puts another series, such as references, in the place of the torques, measured and true.
+    ///
+    /// # Panics
+    /// If it has another length.
+    pub fn replace_u(&mut self, values: &[f32]) {
+        self.u.copy_from_slice(values);
+        if let Some(truth) = &mut self.truth {
+            truth.u.copy_from_slice(values);
+        }
     }
 
     /// Marks the torques from `sample` on as planned and not measured. They become the true ones.

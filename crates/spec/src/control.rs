@@ -9,8 +9,9 @@ use utoipa::ToSchema;
 use crate::check::{Check, Violations};
 use crate::kind::KindSpec;
 use crate::{
-    Bootstrap, CheckpointRef, DataSource, DataSpec, Doubt, Execution, Gravity, JointDescription,
-    MAX_JOINTS, Normalization, Range, Reference, RobotDescription, RobotModel, SpecError, Training,
+    Bootstrap, CheckpointRef, DataSource, DataSpec, Doubt, Execution, Given, Gravity,
+    JointDescription, MAX_JOINTS, Normalization, Range, Reference, RobotDescription, RobotModel,
+    SpecError, Training,
 };
 
 /// Moves robots along a path by model predictive control, once with every predictor.
@@ -346,6 +347,10 @@ impl ControlSpec {
                 let allowed = format!("at most {foreseen}, the horizon of {field}");
                 violations.add("planner.horizon", self.planner.horizon, allowed);
             }
+            if training.spec.given != Given::Torques {
+                let allowed = "one that is given torques, which the planner chooses";
+                violations.add(&field, "trained with given references", allowed);
+            }
             if training.spec.normalization == Normalization::PaperLeaky {
                 let allowed = "one that does not need the future that it predicts";
                 violations.add(&field, "trained with normalization paper-leaky", allowed);
@@ -384,7 +389,7 @@ impl KindSpec for ControlSpec {
     }
 
     fn doubts(&self) -> Vec<Doubt> {
-        self.data.doubts()
+        self.data.doubts("data")
     }
 }
 

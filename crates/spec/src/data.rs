@@ -92,6 +92,11 @@ impl DataSpec {
         self.simulation().map(SimulateSpec::cells).unwrap_or_default()
     }
 
+    /// Whether there are references of a controller. Recordings have none.
+    pub fn has_references(&self) -> bool {
+        self.simulation().is_some_and(|spec| spec.controller.is_some())
+    }
+
     /// Standard deviation of the error of a measured position, rad. For an import it is what the
     /// spec states.
     pub fn position_deviation_rad(&self) -> f64 {

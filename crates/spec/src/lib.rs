@@ -58,6 +58,7 @@ mod error;
 mod error_text;
 mod evaluate;
 mod execution;
+mod given;
 mod identify;
 mod import;
 mod job;
@@ -97,6 +98,7 @@ pub use evaluate::{
     SamplerSteps, SamplingRun, ScenarioCell, Start,
 };
 pub use execution::Execution;
+pub use given::Given;
 pub use identify::{IdentifyRobot, IdentifySpec};
 pub use import::{
     AngleUnit, CsvLayout, FileFormat, ImportColumns, ImportRanges, ImportSpec, ImportUnits,
@@ -122,11 +124,11 @@ pub use robot::{
 };
 pub use schema::{nearest, schemas, shape_violations};
 pub use simulate::{
-    Cell, Chirp, ChirpBand, Column, ColumnType, ComputedTorque, ControlLaw, Controller, Doubt,
-    Excitation, Family, FourierSeries, Frequency, Friction, Gravity, Integrator, JointPd,
-    MAX_DELAY_PERIODS, MAX_POSITION_NOISE_RAD, MAX_TRAJECTORIES, MoveProfile, Multisine,
-    Observations, Payload, PointToPointMoves, Precision, Rejection, RobotSpec, STEP_LEVELS,
-    SimulateSpec, Steps, ViaPoints,
+    CartesianImpedance, Cell, Chirp, ChirpBand, Column, ColumnType, ComputedTorque, ControlLaw,
+    Controller, Doubt, Excitation, Family, FourierSeries, Frequency, Friction, Gravity, HandPaths,
+    Integrator, JointPd, MAX_DELAY_PERIODS, MAX_POSITION_NOISE_RAD, MAX_TRAJECTORIES, MoveProfile,
+    Multisine, Observations, OperationalSpace, PULSES, PathShape, Payload, PointToPointMoves,
+    Precision, Pulses, Rejection, RobotSpec, STEP_LEVELS, SimulateSpec, Steps, ViaPoints,
 };
 pub use study::{
     StudyEvaluation, StudyModel, StudyPlan, StudyQuestion, StudyScale, StudyTraining, study_models,

@@ -25,13 +25,13 @@ pub enum DataSource {
     Stream(Box<SimulateSpec>),
 }
 
-/// A dataset, or a list of datasets.
+/// A source of trajectories, or a list of them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(untagged)]
 pub enum DataSources {
-    /// Datasets, in this order.
+    /// Sources, in this order.
     Each(Vec<DataSource>),
-    /// A single dataset.
+    /// A single source.
     One(DataSource),
 }
 
@@ -188,8 +188,14 @@ impl Referred<'_> {
     }
 }
 
+impl From<DataSource> for DataSources {
+    fn from(source: DataSource) -> Self {
+        Self::One(source)
+    }
+}
+
 impl DataSources {
-    /// The datasets, in the order of the spec.
+    /// The sources, in the order of the spec.
     pub fn each(&self) -> &[DataSource] {
         match self {
             Self::One(source) => std::slice::from_ref(source),
@@ -197,7 +203,7 @@ impl DataSources {
         }
     }
 
-    /// The datasets, each with its path in a spec whose field has this name, such as `data[1]`.
+    /// The sources, each with its path in a spec whose field has this name, such as `data[1]`.
     pub fn in_field(&self, name: &str) -> Vec<(String, &DataSource)> {
         let path = |at: usize| match self {
             Self::One(_) => name.to_owned(),
@@ -206,7 +212,7 @@ impl DataSources {
         self.each().iter().enumerate().map(|(at, source)| (path(at), source)).collect()
     }
 
-    /// References to the datasets, in the same order.
+    /// References to the sources, in the same order.
     pub(crate) fn references(&mut self, name: &str) -> Vec<Reference<'_>> {
         let fields: Vec<String> = self.in_field(name).into_iter().map(|(field, _)| field).collect();
         let sources = match self {
@@ -227,9 +233,10 @@ impl DataSource {
         }
     }
 
-    /// Warnings about a stream.
-    pub(crate) fn doubts(&self) -> Vec<Doubt> {
+    /// Warnings about a stream, which the field names.
+    pub(crate) fn doubts(&self, field: &str) -> Vec<Doubt> {
         let Self::Stream(stream) = self else { return Vec::new() };
-        stream.doubts().into_iter().map(|doubt| doubt.within("data.stream")).collect()
+        let path = format!("{field}.stream");
+        stream.doubts().into_iter().map(|doubt| doubt.within(&path)).collect()
     }
 }

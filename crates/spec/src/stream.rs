@@ -8,46 +8,59 @@ use crate::schema::Components;
 use crate::shorten::shorten;
 use crate::{DataSource, JobKind, MAX_TRAJECTORIES, SpecError, Violation, simulate};
 
-/// Resolves the preset of a stream, and accepts the `kind` that a copied job may have.
+/// Resolves the presets of streams, and accepts the `kind` that a copied job may have.
 pub(crate) fn resolve(
     mut fields: Map<String, Value>,
     found: &mut SpecError,
     schemas: &Components,
 ) -> Map<String, Value> {
-    if let Some(stream) = stream_of(&mut fields)
-        && let Err(error) = resolve_fields(stream, schemas)
-    {
-        found.append(error.within("data.stream"));
-    }
-    if let Some(violation) = name_for_stream(&fields) {
-        found.add_with(|| violation);
+    for (field, source) in sources(&mut fields) {
+        if let Some(stream) = stream_of(source)
+            && let Err(error) = resolve_fields(stream, schemas)
+        {
+            found.append(error.within(&format!("{field}.stream")));
+        }
+        if let Some(violation) = name_for_stream(&field, source) {
+            found.add_with(|| violation);
+        }
     }
     fields
 }
 
-/// The violation of a text in place of a stream, or of its preset's name in place of `data`.
-fn name_for_stream(fields: &Map<String, Value>) -> Option<Violation> {
-    let data = fields.get("data")?;
+/// The violation of a text in place of a stream, or of its preset's name in place of a source.
+fn name_for_stream(field: &str, source: &Value) -> Option<Violation> {
     let simulations = presets_of_kind(JobKind::Simulate);
-    if let Some(name) = data.get("stream").and_then(Value::as_str) {
-        return Some(text_for_object("data.stream", name, &simulations));
+    if let Some(name) = source.get("stream").and_then(Value::as_str) {
+        return Some(text_for_object(&format!("{field}.stream"), name, &simulations));
     }
-    let name = data.as_str()?;
+    let name = source.as_str()?;
     let preset = simulations.iter().find(|preset| preset.name == name)?;
     let allowed =
         format!("an object; did you mean {{\"stream\": {{\"preset\": \"{}\"}}}}?", preset.name);
-    Some(Violation::new("data", shorten(data), allowed))
+    Some(Violation::new(field, shorten(source), allowed))
 }
 
-/// Makes the stream of a training endless, because it need not say how many robots it has.
+/// Makes the streams of a training endless, because it need not say how many robots they have.
 pub(crate) fn make_endless(fields: &mut Map<String, Value>) {
-    if let Some(stream) = stream_of(fields) {
+    for stream in sources(fields).into_iter().filter_map(|(_, source)| stream_of(source)) {
         stream.entry("trajectories").or_insert_with(|| MAX_TRAJECTORIES.into());
     }
 }
 
-fn stream_of(fields: &mut Map<String, Value>) -> Option<&mut Map<String, Value>> {
-    fields.get_mut("data")?.get_mut("stream")?.as_object_mut()
+/// The source of a job's `data`, or each of a list, with its path.
+fn sources(fields: &mut Map<String, Value>) -> Vec<(String, &mut Value)> {
+    match fields.get_mut("data") {
+        Some(Value::Array(list)) => {
+            let path = |(i, source)| (format!("data[{i}]"), source);
+            list.iter_mut().enumerate().map(path).collect()
+        }
+        Some(source) => vec![("data".to_owned(), source)],
+        None => Vec::new(),
+    }
+}
+
+fn stream_of(source: &mut Value) -> Option<&mut Map<String, Value>> {
+    source.get_mut("stream")?.as_object_mut()
 }
 
 fn resolve_fields(stream: &mut Map<String, Value>, schemas: &Components) -> Result<(), SpecError> {

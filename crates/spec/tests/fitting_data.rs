@@ -33,16 +33,16 @@ fn training(model: &Value) -> Result<JobSpec, SpecError> {
 #[test]
 fn a_u_net_needs_samples_that_it_can_halve() {
     for preset in ["diffuser-tiny", "cdcnn-tiny", "flow-tiny"] {
-        train(preset).check_data(&data(408)).unwrap();
-        let error = train(preset).check_data(&data(404)).unwrap_err().to_string();
+        train(preset).check_data(&[&data(408)]).unwrap();
+        let error = train(preset).check_data(&[&data(404)]).unwrap_err().to_string();
         assert!(error.contains("stride 8") && error.contains("which are 404"), "{error}");
     }
-    train("cdt-tiny").check_data(&data(405)).unwrap();
+    train("cdt-tiny").check_data(&[&data(405)]).unwrap();
 }
 
 #[test]
 fn a_patch_has_to_divide_the_horizon() {
-    let error = train("robomorph-tiny").check_data(&data(401)).unwrap_err().to_string();
+    let error = train("robomorph-tiny").check_data(&[&data(401)]).unwrap_err().to_string();
     assert!(error.contains("model.patch is 10") && error.contains("which is 81"), "{error}");
 }
 
@@ -152,8 +152,8 @@ fn arms_of_six() -> DataSpec {
 fn loss_weights_are_one_for_each_joint_of_the_data() {
     let weighted =
         |count: usize| TrainSpec { loss_weights: Some(vec![1.0; count]), ..train("cdt-tiny") };
-    weighted(7).check_data(&data(400)).unwrap();
-    let error = weighted(2).check_data(&data(400)).unwrap_err().to_string();
+    weighted(7).check_data(&[&data(400)]).unwrap();
+    let error = weighted(2).check_data(&[&data(400)]).unwrap_err().to_string();
     assert!(error.contains("loss_weights is 2 numbers") && error.contains("7 numbers"), "{error}");
 }
 
@@ -227,4 +227,118 @@ fn paths_and_noise_that_are_left_out_fit_the_robot_of_the_data() {
 
     let given = json!({"context": 30, "planner": {"noise_nm": vec![0.5; 6]}});
     assert_eq!(fitted(&given, &arms_of_six()).planner.noise_nm, [0.5; 6]);
+}
+
+/// A fine-tuning on several sources, with `changes`.
+fn fine_tuning(changes: &Value) -> TrainSpec {
+    let mut job = json!({
+        "kind": "train", "data": {"dataset": 1}, "model": {"preset": "robomorph-tiny"},
+        "init": {"checkpoint": 3}, "steps": 10,
+    });
+    for (key, value) in changes.as_object().unwrap() {
+        job[key] = value.clone();
+    }
+    job.as_object_mut().unwrap().retain(|_, value| !value.is_null());
+    match spec::parse(job.to_string().as_bytes()).unwrap() {
+        JobSpec::Train(train) => train,
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn a_fine_tuning_fits_the_training_that_it_begins_from() {
+    let (ours, theirs) = (data(400), data(400));
+    let refused = |changes: Value, earlier: &TrainSpec, theirs: &DataSpec| {
+        let init = Training { spec: earlier, data: theirs };
+        fine_tuning(&changes).check_init(&ours, &init).err().map(|error| error.to_string())
+    };
+    let earlier = train("robomorph-tiny");
+    assert_eq!(refused(json!({}), &earlier, &theirs), None);
+    let free = json!({"model": {"preset": "robomorph-tiny", "loss": "root-mean-square"}});
+    assert_eq!(refused(free, &earlier, &theirs), None);
+
+    let error = refused(json!({"model": {"preset": "cdt-tiny"}}), &earlier, &theirs).unwrap();
+    let expected = "init is trained with architecture robomorph, allowed: architecture cdt, as";
+    assert!(error.contains(expected), "{error}");
+    let deeper = json!({"model": {"preset": "robomorph-tiny", "encoder_layers": 9}});
+    let error = refused(deeper, &earlier, &theirs).unwrap();
+    assert!(error.contains("model.encoder_layers") && error.contains("layers 9"), "{error}");
+    let error = refused(json!({"context": 200}), &earlier, &theirs).unwrap();
+    assert!(error.contains("context 320, allowed: context 200"), "{error}");
+    let error = refused(json!({}), &earlier, &data(410)).unwrap();
+    assert!(error.contains("samples 410, allowed: samples 400"), "{error}");
+    let error = refused(json!({"normalization": "dataset"}), &earlier, &theirs).unwrap();
+    assert!(error.contains("normalization context, allowed: normalization dataset"), "{error}");
+
+    let arm = json!({"preset": "ur10e-real", "trajectories": 3, "samples": 400, "rate_hz": 50});
+    let arm = DataSpec::of(&spec::parse(arm.to_string().as_bytes()).unwrap()).unwrap();
+    let error = refused(json!({}), &earlier, &arm).unwrap();
+    assert!(error.contains("joints 6, allowed: joints 7"), "{error}");
+    assert!(error.contains("rate_hz 50, allowed: rate_hz 60"), "{error}");
+}
+
+#[test]
+fn every_batch_has_the_weighted_share_of_each_source() {
+    let shares = |batch: u32, weights: Value| {
+        let sources = json!([{"dataset": 1}, {"dataset": 2}, {"dataset": 3}]);
+        fine_tuning(&json!({"data": sources, "data_weights": weights, "batch_size": batch}))
+            .shares()
+    };
+    assert_eq!(fine_tuning(&json!({})).shares(), [64]);
+    assert_eq!(shares(64, Value::Null), [22, 21, 21]);
+    assert_eq!(shares(64, json!([2, 1, 1])), [32, 16, 16]);
+    assert_eq!(shares(7, json!([1, 1, 5])), [1, 1, 5]);
+    assert_eq!(shares(10, json!([0.5, 0.26, 0.24])), [5, 3, 2]);
+    for batch in 3..200 {
+        let shares = shares(batch, json!([1, 1.37, 0.81]));
+        assert_eq!(shares.iter().sum::<u32>(), batch);
+    }
+}
+
+#[test]
+fn sources_of_a_mixture_are_alike_and_large_enough() {
+    let mixture = |batch: u32| {
+        let sources = json!([{"dataset": 1}, {"dataset": 2}]);
+        fine_tuning(&json!({"data": sources, "batch_size": batch, "data_weights": [1, 3]}))
+    };
+    mixture(64).check_data(&[&data(400), &data(400)]).unwrap();
+    let error = mixture(64).check_data(&[&data(400), &data(410)]).unwrap_err().to_string();
+    assert!(error.contains("data[1] is with samples 410, allowed: 400, as data[0]"), "{error}");
+    let few = json!({"preset": "D1-chirp", "trajectories": 50, "samples": 400});
+    let few = DataSpec::of(&spec::parse(few.to_string().as_bytes()).unwrap()).unwrap();
+    mixture(60).check_data(&[&data(400), &few]).unwrap();
+    let error = mixture(64).check_data(&[&data(400), &few]).unwrap_err().to_string();
+    let expected = "batch_size is 64, of which 48 are of data[1], allowed: at most the number of \
+                    training trajectories of data[1], which is 45";
+    assert!(error.contains(expected), "{error}");
+    mixture(64).check_trajectories(&[None, Some(1000)]).unwrap();
+    assert!(mixture(64).check_trajectories(&[Some(10), Some(1000)]).is_err());
+}
+
+#[test]
+fn references_are_given_of_simulations_with_a_controller_alone() {
+    let given = json!({
+        "init": null, "given": "references",
+        "model": {"preset": "robomorph-tiny", "residual": "reference"},
+    });
+    let spec = fine_tuning(&given);
+    let controlled = json!({"preset": "panda-real", "trajectories": 1000, "samples": 400});
+    let controlled =
+        DataSpec::of(&spec::parse(controlled.to_string().as_bytes()).unwrap()).unwrap();
+    spec.check_data(&[&controlled]).unwrap();
+    let error = spec.check_data(&[&data(400)]).unwrap_err().to_string();
+    assert!(error.contains("data is data without references"), "{error}");
+
+    let asked = evaluate(&json!({"given": "references"}));
+    let names: Vec<Value> =
+        asked.baselines.iter().map(|baseline| serde_json::to_value(baseline).unwrap()).collect();
+    let expected = ["hold-last", "constant-velocity", "follow-reference", "least-squares", "arx"];
+    assert_eq!(names, expected);
+    let training = Training { spec: &spec, data: &controlled };
+    asked.check_inputs(&controlled, &[training], &[]).unwrap();
+    let error = asked.check_inputs(&data(400), &[training], &[]).unwrap_err().to_string();
+    assert!(error.contains("data is data without references"), "{error}");
+    let of_torques = evaluate(&json!({}));
+    let error = of_torques.check_inputs(&controlled, &[training], &[]).unwrap_err().to_string();
+    assert!(error.contains("trained with given references"), "{error}");
 }

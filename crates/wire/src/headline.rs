@@ -41,7 +41,7 @@ impl Headline {
         let Some(group) = report.groups.first() else { return Self::default() };
         let best = |kind: PredictorKind| {
             let of_kind = |rmse: &&PredictorSummary| {
-                let of_kind = |info: &&PredictorInfo| info.kind == kind && !info.sees_the_future();
+                let of_kind = |info: &&PredictorInfo| info.kind == kind && info.competes();
                 report.predictors.iter().filter(of_kind).any(|info| info.name == rmse.predictor)
             };
             group

@@ -85,9 +85,9 @@ pub use problem::Problem;
 pub use queue::Queue;
 pub use report::{
     Calibration, CellSummary, DataNoise, FailureSummary, GroupSummary, HorizonError, Interval,
-    IntervalSummary, Latency, PairedDifference, PredictorInfo, PredictorKind, PredictorScores,
-    PredictorSummary, Report, RolloutSummary, SamplingInfo, Shift, ShiftDifference, ShiftScores,
-    ShiftSummary, TrainedOn, WorstCase, at_noise,
+    IntervalSummary, Latency, ORACLE, PairedDifference, PredictorInfo, PredictorKind,
+    PredictorScores, PredictorSummary, Report, RolloutSummary, SamplingInfo, Shift,
+    ShiftDifference, ShiftScores, ShiftSummary, TrainedOn, WorstCase, at_noise,
 };
 pub use robots::{RemovedRobot, Robot, RobotLink, RobotUrdf};
 pub use runs::{Artifact, LatestMetric, Metric, MetricPoint, Run};

@@ -4,7 +4,7 @@
 //! The last task of an evaluation writes it as `report.json`. Errors are in degrees.
 
 use serde::{Deserialize, Serialize};
-use spec::{Bootstrap, Digest, Family, Normalization, Range, SamplerKind, Start};
+use spec::{Bootstrap, Digest, Family, Given, Normalization, Range, SamplerKind, Start};
 use utoipa::ToSchema;
 
 use crate::Warning;
@@ -23,6 +23,9 @@ pub struct Report {
     pub bootstrap: Bootstrap,
     /// Number of samples drawn from each predictor that can give several.
     pub samples: u32,
+    /// What every predictor was given over context and horizon; missing for torques.
+    #[serde(default, skip_serializing_if = "is_torques")]
+    pub given: Given,
     /// The noise of the data itself; missing for data without noise.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub data_noise: Option<DataNoise>,
@@ -56,12 +59,19 @@ pub struct Report {
     pub warnings: Vec<Warning>,
 }
 
+fn is_torques(given: &Given) -> bool {
+    *given == Given::Torques
+}
+
 impl Report {
     /// The number of all scenarios of the evaluation.
     pub fn scenarios(&self) -> u64 {
         self.cells.iter().map(|cell| cell.scenarios).sum()
     }
 }
+
+/// The name of the baseline that is the robot itself.
+pub const ORACLE: &str = "oracle";
 
 /// The name of a predictor, its kind and its training.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -96,6 +106,16 @@ pub struct PredictorInfo {
 }
 
 impl PredictorInfo {
+    /// Whether it is the robot itself, which shows what can be known and is no competitor.
+    pub fn is_oracle(&self) -> bool {
+        self.kind == PredictorKind::Baseline && self.name == ORACLE
+    }
+
+    /// Whether it may be called the best.
+    pub fn competes(&self) -> bool {
+        !self.sees_the_future() && !self.is_oracle()
+    }
+
     /// `true` if it was given something of the horizon that it predicts.
     pub fn sees_the_future(&self) -> bool {
         self.normalization == Some(Normalization::PaperLeaky)

@@ -35,6 +35,8 @@ pub struct Warning {
 pub enum WarningKind {
     /// Torques are outside the range of the training data.
     TorqueRange,
+    /// References of a controller are outside the range of the training data.
+    ReferenceRange,
     /// Positions are outside the range of the training data.
     PositionRange,
     /// Rates of positions are outside the range of the training data.
@@ -52,6 +54,7 @@ impl WarningKind {
     const fn quantity(self) -> (&'static str, &'static str) {
         match self {
             Self::TorqueRange => ("u", "N·m"),
+            Self::ReferenceRange => ("the reference", "rad"),
             Self::PositionRange | Self::NoMotion | Self::ShortContext => ("q", "rad"),
             Self::RateRange => ("the rate of q", "rad/s"),
             Self::JointLimits => ("the predicted q", "rad"),

@@ -87,7 +87,7 @@ impl Rehearsal<'_> {
                 Ok(Row { disk, ..row })
             }
             JobSpec::Train(spec) => {
-                let data = self.simulation_of(&spec.data)?;
+                let data = self.data_of(spec)?;
                 let memory = TrainingMemory::of(spec, data.samples, data.joints())?;
                 let seconds = self.training(spec)?.step * spec.steps as f64;
                 let what = format!(
@@ -119,7 +119,7 @@ impl Rehearsal<'_> {
     }
 
     fn training(&mut self, spec: &TrainSpec) -> anyhow::Result<TrainingTimes> {
-        let data = self.simulation_of(&spec.data)?.clone();
+        let data = self.data_of(spec)?.clone();
         let sizes = (spec.batch_size, spec.context, data.samples);
         let key = serde_json::to_string(&(&spec.model, sizes))?;
         if let Some(times) = self.trainings.get(&key) {
@@ -163,6 +163,11 @@ impl Rehearsal<'_> {
             Some(JobSpec::Train(spec)) => Ok(spec),
             _ => bail!("{name} is no training of this pipeline"),
         }
+    }
+
+    /// The first data of a training. Others have the same shape.
+    fn data_of<'a>(&'a self, training: &'a TrainSpec) -> anyhow::Result<&'a SimulateSpec> {
+        self.simulation_of(training.data.each().first().context("a training without data")?)
     }
 
     fn simulation_of<'a>(&'a self, data: &'a DataSource) -> anyhow::Result<&'a SimulateSpec> {

@@ -15,7 +15,7 @@ use evaluation::control::{Controller, Experiment, Foreseen, RobotTrials, Trace, 
 use evaluation::{Learned, Start};
 use jobs::ControlTask;
 use models::{DataRanges, Sampling};
-use spec::{ControlSpec, SimulateSpec};
+use spec::{ControlSpec, Given, SimulateSpec};
 use wire::{ControllerInfo, PredictorKind};
 
 use crate::attempt::Attempt;
@@ -126,7 +126,7 @@ fn controllers(spec: &ControlSpec, checkpoints: &[LoadedCheckpoint]) -> Vec<Cont
 
 /// The spec that the robots are drawn from.
 fn simulation(attempt: &Attempt, spec: &ControlSpec) -> Result<SimulateSpec, TaskError> {
-    let data = TrajectorySource::open(attempt, &spec.data)?;
+    let data = TrajectorySource::open(attempt, &spec.data, Given::Torques)?;
     let missing =
         || TaskError::Missing { what: "the simulation of", name: format!("{:?}", spec.data) };
     data.spec().simulation().cloned().ok_or_else(missing)

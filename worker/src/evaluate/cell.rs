@@ -2,6 +2,7 @@
 
 use std::time::Instant;
 
+use dynamics::{Joints, Robot};
 use evaluation::metrics::{band_edge_hz, highest_component_hz, occupied_band_hz};
 use evaluation::{
     CellResult, ErrorHorizon, PredictorErrors, Scoring, evaluate_cell, measured_jitter_deg,
@@ -10,7 +11,7 @@ use evaluation::{
 use models::context_warnings;
 use serde::{Deserialize, Serialize};
 use series::{Observed, Series, SeriesView};
-use spec::{DataSpec, EvaluateSpec, ScenarioCell};
+use spec::{Baseline, DataSpec, EvaluateSpec, Given, Observations, ScenarioCell, SimulateSpec};
 use wire::Warning;
 
 use super::checkpoints::LoadedCheckpoint;
@@ -19,6 +20,7 @@ use super::predictors::Predictors;
 use super::rows;
 use crate::attempt::Attempt;
 use crate::error::TaskError;
+use crate::stream::Stream;
 use crate::trajectories::TrajectorySource;
 
 /// The result of a cell's task, without the values in its table.
@@ -37,7 +39,7 @@ pub(super) struct TableAt {
 }
 
 pub(super) fn cell(attempt: &Attempt, spec: &EvaluateSpec, index: usize) -> Result<(), TaskError> {
-    let data = TrajectorySource::open(attempt, &spec.data)?;
+    let data = TrajectorySource::open(attempt, &spec.data, spec.given)?;
     let cells = spec.cells(data.spec());
     let missing = || TaskError::Missing { what: "cell", name: index.to_string() };
     let cell = cells.get(index).ok_or_else(missing)?;
@@ -62,7 +64,8 @@ pub(super) fn cell(attempt: &Attempt, spec: &EvaluateSpec, index: usize) -> Resu
     let given = |file: &PredictionFile| file.answer(spec, &data, &scenarios, cell.first);
     let given = files.iter().map(given).collect::<Result<Vec<_>, TaskError>>()?;
     let predictors = Predictors::new(spec, data.spec(), &files, &checkpoints)?;
-    let asked = predictors.of_cell(&scenarios, cell.first, given);
+    let robots = robots(attempt, &data, spec, cell, scenarios.robots())?;
+    let asked = predictors.of_cell(&scenarios, cell.first, given, &robots);
     let mut errors = Vec::with_capacity(asked.len());
     tracing::info!(
         cell = index,
@@ -92,7 +95,11 @@ pub(super) fn cell(attempt: &Attempt, spec: &EvaluateSpec, index: usize) -> Resu
         predictors: errors,
         measured_jitter_deg: measured_jitter_deg(&scenarios, &scoring),
         measured_left_limits: measured_left_limits(&scenarios, &scoring),
-        within_torque_limits: within_torque_limits(&scenarios, &data.spec().limits_nm()),
+        within_torque_limits: match spec.given {
+            Given::Torques => within_torque_limits(&scenarios, &data.spec().limits_nm()),
+            // A controller has kept its own limits.
+            Given::References => Vec::new(),
+        },
         warnings: warnings(&checkpoints, &scenarios.observed(pre_roll, context)),
     };
     let seed = data.spec().simulation().map(|spec| spec.seed);
@@ -130,6 +137,36 @@ pub(super) fn scenarios(
     dynamics::add_position_noise(&mut recorded, level, known, spec.seed, cell.first);
     recorded.plan_from(known);
     Ok(recorded)
+}
+
+/// The robots of a cell's first `count` scenarios, and their velocities at the last sample of the
+/// context, rad/s. Empty unless the evaluation asks for the oracle. They are simulated again, because
+/// a dataset need not have velocities.
+pub(super) fn robots(
+    attempt: &Attempt,
+    data: &TrajectorySource,
+    spec: &EvaluateSpec,
+    cell: &ScenarioCell,
+    count: usize,
+) -> Result<Vec<(Robot, Joints<f64>)>, TaskError> {
+    let (true, Some(simulation)) =
+        (spec.baselines.contains(&Baseline::Oracle), data.spec().simulation())
+    else {
+        return Ok(Vec::new());
+    };
+    let observations = Observations { joint_velocities: true, ..simulation.observations };
+    let simulation = SimulateSpec { observations, ..simulation.clone() };
+    let simulated =
+        Stream::new(&simulation).trajectories(attempt, cell.first..cell.first + count as u64)?;
+    let joints = simulated.series.joints();
+    let known = (spec.rounds() + spec.context) as usize;
+    let velocities = simulated.qd.unwrap_or_default();
+    let of_robot = |robot: usize| {
+        let at = (robot * simulated.series.samples() + known - 1) * joints;
+        velocities[at..at + joints].iter().copied().map(f64::from).collect()
+    };
+    let robots = simulated.scenarios.iter().enumerate();
+    Ok(robots.map(|(place, scenario)| (scenario.robot.clone(), of_robot(place))).collect())
 }
 
 /// The samples of trajectories that an evaluation uses: pre-roll, context and horizon.

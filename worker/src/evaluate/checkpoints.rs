@@ -1,16 +1,17 @@
 //! The checkpoints of an evaluation or a control job, with their trainings and their names in
 //! tables.
 
-use evaluation::trained_on;
+use evaluation::{trained_on, trained_on_together};
 use models::{CONFIG_FILE, MODEL_FILE, TrainedModel};
 use spec::{
-    Baseline, CheckpointRef, ControlBaseline, DataSource, Digest, JobSpec, Normalization,
-    SimulateSpec, TrainSpec, TrainingRef, TrainingStep,
+    Baseline, CheckpointRef, ControlBaseline, DataSource, DataSources, Digest, JobSpec,
+    Normalization, SimulateSpec, TrainSpec, TrainingRef, TrainingStep,
 };
-use store::{JobState, WhichCheckpoint};
+use store::JobState;
 use wire::{PredictorInfo, PredictorKind, TrainedOn};
 
 use crate::attempt::Attempt;
+use crate::checkpoint::{self, FoundCheckpoint};
 use crate::error::TaskError;
 
 /// A checkpoint of an evaluation or a control job, with the known facts of its training.
@@ -50,29 +51,10 @@ impl LoadedCheckpoint {
     fn load(attempt: &Attempt, reference: &CheckpointRef) -> Result<Self, TaskError> {
         let missing =
             |name: String| TaskError::Missing { what: "the checkpoint of training", name };
-        // Submission replaced every other form of reference by one of these.
-        let (digest, which, mark) = match reference {
-            CheckpointRef::Digest(digest) => (digest, WhichCheckpoint::Final, String::new()),
-            CheckpointRef::Best(TrainingRef::Digest(digest)) => {
-                (digest, WhichCheckpoint::Best, " (best)".to_owned())
-            }
-            CheckpointRef::Step(TrainingStep { digest, step }) => {
-                (digest, WhichCheckpoint::Step(*step), format!(" (step {step})"))
-            }
-            CheckpointRef::Job(_)
-            | CheckpointRef::Checkpoint(_)
-            | CheckpointRef::Best(TrainingRef::Job(_)) => {
-                return Err(missing(format!("{reference:?}")));
-            }
-        };
         let store = &attempt.store;
-        let checkpoint = attempt
-            .wait(store.checkpoint_by_digest(*digest, which))?
-            .ok_or_else(|| missing(format!("{digest}{mark}")))?;
-        let read = |name| {
-            let object = checkpoint.file(name).ok_or_else(|| missing(digest.to_string()))?;
-            Ok::<_, TaskError>(attempt.wait(store.read_object(object))?)
-        };
+        let FoundCheckpoint { checkpoint, training: digest, mark } =
+            checkpoint::find(attempt, reference)?;
+        let read = |name| checkpoint::read(attempt, &checkpoint, name);
         let model = TrainedModel::load(&read(MODEL_FILE)?, &read(CONFIG_FILE)?, &attempt.device)?;
         let (id, step) = (checkpoint.id, checkpoint.step);
         tracing::info!(checkpoint = %id, job = %checkpoint.job, step, "loaded");
@@ -84,20 +66,9 @@ impl LoadedCheckpoint {
         let JobSpec::Train(training) = serde_json::from_value(job.spec)? else {
             return Err(missing(digest.to_string()));
         };
-        let data = match &training.data {
-            DataSource::Digest(data) => match stored_spec(attempt, *data)? {
-                JobSpec::Simulate(data) => Some(data),
-                // Recordings do not say what excited the robots.
-                _ => None,
-            },
-            DataSource::Stream(data) => Some(data.as_ref().clone()),
-            DataSource::Job(_) | DataSource::Dataset(_) => None,
-        };
-        let trained_on =
-            data.iter().flat_map(|data| trained_on(&data.excitation).collect::<Vec<_>>()).collect();
+        let lineage = Lineage::of(attempt, &training)?;
         let is_final = matches!(reference, CheckpointRef::Digest(_));
-        let replicates =
-            data.filter(|_| is_final).map(|data| without_seeds(training.clone(), data));
+        let replicates = lineage.replicates.filter(|_| is_final);
         let leaky = match training.normalization {
             Normalization::PaperLeaky => " (paper-leaky)",
             Normalization::Context | Normalization::Dataset | Normalization::None => "",
@@ -107,34 +78,101 @@ impl LoadedCheckpoint {
             name: format!("{}{marks}", training.model.architecture()),
             kind: PredictorKind::Checkpoint,
             told: Some("the robots it was trained on".to_owned()),
-            digest: Some(*digest),
+            digest: Some(digest),
             file: None,
             replicates,
             normalization: Some(training.normalization),
             sampling: None,
             latency: None,
         };
-        Ok(Self { info, model, step, own_name: own_name + &marks, trained_on })
+        Ok(Self {
+            info,
+            model,
+            step,
+            own_name: own_name + &marks,
+            trained_on: trained_on_together(lineage.trained_on),
+        })
     }
 }
 
-/// The digest of a training and its simulated data without their seeds. Trainings that differ only
-/// in seeds share it.
-fn without_seeds(training: TrainSpec, data: SimulateSpec) -> Digest {
-    let data = SimulateSpec { seed: 0, ..data };
-    let data = match training.data {
-        DataSource::Stream(_) => DataSource::Stream(Box::new(data)),
-        _ => DataSource::Digest(JobSpec::Simulate(data).digest()),
-    };
-    JobSpec::Train(TrainSpec { seed: 0, data, ..training }).digest()
+/// Everything that the weights of a training come from.
+struct Lineage {
+    /// What excited the simulated robots, of this training and of those that it began from.
+    trained_on: Vec<TrainedOn>,
+    /// The digest of the training, of its simulated data and of the trainings before it without
+    /// their seeds. Trainings that differ only in seeds share it.
+    replicates: Option<Digest>,
 }
 
-/// The spec of a succeeded job with this digest.
-fn stored_spec(attempt: &Attempt, digest: Digest) -> Result<JobSpec, TaskError> {
-    let job = attempt
-        .wait(attempt.store.job_by_digest(digest, &[JobState::Succeeded]))?
-        .ok_or_else(|| TaskError::Missing { what: "the job of spec", name: digest.to_string() })?;
-    Ok(serde_json::from_value(job.spec)?)
+impl Lineage {
+    fn of(attempt: &Attempt, training: &TrainSpec) -> Result<Self, TaskError> {
+        let mut lineage = Self { trained_on: Vec::new(), replicates: None };
+        let mut unseeded = Some(TrainSpec { seed: 0, ..training.clone() });
+        let mut sources = Vec::new();
+        for source in training.data.each() {
+            let simulated = match source {
+                DataSource::Digest(data) => match stored_spec(attempt, *data)? {
+                    Some(JobSpec::Simulate(data)) => Some(data),
+                    // Recordings have no seed, and do not say what excited the robots. Nor does data
+                    // that was purged.
+                    _ => None,
+                },
+                DataSource::Stream(data) => Some(data.as_ref().clone()),
+                DataSource::Job(_) | DataSource::Dataset(_) => None,
+            };
+            let Some(data) = simulated else {
+                sources.push(source.clone());
+                continue;
+            };
+            lineage.trained_on.extend(trained_on(&data.excitation));
+            let data = SimulateSpec { seed: 0, ..data };
+            sources.push(match source {
+                DataSource::Stream(_) => DataSource::Stream(Box::new(data)),
+                _ => DataSource::Digest(JobSpec::Simulate(data).digest()),
+            });
+        }
+        if let Some(init) = &training.init {
+            let spec = match checkpoint::training_of(init) {
+                Some(digest) => stored_spec(attempt, digest)?,
+                None => None,
+            };
+            // The checkpoint may be gone, and even its training. Nobody knows then what it saw.
+            let earlier = match spec {
+                Some(JobSpec::Train(earlier)) => Some(Self::of(attempt, &earlier)?),
+                _ => None,
+            };
+            let replicates = earlier.as_ref().and_then(|earlier| earlier.replicates);
+            let same = replicates.and_then(|digest| of_training(init, digest));
+            unseeded = unseeded.and_then(|spec| Some(TrainSpec { init: Some(same?), ..spec }));
+            lineage.trained_on.extend(earlier.into_iter().flat_map(|earlier| earlier.trained_on));
+        }
+        lineage.replicates = unseeded.map(|spec| {
+            let data = match &spec.data {
+                DataSources::One(_) => DataSources::One(sources.remove(0)),
+                DataSources::Each(_) => DataSources::Each(sources),
+            };
+            JobSpec::Train(TrainSpec { data, ..spec }).digest()
+        });
+        Ok(lineage)
+    }
+}
+
+/// The same checkpoint of the training with this digest.
+fn of_training(checkpoint: &CheckpointRef, digest: Digest) -> Option<CheckpointRef> {
+    match checkpoint {
+        CheckpointRef::Digest(_) => Some(CheckpointRef::Digest(digest)),
+        CheckpointRef::Best(_) => Some(CheckpointRef::Best(TrainingRef::Digest(digest))),
+        CheckpointRef::Step(TrainingStep { step, .. }) => {
+            Some(CheckpointRef::Step(TrainingStep { digest, step: *step }))
+        }
+        CheckpointRef::Job(_) | CheckpointRef::Checkpoint(_) => None,
+    }
+}
+
+/// The spec of a job with this digest, if there is one.
+fn stored_spec(attempt: &Attempt, digest: Digest) -> Result<Option<JobSpec>, TaskError> {
+    let job = attempt.wait(attempt.store.job_by_digest(digest, &JobState::ALL))?;
+    Ok(job.map(|job| serde_json::from_value(job.spec)).transpose()?)
 }
 
 /// Gives distinct names to checkpoints. Checkpoints of the same architecture get their own names.

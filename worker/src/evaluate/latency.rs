@@ -28,7 +28,7 @@ pub(super) struct LatencyRecord {
 const WARM_UP: usize = 3;
 
 pub(super) fn latency(attempt: &Attempt, spec: &EvaluateSpec) -> Result<(), TaskError> {
-    let data = TrajectorySource::open(attempt, &spec.data)?;
+    let data = TrajectorySource::open(attempt, &spec.data, spec.given)?;
     let checkpoints = LoadedCheckpoint::load_all(attempt, &spec.checkpoints)?;
     let cells = spec.cells(data.spec());
     let missing = || TaskError::Missing { what: "cell", name: "0".to_owned() };

@@ -3,13 +3,14 @@
 
 use std::collections::HashMap;
 
+use dynamics::{Joints, Robot};
 use evaluation::{
-    FirstPrediction, Given, LeakyLearned, Learned, NominalArm, OracleStarted, Predictor, Start,
-    baseline, prior_knowledge,
+    FirstPrediction, Given, LeakyLearned, Learned, NominalArm, Oracle, OracleStarted, Predictor,
+    Start, baseline, prior_knowledge,
 };
 use models::Sampling;
 use series::SeriesView;
-use spec::{DataSpec, EvaluateSpec, SamplerSpec, SamplingRun, SpecError};
+use spec::{Baseline, DataSpec, EvaluateSpec, SamplerSpec, SamplingRun, SpecError};
 use wire::{PredictorInfo, PredictorKind, SamplingInfo};
 
 use super::checkpoints::LoadedCheckpoint;
@@ -91,14 +92,20 @@ impl<'a> Predictors<'a> {
         baselines.chain(files).chain(learned).collect()
     }
 
-    /// For the scenarios of one cell, `first` the index of the first, with what the files say of them.
+    /// For the scenarios of one cell, `first` the index of the first, with what the files say of them,
+    /// and with their robots for the oracle.
     pub fn of_cell<'b>(
         &'b self,
         scenarios: &'b SeriesView<'b>,
         first: u64,
         given: Vec<Given>,
+        robots: &[(Robot, Joints<f64>)],
     ) -> Vec<Box<dyn Predictor + 'b>> {
-        let baselines = self.spec.baselines.iter().map(|&name| baseline(name, &self.arm));
+        let robots = robots.to_vec();
+        let baselines = self.spec.baselines.iter().map(|&name| match name {
+            Baseline::Oracle => Box::new(Oracle::new(&self.arm, robots.clone())),
+            name => baseline(name, &self.arm),
+        });
         let learned = self.learned.iter().map(|learned| self.predictor(learned, scenarios, first));
         let given = given.into_iter().map(|given| -> Box<dyn Predictor + 'b> { Box::new(given) });
         baselines

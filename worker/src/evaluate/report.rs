@@ -25,7 +25,7 @@ use crate::trajectories::TrajectorySource;
 
 /// Puts the cells together: `report.json`, `scenarios.parquet`, figures with their tables, and a few predictions.
 pub(super) fn report(attempt: &Attempt, spec: &EvaluateSpec) -> Result<(), TaskError> {
-    let data = TrajectorySource::open(attempt, &spec.data)?;
+    let data = TrajectorySource::open(attempt, &spec.data, spec.given)?;
     let checkpoints = LoadedCheckpoint::load_all(attempt, &spec.checkpoints)?;
     let tasks = attempt.wait(attempt.store.tasks(attempt.task.job))?;
     let files = PredictionFile::open_all(attempt, spec)?;
@@ -48,6 +48,7 @@ pub(super) fn report(attempt: &Attempt, spec: &EvaluateSpec) -> Result<(), TaskE
         horizon: spec.horizon(data.spec().samples()),
         rate_hz: data.spec().rate_hz(),
         samples: spec.samples,
+        given: spec.given,
         data_noise: data_noise(data.spec()),
         seed: data.spec().simulation().map(|spec| spec.seed),
         bootstrap: spec.bootstrap,

@@ -6,8 +6,8 @@ use arrow_array::{ArrayRef, BooleanArray, Float64Array, Int32Array, Int64Array};
 use arrow_array::{RecordBatch, StringArray};
 use arrow_schema::ArrowError;
 use arrow_schema::SchemaRef;
-use dynamics::{Kinematics, Row, Scenario, Torques};
-use spec::{Gravity, RobotDescription, STEP_LEVELS, SimulateSpec};
+use dynamics::{Kinematics, Pulses, Row, Scenario, Torques};
+use spec::{Gravity, PULSES, RobotDescription, STEP_LEVELS, SimulateSpec};
 
 const AXES: [&str; 3] = ["x", "y", "z"];
 
@@ -40,6 +40,9 @@ pub(super) fn record_batch(
         arrays.multisines(joints, scenarios);
         if spec.excitation.steps.is_some() {
             arrays.steps(joints, scenarios);
+        }
+        if spec.excitation.pulses.is_some() {
+            arrays.pulses(joints, scenarios);
         }
     }
     let named = schema.fields().iter().map(|field| field.name());
@@ -245,6 +248,26 @@ impl Arrays {
                 self.number_or_null(name, scenarios, |s| of(s).map(|m| m.amplitude_nm[component]));
                 let name = format!("multisine_f{component}_hz_{number}");
                 self.number_or_null(name, scenarios, |s| of(s).map(|m| m.frequency_hz[component]));
+            }
+        }
+    }
+
+    fn pulses(&mut self, joints: usize, scenarios: &[Scenario]) {
+        for pulse in 0..PULSES {
+            for joint in 0..joints {
+                let of = |s: &Scenario| match s.excitation.torques() {
+                    Some(Torques::Pulses(joints)) => Some(joints[joint]),
+                    _ => None,
+                };
+                let number = joint + 1;
+                let mut column = |name: &str, value: fn(&Pulses) -> [f64; PULSES]| {
+                    let name = format!("pulses_{name}_{number}");
+                    self.number_or_null(name, scenarios, |s| of(s).map(|p| value(&p)[pulse]));
+                };
+                column(&format!("level{pulse}_nm"), |pulses| pulses.level_nm);
+                column(&format!("rest{pulse}_s"), |pulses| pulses.rest_s);
+                column(&format!("rise{pulse}_s"), |pulses| pulses.rise_s);
+                column(&format!("hold{pulse}_s"), |pulses| pulses.hold_s);
             }
         }
     }

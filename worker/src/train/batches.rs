@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 use std::ops::{ControlFlow, Range};
-use std::sync::mpsc::SyncSender;
+use std::sync::mpsc::{Receiver, SyncSender};
 
 use dynamics::Trajectories;
 use series::Series;
@@ -16,15 +16,42 @@ use crate::stream::Stream;
 /// while the last robots are drawn again.
 const SIMULATED_AT_ONCE: usize = 256;
 
-/// A batch, with the indices of its trajectories in order.
+/// A batch, with the indices of the trajectories of each source in order.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct TrainingBatch {
     pub series: Series,
-    pub trajectories: Vec<u64>,
+    pub trajectories: Vec<Vec<u64>>,
 }
 
 /// The channel for batches.
 pub(super) type Send = SyncSender<Result<TrainingBatch, TaskError>>;
+
+/// Sends batches with the trajectories of a batch of each source, until the receiver or a source is
+/// gone.
+pub(super) fn join(sources: &[Receiver<Result<TrainingBatch, TaskError>>], send: &Send) {
+    loop {
+        let mut joined: Option<TrainingBatch> = None;
+        for source in sources {
+            let part = match source.recv() {
+                Ok(Ok(part)) => part,
+                // If the receiver is gone, it has its own reason.
+                Ok(Err(error)) => return drop(send.send(Err(error))),
+                Err(_) => return,
+            };
+            match &mut joined {
+                Some(joined) => {
+                    joined.series.append(&part.series);
+                    joined.trajectories.extend(part.trajectories);
+                }
+                None => joined = Some(part),
+            }
+        }
+        let Some(joined) = joined else { return };
+        if send.send(Ok(joined)).is_err() {
+            return;
+        }
+    }
+}
 
 /// Sends the batches of optimizer steps `first` to `end` (excluded) of a stream, until the receiver
 /// is gone or `stopped`. Step `s` has the trajectories `s · size` to `(s + 1) · size`.
@@ -62,7 +89,7 @@ fn send_stream(
         pool.install(|| stream.simulate(range, stopped, &mut simulated))?;
         for (step, first) in (step..last).zip((0..).step_by(size)) {
             let series = simulated.series.copy(first..first + size);
-            let trajectories = (step * size as u64..(step + 1) * size as u64).collect();
+            let trajectories = vec![(step * size as u64..(step + 1) * size as u64).collect()];
             if send.send(Ok(TrainingBatch { series, trajectories })).is_err() {
                 return Ok(());
             }
@@ -126,7 +153,7 @@ fn send_epoch(
                 continue;
             }
             let series = std::mem::replace(&mut series, empty()?);
-            let trajectories = std::mem::take(&mut trajectories);
+            let trajectories = vec![std::mem::take(&mut trajectories)];
             if send.send(Ok(TrainingBatch { series, trajectories })).is_err() {
                 return Ok(ControlFlow::Break(()));
             }
@@ -202,10 +229,40 @@ mod tests {
             assert_eq!(series.u(), &simulated.series.u()[step * values..][..values], "step {step}");
             assert_eq!(series.y(), &simulated.series.y()[step * values..][..values], "step {step}");
             let first = 100 * step as u64;
-            assert_eq!(*trajectories, (first..first + 100).collect::<Vec<_>>());
+            assert_eq!(trajectories[..], [(first..first + 100).collect::<Vec<_>>()]);
         }
         for (resumed, batch) in batches(100, 4, 7).iter().zip(&whole[4..]) {
             assert_eq!(resumed, batch);
+        }
+    }
+
+    #[test]
+    fn a_batch_of_two_sources_has_the_trajectories_of_each_in_order() {
+        let stream = Stream::new(&spec());
+        let other = Stream::new(&SimulateSpec { seed: 5, ..spec() });
+        let (send, receive) = sync_channel(1);
+        let joined: Vec<TrainingBatch> = thread::scope(|scope| {
+            let sources = [(&stream, 3), (&other, 2)].map(|(stream, size)| {
+                let (send, receive) = sync_channel(1);
+                scope.spawn(move || simulate_ahead(stream, size, 1, 4, &|| false, &send));
+                receive
+            });
+            scope.spawn(move || join(&sources, &{ send }));
+            receive.into_iter().map(Result::unwrap).collect()
+        });
+        assert_eq!(joined.len(), 3);
+        let values = joined[0].series.shape().values_per_robot();
+        let alone = |seed, range| {
+            let spec = SimulateSpec { seed, ..spec() };
+            dynamics::simulate(&spec, range, &|_| ControlFlow::Continue(())).unwrap().series
+        };
+        for (step, batch) in (1..).zip(&joined) {
+            let [first, second] = [3 * step..3 * step + 3, 2 * step..2 * step + 2];
+            assert_eq!(batch.trajectories[0], first.clone().collect::<Vec<_>>());
+            assert_eq!(batch.trajectories[1], second.clone().collect::<Vec<_>>());
+            assert_eq!(batch.series.robots(), 5);
+            assert_eq!(batch.series.y()[..3 * values], *alone(spec().seed, first).y());
+            assert_eq!(batch.series.u()[3 * values..], *alone(5, second).u());
         }
     }
 

@@ -1,10 +1,12 @@
 //! The course of a training: which trajectories it sees, and when.
 
 use std::ops::Range;
+use std::sync::mpsc::sync_channel;
+use std::thread;
 
 use models::{Statistics, StatisticsAccumulator};
 use series::Series;
-use spec::{DataSpec, TrainSpec};
+use spec::{DataSource, DataSpec, TrainSpec};
 
 use super::batches::{self, Send};
 use super::order::Order;
@@ -22,17 +24,27 @@ const STREAM_VALIDATION: u64 = 1 << 40;
 /// standard deviation.
 const STREAM_STATISTICS: u64 = 4096;
 
+/// Seeds of specs lie below this. The order of a training's second source has the seed after the
+/// next multiple of it, and so on, so that sources of the same size have different orders.
+const SEEDS: u64 = 1 << 53;
+
 /// The data of a training, and their order.
 pub(super) struct Course {
+    parts: Vec<Part>,
+}
+
+/// A source of a training's data.
+struct Part {
     source: Source,
-    batch_size: u32,
+    /// Trajectories that it gives to every batch.
+    share: u32,
     /// Trajectories for fixed statistics: all training trajectories of a dataset, and the first
     /// ones of a stream.
     statistics: Range<u64>,
     validation: Range<u64>,
 }
 
-#[expect(clippy::large_enum_variant, reason = "one or two exist at a time")]
+#[expect(clippy::large_enum_variant, reason = "a few exist at a time")]
 enum Source {
     /// Trains on a dataset, epoch after epoch.
     Dataset { data: DatasetReader, order: Order },
@@ -42,53 +54,44 @@ enum Source {
 
 impl Course {
     pub fn open(attempt: &Attempt, spec: &TrainSpec) -> Result<Self, TaskError> {
-        let batch_size = spec.batch_size;
-        let used = u64::from(spec.validation_trajectories);
-        match TrajectorySource::open(attempt, &spec.data)? {
-            TrajectorySource::Dataset(data) => {
-                // The size of imported data was not known when the training was submitted.
-                spec.check_trajectories(data.count())?;
-                let trained = spec.training_trajectories(data.count());
-                let kept = spec.validation_part(data.count()).min(used);
-                let (shards, block) = (data.shards(), data.block());
-                let order = Order::new(&shards, trained, block, batch_size as usize, spec.seed);
-                Ok(Self {
-                    source: Source::Dataset { data, order },
-                    batch_size,
-                    statistics: 0..trained,
-                    validation: trained..trained + kept,
-                })
-            }
-            TrajectorySource::Stream(stream) => {
-                let kept = if spec.validation_fraction > 0.0 { used } else { 0 };
-                Ok(Self {
-                    source: Source::Stream(stream),
-                    batch_size,
-                    statistics: 0..STREAM_STATISTICS,
-                    validation: STREAM_VALIDATION..STREAM_VALIDATION + kept,
-                })
-            }
-        }
+        let open = |source: &DataSource| TrajectorySource::open(attempt, source, spec.given);
+        let sources: Vec<TrajectorySource> =
+            spec.data.each().iter().map(open).collect::<Result<_, _>>()?;
+        // The size of imported data was not known when the training was submitted.
+        let counts: Vec<Option<u64>> = sources.iter().map(TrajectorySource::count).collect();
+        spec.check_trajectories(&counts)?;
+        let seeds = (0..).map(|place| spec.seed + place * SEEDS);
+        let parts = sources.into_iter().zip(spec.shares()).zip(seeds);
+        Ok(Self {
+            parts: parts
+                .map(|((source, share), seed)| Part::new(spec, source, share, seed))
+                .collect(),
+        })
     }
 
+    /// The first data. Others have the same shape and rate.
     pub fn data(&self) -> &DataSpec {
-        match &self.source {
-            Source::Dataset { data, .. } => &data.spec,
-            Source::Stream(stream) => &stream.data,
-        }
+        self.parts[0].source.data()
     }
 
     /// Sends the batches of optimizer steps `first` to `end` (excluded), until the receiver is
     /// gone. The batch of a step depends only on the step.
     pub fn send_batches(&self, attempt: &Attempt, first: u64, end: u64, send: &Send) {
-        match &self.source {
-            Source::Dataset { data, order } => batches::read_ahead(data, order, first, end, send),
-            Source::Stream(stream) => {
-                let size = self.batch_size as usize;
-                let stopped = || attempt.stop.get().is_some();
-                batches::simulate_ahead(stream, size, first, end, &stopped, send);
-            }
+        if let [part] = &self.parts[..] {
+            return part.send_batches(attempt, first, end, send);
         }
+        thread::scope(|scope| {
+            let receivers: Vec<_> = self
+                .parts
+                .iter()
+                .map(|part| {
+                    let (send, receive) = sync_channel(1);
+                    scope.spawn(move || part.send_batches(attempt, first, end, &send));
+                    receive
+                })
+                .collect();
+            batches::join(&receivers, send);
+        });
     }
 
     /// Statistics of the trajectories. They are added in order, so the result is the same every
@@ -97,21 +100,70 @@ impl Course {
         attempt.progress.say("statistics of the dataset".to_owned());
         let mut accumulator = StatisticsAccumulator::new(self.data().joints());
         let block = u64::from(store::trajectories_per_row_group(self.data().samples()));
-        for part in parts(&self.statistics, block) {
-            attempt.check_stop()?;
-            accumulator.add(&self.read(attempt, part)?.view());
+        for part in &self.parts {
+            for range in ranges(&part.statistics, block) {
+                attempt.check_stop()?;
+                accumulator.add(&part.read(attempt, range)?.view());
+            }
         }
         Ok(accumulator.finish())
     }
 
-    /// The validation trajectories, in batches.
+    /// The validation trajectories in batches, which have the shares of those of the training.
     pub fn validation(&self, attempt: &Attempt) -> Result<Vec<Series>, TaskError> {
-        parts(&self.validation, u64::from(self.batch_size))
-            .map(|part| {
+        let mut batches: Vec<Series> = Vec::new();
+        for part in &self.parts {
+            for (place, range) in ranges(&part.validation, u64::from(part.share)).enumerate() {
                 attempt.check_stop()?;
-                self.read(attempt, part)
-            })
-            .collect()
+                let series = part.read(attempt, range)?;
+                match batches.get_mut(place) {
+                    Some(batch) => batch.append(&series),
+                    None => batches.push(series),
+                }
+            }
+        }
+        Ok(batches)
+    }
+}
+
+impl Part {
+    fn new(spec: &TrainSpec, source: TrajectorySource, share: u32, seed: u64) -> Self {
+        let used = u64::from(spec.validation_trajectories) * u64::from(share);
+        let used = used.div_ceil(u64::from(spec.batch_size));
+        match source {
+            TrajectorySource::Dataset(data) => {
+                let trained = spec.training_trajectories(data.count());
+                let kept = spec.validation_part(data.count()).min(used);
+                let (shards, block) = (data.shards(), data.block());
+                let order = Order::new(&shards, trained, block, share as usize, seed);
+                Self {
+                    source: Source::Dataset { data, order },
+                    share,
+                    statistics: 0..trained,
+                    validation: trained..trained + kept,
+                }
+            }
+            TrajectorySource::Stream(stream) => {
+                let kept = if spec.validation_fraction > 0.0 { used } else { 0 };
+                Self {
+                    source: Source::Stream(stream),
+                    share,
+                    statistics: 0..STREAM_STATISTICS,
+                    validation: STREAM_VALIDATION..STREAM_VALIDATION + kept,
+                }
+            }
+        }
+    }
+
+    fn send_batches(&self, attempt: &Attempt, first: u64, end: u64, send: &Send) {
+        match &self.source {
+            Source::Dataset { data, order } => batches::read_ahead(data, order, first, end, send),
+            Source::Stream(stream) => {
+                let size = self.share as usize;
+                let stopped = || attempt.stop.get().is_some();
+                batches::simulate_ahead(stream, size, first, end, &stopped, send);
+            }
+        }
     }
 
     fn read(&self, attempt: &Attempt, range: Range<u64>) -> Result<Series, TaskError> {
@@ -122,8 +174,17 @@ impl Course {
     }
 }
 
-/// `range` in parts of `size`. The last part may be shorter.
-fn parts(range: &Range<u64>, size: u64) -> impl Iterator<Item = Range<u64>> + use<> {
+impl Source {
+    fn data(&self) -> &DataSpec {
+        match self {
+            Self::Dataset { data, .. } => &data.spec,
+            Self::Stream(stream) => &stream.data,
+        }
+    }
+}
+
+/// `range` in ranges of `size`. The last one may be shorter.
+fn ranges(range: &Range<u64>, size: u64) -> impl Iterator<Item = Range<u64>> + use<> {
     let Range { start, end } = *range;
     (0..)
         .map(move |k| start + k * size)

@@ -1,9 +1,11 @@
-//! Trainings: from the newest checkpoint, or from the beginning, to the last step.
+//! Trainings: from the newest checkpoint, or from the beginning, to the last step. The beginning is
+//! the weights of a seed, or those of another training's checkpoint.
 //!
 //! A thread reads ahead and assembles batches while `models` steps.
 //!
 //! - The batch of a step is a function of (seed, step) alone, so a resumed training needs no
-//!   cursor, only its step. On a stream, step `s` has trajectories `s·B` to `(s+1)·B`.
+//!   cursor, only its step. On a stream, step `s` has trajectories `s·B` to `(s+1)·B`. Of several
+//!   sources, each gives the same number of trajectories to every batch.
 //! - Validation uses the last trajectories, which are never trained on; on a stream those from 2^40
 //!   on, which no training reaches.
 //! - The state of an early stop is a function of the recorded validations, and is replayed on
@@ -29,12 +31,14 @@ use std::thread;
 use std::time::Duration;
 
 use models::{
-    CONFIG_FILE, CheckpointFiles, MODEL_FILE, OPTIMIZER_FILE, Statistics, Trainer, TrainingData,
+    CONFIG_FILE, CheckpointFiles, InitialCheckpoint, MODEL_FILE, OPTIMIZER_FILE, Statistics,
+    Trainer, TrainingData,
 };
 use spec::{Normalization, TrainSpec};
 use store::Checkpoint;
 
 use crate::attempt::Attempt;
+use crate::checkpoint::{self, FoundCheckpoint};
 use crate::error::TaskError;
 use crate::kinds::KindModule;
 use course::Course;
@@ -110,13 +114,24 @@ fn trainer(
             Err(error) => return Err(error),
         }
     }
+    let digest = attempt.task.digest.to_string();
+    let limits = course.data().limits_rad();
+    if let Some(init) = &spec.init {
+        let FoundCheckpoint { checkpoint, .. } = checkpoint::find(attempt, init)?;
+        let read = |name| checkpoint::read(attempt, &checkpoint, name);
+        let init = InitialCheckpoint { model: read(MODEL_FILE)?, config: read(CONFIG_FILE)? };
+        let (id, step) = (checkpoint.id.0, checkpoint.step);
+        tracing::info!(checkpoint = id, step, "begins with the weights of a checkpoint");
+        let data = training_data(course, None);
+        let trainer = Trainer::fine_tune(spec, data, &digest, &init, &attempt.device)?;
+        return Ok((trainer.with_limits(limits), None));
+    }
     let statistics = match spec.normalization {
         Normalization::Dataset => Some(course.statistics(attempt)?),
         Normalization::Context | Normalization::PaperLeaky | Normalization::None => None,
     };
-    let digest = attempt.task.digest.to_string();
     let trainer = Trainer::new(spec, training_data(course, statistics), &digest, &attempt.device)?;
-    Ok((trainer.with_limits(course.data().limits_rad()), None))
+    Ok((trainer.with_limits(limits), None))
 }
 
 /// Resumes from a checkpoint.
@@ -143,12 +158,7 @@ fn read_checkpoint(
     attempt: &Attempt,
     checkpoint: &Checkpoint,
 ) -> Result<CheckpointFiles, TaskError> {
-    let read = |name: &'static str| {
-        let missing =
-            || TaskError::Missing { what: "a file of the checkpoint:", name: name.to_owned() };
-        let object = checkpoint.file(name).ok_or_else(missing)?;
-        Ok::<_, TaskError>(attempt.wait(attempt.store.read_object(object))?.to_vec())
-    };
+    let read = |name| checkpoint::read(attempt, checkpoint, name);
     Ok(CheckpointFiles {
         model: read(MODEL_FILE)?,
         optimizer: read(OPTIMIZER_FILE)?,

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use models::{ModelError, Trainer, ValidationPart, ValidationReport};
 use serde_json::{Value, json};
 use series::Series;
-use spec::{TrainSpec, ValidationMetric};
+use spec::{DataSources, TrainSpec, ValidationMetric};
 use store::{CheckpointFile, CheckpointId, NewCheckpoint, object_path};
 
 use super::batches::TrainingBatch;
@@ -34,8 +34,8 @@ pub(super) struct Training<'a> {
     /// The newest checkpoint and its step.
     kept: Option<(CheckpointId, u64)>,
     kept_at: Instant,
-    /// Indices of the trajectories of the newest batch.
-    batch: Vec<u64>,
+    /// Indices of the trajectories of the newest batch, for each source of the data.
+    batch: Vec<Vec<u64>>,
 }
 
 impl<'a> Training<'a> {
@@ -75,11 +75,13 @@ impl<'a> Training<'a> {
         })
     }
 
-    /// Validates if an earlier attempt was stopped before it did. Breaks when only the end of the
-    /// training is left to do.
+    /// Validates if an earlier attempt was stopped before it did, and the weights that a fine-tuning
+    /// begins with. If no step improves them, they are its best checkpoint. Breaks when only the end
+    /// of the training is left to do.
     pub fn resume(&mut self) -> Result<ControlFlow<()>, TaskError> {
         let step = self.trainer.steps_done();
-        let is_due = step > 0 && step.is_multiple_of(self.spec.validate_every_steps);
+        let is_trained = step > 0 || self.spec.init.is_some();
+        let is_due = is_trained && step.is_multiple_of(self.spec.validate_every_steps);
         if is_due && self.validate()? {
             self.keep_checkpoint(CheckpointRole::Best)?;
         }
@@ -276,7 +278,13 @@ impl<'a> Training<'a> {
             Some((id, step)) => format!("the last good checkpoint is {id}, after step {step}"),
             None => "there was no checkpoint before".to_owned(),
         };
-        let batch = format!("trajectories {} of the data", Ranges(&self.batch));
+        let sources = self.spec.data.in_field("data");
+        let of_source = |((field, _), batch): (&(String, _), &Vec<u64>)| match &self.spec.data {
+            DataSources::One(_) => format!("{} of the data", Ranges(batch)),
+            DataSources::Each(_) => format!("{} of {field}", Ranges(batch)),
+        };
+        let batch: Vec<String> = sources.iter().zip(&self.batch).map(of_source).collect();
+        let batch = format!("trajectories {}", batch.join(", "));
         TaskError::Diverged { cause: error, batch, checkpoint }
     }
 }

@@ -47,6 +47,60 @@ fn controlled() -> spec::SimulateSpec {
     }
 }
 
+/// Arms whose hands follow paths, or that pulses of torque drive.
+fn others(fields: &serde_json::Value) -> spec::SimulateSpec {
+    match spec::parse(fields.to_string().as_bytes()).unwrap() {
+        spec::JobSpec::Simulate(spec) => spec,
+        other => panic!("{other:?}"),
+    }
+}
+
+fn hand_paths() -> spec::SimulateSpec {
+    others(&json!({
+        "kind": "simulate", "trajectories": 20, "samples": 30, "shard_trajectories": 10, "seed": 15,
+        "excitation": {"hand_paths": {"frequency_hz": {"uniform": [0.2, 0.5]}}},
+        "controller": {"law": {"cartesian-impedance": {}}},
+    }))
+}
+
+fn pulses() -> spec::SimulateSpec {
+    others(&json!({
+        "kind": "simulate", "trajectories": 20, "samples": 60, "shard_trajectories": 10, "seed": 16,
+        "excitation": {"pulses": {"frequency_hz": {"fixed": 2}, "hold_periods": [0.05, 0.2]}},
+    }))
+}
+
+#[test]
+fn torques_of_pulses_are_those_of_their_columns() {
+    let dir = tempfile::tempdir().unwrap();
+    make(dir.path(), &pulses());
+    let series = rows(dir.path(), "trajectories-00000.parquet");
+    let robots = rows(dir.path(), "robots-00000.parquet");
+    let number =
+        |name: String| robots.column_by_name(&name).unwrap().as_primitive::<Float64Type>().value(3);
+    let u = series.column_by_name("u2").unwrap().as_primitive::<Float32Type>();
+    let part = |what: &str, pulse: usize| number(format!("pulses_{what}{pulse}_s_2"));
+    let level = |pulse: usize| number(format!("pulses_level{pulse}_nm_2"));
+    let (mut start, mut seen) = (0.0, 0);
+    for pulse in (0..4).cycle().take(8) {
+        let begins = start + part("rest", pulse) + part("rise", pulse);
+        let ends = begins + part("hold", pulse);
+        for sample in 0..60_u8 {
+            let t = f64::from(sample) / 60.0;
+            let held = f64::from(u.value(3 * 60 + usize::from(sample)));
+            if begins <= t && t <= ends {
+                assert!((held - level(pulse)).abs() < 1e-5, "{held} at {t} s");
+                seen += 1;
+            }
+            if start <= t && t <= start + part("rest", pulse) {
+                assert!(held.abs() < 1e-5, "{held} at {t} s");
+            }
+        }
+        start = ends + part("rise", pulse);
+    }
+    assert!(seen >= 3, "{seen}");
+}
+
 #[test]
 fn tables_of_controlled_arms_have_references_and_gains() {
     let dir = tempfile::tempdir().unwrap();
@@ -75,7 +129,8 @@ fn tables_of_controlled_arms_have_references_and_gains() {
 #[test]
 fn files_have_the_columns_that_the_spec_and_dataset_json_name() {
     let dir = tempfile::tempdir().unwrap();
-    for spec in [rich(), spec_with(&json!({})), arms_of_six(), controlled()] {
+    let all = [rich(), spec_with(&json!({})), arms_of_six(), controlled(), hand_paths(), pulses()];
+    for spec in all {
         let dir = dir.path().join(spec.seed.to_string());
         make(&dir, &spec);
         let description = description(&dir);

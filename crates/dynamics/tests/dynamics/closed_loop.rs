@@ -4,9 +4,10 @@ use std::f64::consts::TAU;
 use std::ops::ControlFlow;
 
 use dynamics::{
-    InstructionSet, Joints, Robot, Scenario, bias_forces, forward_dynamics, gravity, mass_matrix,
-    simulate_on,
+    Gains, InstructionSet, Joints, Reference, ReferenceState, Robot, Scenario, bias_forces,
+    forward_dynamics, gravity, mass_matrix, simulate_on,
 };
+use nalgebra::{DMatrix, DVector, Matrix3, Quaternion, UnitQuaternion, Vector3};
 use serde_json::{Value, json};
 use spec::{ControlLaw, Precision, RobotSpec, SimulateSpec};
 
@@ -34,11 +35,111 @@ fn light(excitation: &Value, law: &Value, fields: &Value) -> SimulateSpec {
     spec(excitation, &all)
 }
 
-fn laws() -> [Value; 2] {
+fn laws() -> [Value; 5] {
     [
         json!({"joint-pd": {"integral_per_s": [0.0, 0.5]}}),
         json!({"computed-torque": {"integral_per_s": [0.0, 0.5]}}),
+        json!({"operational-space": {}}),
+        json!({"cartesian-impedance": {}}),
+        json!({"operational-space": {"orientation": false}}),
     ]
+}
+
+/// Position and orientation of the hand in the world.
+fn hand(arm: &Robot, q: &Numbers) -> (Vector3<f64>, Matrix3<f64>) {
+    let pose = arm.kinematics.end_effector_pose(*q);
+    let turn = UnitQuaternion::from_quaternion(Quaternion::from(pose.quaternion_xyzw));
+    (pose.position_m.into(), turn.to_rotation_matrix().into_inner())
+}
+
+/// The hand's Jacobian by differences of poses.
+fn jacobian(arm: &Robot, q: &Numbers) -> DMatrix<f64> {
+    const STEP: f64 = 1e-5;
+
+    let mut jacobian = DMatrix::zeros(6, JOINTS);
+    for joint in 0..JOINTS {
+        let [before, after] = [-STEP, STEP].map(|step| {
+            let mut q = *q;
+            q[joint] += step;
+            hand(arm, &q)
+        });
+        let turn = (after.1 * before.1.transpose() - before.1 * after.1.transpose()) / (8.0 * STEP);
+        let column = jacobian.column_mut(joint);
+        let linear = (after.0 - before.0) / (2.0 * STEP);
+        let turn =
+            [turn[(2, 1)] - turn[(1, 2)], turn[(0, 2)] - turn[(2, 0)], turn[(1, 0)] - turn[(0, 1)]];
+        let values = linear.iter().copied().chain(turn);
+        column.into_iter().zip(values).for_each(|(entry, value)| *entry = value);
+    }
+    jacobian
+}
+
+/// Velocity and acceleration of the hand.
+fn motion(arm: &Robot, q: &Numbers, qd: &Numbers, qdd: &Numbers) -> [DVector<f64>; 2] {
+    const STEP: f64 = 1e-4;
+
+    let moved = |step: f64| Joints::from_fn(JOINTS, |joint| q[joint] + step * qd[joint]);
+    let [slower, faster] = [-STEP, STEP].map(|step| jacobian(arm, &moved(step)));
+    let vector = |numbers: &Numbers| DVector::from_iterator(JOINTS, numbers.iter().copied());
+    let here = jacobian(arm, q);
+    [&here * vector(qd), here * vector(qdd) + (faster - slower) / (2.0 * STEP) * vector(qd)]
+}
+
+/// The torques of a controller of the hand, from matrices and their inverses.
+fn hand_torques(
+    law: &ControlLaw,
+    gains: &Gains,
+    known: &Robot,
+    reference: &ReferenceState,
+    [q, v]: [&Numbers; 2],
+) -> Numbers {
+    let dims = gains.kp.len();
+    let zero = Joints::splat(JOINTS, 0.0);
+    let ([x, axes], [x_r, axes_r]) = (hand_of(known, q), hand_of(known, &reference.r));
+    let [speed, bias] = motion(known, q, v, &zero);
+    let [speed_r, acceleration_r] = motion(known, &reference.r, &reference.rd, &reference.rdd);
+    let turn: Vector3<f64> =
+        (0..3).map(|axis| 0.5 * axes.column(axis).cross(&axes_r.column(axis))).sum();
+    let error: Vec<f64> =
+        (x_r.column(0) - x.column(0)).iter().chain(turn.iter()).copied().collect();
+    let pull = DVector::from_fn(dims, |row, _| {
+        gains.kp[row] * error[row] + gains.kd[row] * (speed_r[row] - speed[row])
+    });
+    let jacobian = jacobian(known, q).rows(0, dims).into_owned();
+    let (kn, dn) = (gains.kn.unwrap(), gains.dn.unwrap());
+    let kept = DVector::from_fn(JOINTS, |joint, _| {
+        kn * (reference.r[joint] - q[joint]) + dn * (reference.rd[joint] - v[joint])
+    });
+    let torques = match law {
+        ControlLaw::OperationalSpace(_) => {
+            let matrix = mass_matrix(known, *q);
+            let matrix = DMatrix::from_fn(JOINTS, JOINTS, |row, column| matrix[row][column]);
+            let inverse = matrix.clone().try_inverse().unwrap();
+            let lambda = (&jacobian * inverse * jacobian.transpose()).try_inverse().unwrap();
+            let kept = kept + DVector::from_iterator(JOINTS, reference.rdd.iter().copied());
+            let wanted = pull + acceleration_r.rows(0, dims) - bias.rows(0, dims);
+            let force = lambda * (wanted - &jacobian * &kept);
+            let forces = bias_forces(known, *q, *v);
+            matrix * kept
+                + jacobian.transpose() * force
+                + DVector::from_iterator(JOINTS, forces.iter().copied())
+        }
+        _ => {
+            let gram = (&jacobian * jacobian.transpose()).try_inverse().unwrap();
+            let free = DMatrix::identity(JOINTS, JOINTS) - jacobian.transpose() * gram * &jacobian;
+            let weight = gravity(known, *q);
+            jacobian.transpose() * pull
+                + free * kept
+                + DVector::from_iterator(JOINTS, weight.iter().copied())
+        }
+    };
+    torques.iter().copied().collect()
+}
+
+/// The hand's position as the first column of a matrix, and its axes as the columns of another.
+fn hand_of(arm: &Robot, q: &Numbers) -> [Matrix3<f64>; 2] {
+    let (position, axes) = hand(arm, q);
+    [Matrix3::from_columns(&[position, Vector3::zeros(), Vector3::zeros()]), axes]
 }
 
 /// Positions at each sample and mean torques after it, by an integration and a controller that share
@@ -70,6 +171,9 @@ fn simulated_alone(spec: &SimulateSpec, scenario: &Scenario) -> [Vec<[f64; JOINT
             for joint in 0..JOINTS {
                 let difference = (q[joint] - measured[joint]) / period;
                 velocity[joint] += ratio / (1.0 + ratio) * (difference - velocity[joint]);
+                if gains.kn.is_some() {
+                    continue;
+                }
                 let error = reference.r[joint] - q[joint];
                 sum[joint] += error * period;
                 wish[joint] = gains.kp[joint] * error
@@ -91,6 +195,9 @@ fn simulated_alone(spec: &SimulateSpec, scenario: &Scenario) -> [Vec<[f64; JOINT
                         };
                         bias[row] + (0..JOINTS).map(inertia).sum::<f64>()
                     })
+                }
+                ControlLaw::OperationalSpace(_) | ControlLaw::CartesianImpedance(_) => {
+                    hand_torques(&controller.law, gains, &known, &reference, [&q, &velocity])
                 }
             };
             let before = commands[commands.len() - 1];
@@ -150,7 +257,7 @@ fn lanes_move_as_a_controller_and_an_integrator_that_are_written_again() {
     for law in laws() {
         for (precision, position_rad, torque_nm) in [("f64", 2e-6, 1e-2), ("f32", 5e-5, 3e-2)] {
             let spec = light(&fourier(), &law, &json!({"precision": precision}));
-            let trajectories = run(&spec, 0..12);
+            let trajectories = run(&spec, 0..6);
             let row = trajectories.series.samples() * JOINTS;
             for (index, scenario) in trajectories.scenarios.iter().enumerate() {
                 let [positions, torques] = simulated_alone(&spec, scenario);
@@ -326,4 +433,76 @@ fn an_arm_of_another_structure_is_controlled_too() {
     let reference = trajectories.reference.unwrap();
     let off = reference.iter().zip(trajectories.series.y()).map(|(r, q)| (r - q).abs());
     assert!(off.fold(0.0, f32::max) < 0.3);
+}
+
+#[test]
+fn the_hand_follows_circles_spirals_and_lines_under_every_law() {
+    let paths = json!({"hand_paths": {"frequency_hz": {"fixed": 0.4}, "radius_m": [0.05, 0.1]}});
+    for law in laws() {
+        let mut spec =
+            light(&paths, &law, &json!({"controller": {"law": law, "gain_fraction": 0.0}}));
+        // Nothing disturbs the arm, so that every law follows as well as its gains allow.
+        spec.robot = RobotSpec {
+            payload: None,
+            friction: None,
+            gravity: spec.robot.gravity,
+            ..RobotSpec::default()
+        };
+        spec.robot.mass_fraction = 0.0;
+        spec.robot.inertia_fraction = 0.0;
+        spec.robot.com_fraction = 0.0;
+        spec.robot.damping_nm_s_rad = vec![0.1; JOINTS];
+        let trajectories = run(&spec, 0..12);
+        let row = trajectories.series.samples() * JOINTS;
+        let known = Robot::nominal(&spec.robot);
+        let mut shapes = std::collections::BTreeSet::new();
+        for (index, scenario) in trajectories.scenarios.iter().enumerate() {
+            let Reference::HandPath(path) = &scenario.excitation.tracking().unwrap().reference
+            else {
+                panic!("{:?}", scenario.family)
+            };
+            shapes.insert(format!("{:?}", path.shape));
+            let q = &trajectories.series.y()[index * row..][..row];
+            for (sample, q) in q.chunks_exact(JOINTS).enumerate() {
+                let q = q.iter().map(|q| f64::from(*q)).collect();
+                let wanted = path.hand_at(0.5 + sample as f64 / RATE_HZ).0;
+                let off = (hand(&known, &q).0 - Vector3::from(wanted)).norm();
+                assert!(off < 0.06, "{law} {index} {sample}: {off} m off");
+            }
+        }
+        assert_eq!(shapes.len(), 3, "{shapes:?}");
+    }
+}
+
+#[test]
+fn a_path_that_joints_cannot_follow_ends_with_the_reason() {
+    let paths = json!({"hand_paths": {
+        "frequency_hz": {"fixed": 0.5}, "radius_m": [2, 3], "speed": 0.01, "shapes": ["circle"],
+    }});
+    let spec = light(&paths, &laws()[2], &json!({"rejection": {"max_draws": 2}}));
+    let error = failure(&spec, 0..4).to_string();
+    for part in
+        ["of 2 draws", "faster than its share", "s after the start", "excitation.hand_paths"]
+    {
+        assert!(error.contains(part), "{part}: {error}");
+    }
+}
+
+#[test]
+fn a_singular_posture_ends_with_gains_robot_and_time() {
+    // With a straight elbow, the hand cannot move towards the shoulder.
+    let mut description = RobotSpec::default().description().clone();
+    description.joints[3].position_rad = spec::Range::new(-3.0, 3.0);
+    let slow = json!({"fourier": {
+        "frequency_hz": {"fixed": 0.1}, "reach": 0.001, "speed": [0.001, 0.001],
+    }});
+    let fields = json!({
+        "robot": {"model": description},
+        "initial_state": {"center_rad": [0.0, 0.0, 0.0, 0.0, 0.0, 1.6, 0.0]},
+        "rejection": {"max_draws": 2, "position_margin_rad": null},
+    });
+    let error = failure(&light(&slow, &laws()[2], &fields), 0..2).to_string();
+    for part in ["trajectory 0", "singular posture", "kp ", "s after the start"] {
+        assert!(error.contains(part), "{part}: {error}");
+    }
 }

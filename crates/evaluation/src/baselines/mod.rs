@@ -7,9 +7,11 @@ mod filtered;
 mod fitted_damping;
 #[cfg(test)]
 pub(crate) mod fixture;
+mod follow_reference;
 mod hold_last;
 mod identification;
 mod least_squares;
+mod oracle;
 mod prior;
 mod rollout;
 
@@ -22,9 +24,11 @@ pub use arx::Arx;
 pub use constant_velocity::ConstantVelocity;
 pub use damped_integrator::DampedIntegrator;
 pub use fitted_damping::FittedDamping;
+pub use follow_reference::FollowReference;
 pub use hold_last::HoldLast;
 pub use identification::Identification;
 pub use least_squares::LeastSquares;
+pub use oracle::Oracle;
 pub(crate) use rollout::to_f32;
 
 /// The knowledge that baselines may have of the arms: the nominal arm around which robots are
@@ -95,12 +99,13 @@ pub fn prior_knowledge(name: Baseline, data: &DataSpec) -> String {
     }
 }
 
-/// The predictor with the name `baseline`. With noise, all but `least-squares` use smoothed
+/// The predictor with the name `baseline`. An [`Oracle`] knows no robots here. With noise, all but `least-squares` use smoothed
 /// positions. `arx` uses both.
 pub fn baseline(baseline: Baseline, arm: &NominalArm) -> Box<dyn Predictor> {
     match baseline {
         Baseline::Arx => Box::new(Arx),
         Baseline::LeastSquares => Box::new(LeastSquares),
+        Baseline::Oracle => Box::new(Oracle::new(arm, Vec::new())),
         other => Box::new(Filtered(unfiltered(other, arm))),
     }
 }
@@ -109,6 +114,7 @@ fn unfiltered(baseline: Baseline, arm: &NominalArm) -> Box<dyn Predictor> {
     match baseline {
         Baseline::HoldLast => Box::new(HoldLast),
         Baseline::ConstantVelocity => Box::new(ConstantVelocity),
+        Baseline::FollowReference => Box::new(FollowReference),
         Baseline::DampedIntegrator => {
             Box::new(DampedIntegrator { damping_nm_s_rad: arm.robot.damping_nm_s_rad.clone() })
         }
@@ -118,5 +124,6 @@ fn unfiltered(baseline: Baseline, arm: &NominalArm) -> Box<dyn Predictor> {
         Baseline::NominalSimulator => Box::new(Identification::nothing(arm)),
         Baseline::SimulatorFittedDamping => Box::new(Identification::dampings(arm)),
         Baseline::Identification => Box::new(Identification::new(arm)),
+        Baseline::Oracle => Box::new(Oracle::new(arm, Vec::new())),
     }
 }

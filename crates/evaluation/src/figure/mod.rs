@@ -111,6 +111,7 @@ mod tests {
             horizon: 3,
             rate_hz: 60.0,
             samples: 1,
+            given: spec::Given::Torques,
             data_noise: None,
             bootstrap: spec::Bootstrap::default(),
             predictors,

@@ -33,7 +33,12 @@ pub fn highest_component_hz(
         }
         // Jumps have components of all frequencies, and the torques of a controller those of its
         // noise.
-        Family::Steps | Family::Fourier | Family::PointToPoint | Family::ViaPoints => None,
+        Family::Steps
+        | Family::Pulses
+        | Family::Fourier
+        | Family::PointToPoint
+        | Family::ViaPoints
+        | Family::HandPaths => None,
     }
 }
 

@@ -7,7 +7,7 @@ mod scores;
 mod shift;
 mod summary;
 
-pub use shift::trained_on;
+pub use shift::{trained_on, trained_on_together};
 pub use summary::{Setting, summarize};
 
 #[cfg(test)]
@@ -75,6 +75,7 @@ pub(crate) mod tests {
             horizon: 80,
             rate_hz: 60.0,
             samples: 1,
+            given: spec::Given::Torques,
             data_noise: None,
             seed: Some(7),
             bootstrap: Bootstrap::default(),

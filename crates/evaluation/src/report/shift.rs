@@ -16,6 +16,24 @@ pub fn trained_on(excitation: &Excitation) -> impl Iterator<Item = TrainedOn> {
     })
 }
 
+/// What several data together trained on: per family, the interval around theirs. An amplitude that
+/// some of them do not have is left out.
+pub fn trained_on_together(each: impl IntoIterator<Item = TrainedOn>) -> Vec<TrainedOn> {
+    let around = |a: Range, b: Range| Range::new(a.min.min(b.min), a.max.max(b.max));
+    let mut all: Vec<TrainedOn> = Vec::new();
+    for one in each {
+        match all.iter_mut().find(|known| known.family == one.family) {
+            Some(known) => {
+                known.frequency_hz = around(known.frequency_hz, one.frequency_hz);
+                known.amplitude =
+                    known.amplitude.zip(one.amplitude).map(|(known, one)| around(known, one));
+            }
+            None => all.push(one),
+        }
+    }
+    all
+}
+
 /// The shift of a cell from one training. `None` for cells without a frequency and for trainings on
 /// recordings.
 ///
@@ -82,6 +100,21 @@ mod tests {
 
     fn excitation(json: &serde_json::Value) -> Excitation {
         serde_json::from_value(json.clone()).unwrap()
+    }
+
+    #[test]
+    fn a_fine_tuning_has_seen_what_the_training_before_it_saw() {
+        let of = |family: &str, band: [f64; 2]| {
+            let excitation_json = serde_json::json!({family: {"frequency_hz": {"uniform": band}}});
+            trained_on(&excitation(&excitation_json)).collect::<Vec<_>>()
+        };
+        let parts =
+            [of("chirp", [0.1, 0.2]), of("multisine", [0.3, 0.4]), of("chirp", [0.15, 0.5])];
+        let seen = trained_on_together(parts.concat());
+        let bands: Vec<_> = seen.iter().map(|seen| (seen.family, seen.frequency_hz)).collect();
+        let expected =
+            [(Family::Chirp, Range::new(0.1, 0.5)), (Family::Multisine, Range::new(0.3, 0.4))];
+        assert_eq!(bands, expected);
     }
 
     #[test]

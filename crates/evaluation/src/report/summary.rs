@@ -2,7 +2,7 @@
 
 use models::Interrupt;
 use rayon::prelude::*;
-use spec::{Bootstrap, Excitation};
+use spec::{Bootstrap, Excitation, Given};
 use wire::{
     CellSummary, DataNoise, FailureSummary, GroupSummary, PairedDifference, PredictorInfo,
     PredictorKind, PredictorSummary, Report, RolloutSummary, Shift, TrainedOn, Warning, WorstCase,
@@ -30,6 +30,8 @@ pub struct Setting {
     pub rate_hz: f64,
     /// Number of samples that are drawn from each generative predictor.
     pub samples: u32,
+    /// What predictors are given over context and horizon.
+    pub given: Given,
     /// The noise of the data itself; `None` without noise.
     pub data_noise: Option<DataNoise>,
     /// Seed of the dataset's simulation; `None` for recordings.
@@ -99,6 +101,7 @@ pub fn summarize(setting: Setting, results: &[CellResult]) -> Result<Report, Eva
         horizon: setting.horizon,
         rate_hz: setting.rate_hz,
         samples: setting.samples,
+        given: setting.given,
         data_noise: setting.data_noise,
         bootstrap,
         in_distribution: common(&trained_on),

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
-use spec::{EmaSpec, ModelSpec, Range};
+use spec::{EmaSpec, Given, ModelSpec, Range};
 
 use super::CONFIG_FILE;
 use crate::architecture::Extents;
@@ -51,7 +51,13 @@ pub struct CheckpointConfig {
     /// Digest of the spec of the training's dataset, where it is known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub dataset_digest: Option<String>,
-    /// Ranges of all training data so far. Checkpoints from before these were recorded have none.
+    /// What the model is given beside the positions of the context.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub given: Given,
+    /// The checkpoint whose weights the training began with, of a fine-tuning.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub init: Option<Origin>,
+    /// Ranges of all training data so far, those of `init` included. Checkpoints from before these were recorded have none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ranges: Option<DataRanges>,
     /// Limits of each joint's position, rad, of the robot that the training's data describes. Empty
@@ -72,12 +78,26 @@ pub struct CheckpointConfig {
     pub versions: Versions,
 }
 
+fn is_default(given: &Given) -> bool {
+    *given == Given::default()
+}
+
 const fn seven() -> usize {
     7
 }
 
 const fn is_seven(joints: &usize) -> bool {
     *joints == seven()
+}
+
+/// A checkpoint that a fine-tuning began from.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Origin {
+    /// Digest of its training's spec.
+    pub spec_digest: String,
+    /// Optimizer steps of that training.
+    pub step: u64,
 }
 
 /// The programs that made the checkpoint.

@@ -24,7 +24,7 @@ use crate::optimizer::ModelOptimizer;
 use crate::parameters::{NamedTensor, NamedTensors, parameters, with_parameters};
 use crate::sequence_model::SequenceModel;
 
-pub use config::{CheckpointConfig, FORMAT_VERSION, Versions};
+pub use config::{CheckpointConfig, FORMAT_VERSION, Origin, Versions};
 
 /// The file with the weights.
 pub const MODEL_FILE: &str = "model.safetensors";
@@ -40,6 +40,15 @@ pub struct CheckpointFiles {
     pub model: Vec<u8>,
     /// Bytes of [`OPTIMIZER_FILE`].
     pub optimizer: Vec<u8>,
+    /// Bytes of [`CONFIG_FILE`].
+    pub config: Vec<u8>,
+}
+
+/// The files of a checkpoint that a fine-tuning begins from.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct InitialCheckpoint {
+    /// Bytes of [`MODEL_FILE`].
+    pub model: Vec<u8>,
     /// Bytes of [`CONFIG_FILE`].
     pub config: Vec<u8>,
 }

@@ -64,7 +64,8 @@ impl Architecture for PrefixTransformerSpec {
         let (d_model, patch) = (shape.d_model, self.patch as usize);
         let tokens = ((context + horizon) / self.patch) as usize;
         let damping = match self.residual {
-            Residual::None => 1.0,
+            // Specs have a path of torques.
+            Residual::None | Residual::Reference => 1.0,
             Residual::Integrator(path) | Residual::LaggedIntegrator(path) => path.damping,
         };
         Ok(PrefixTransformer {

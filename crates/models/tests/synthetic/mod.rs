@@ -23,7 +23,11 @@ pub const DATA: TrainingData =
 /// A training of a model with some two thousand parameters.
 pub fn train_spec() -> TrainSpec {
     TrainSpec {
-        data: DataSource::Dataset(1),
+        data: DataSource::Dataset(1).into(),
+        data_weights: None,
+        given: spec::Given::Torques,
+        init: None,
+        frozen: Vec::new(),
         model: ModelSpec::RoboMorph(RoboMorphSpec {
             d_model: 8,
             heads: 2,

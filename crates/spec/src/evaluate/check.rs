@@ -2,9 +2,10 @@
 
 use std::ops::RangeInclusive;
 
-use super::spec::EvaluateSpec;
-use crate::MAX_POSITION_NOISE_RAD;
+use super::spec::{Baseline, EvaluateSpec};
 use crate::check::{Check, Violations, first_repeated};
+use crate::shorten::shorten;
+use crate::{Given, MAX_POSITION_NOISE_RAD};
 
 /// Largest number of samples of one predictor per scenario.
 const MAX_SAMPLES: u32 = 256;
@@ -28,6 +29,15 @@ impl Check for EvaluateSpec {
         violations.length("checkpoints", self.checkpoints.len(), 0..=50);
         violations.no_duplicates("checkpoints", &self.checkpoints);
         violations.no_duplicates("baselines", &self.baselines);
+        let answering = Baseline::answering(self.given);
+        for (i, baseline) in self.baselines.iter().enumerate() {
+            let is_oracle = *baseline == Baseline::Oracle && self.given == Given::Torques;
+            if !is_oracle && !answering.contains(baseline) {
+                let value = serde_json::to_value(baseline).unwrap_or_default();
+                let allowed = format!("one that answers with {}", self.given);
+                violations.add(&format!("baselines[{i}]"), shorten(&value), allowed);
+            }
+        }
         self.check_predictions(violations);
         violations.within("context", self.context, 1..=9_999);
         if let Some(horizon) = self.horizon {

@@ -2,7 +2,7 @@
 
 use serde_json::{Map, Value, json};
 
-use super::spec::EvaluateSpec;
+use super::spec::{Baseline, EvaluateSpec};
 use crate::kind::from_fields;
 use crate::schema::Components;
 use crate::{DataSource, SpecError};
@@ -26,7 +26,11 @@ pub(super) fn read(
     if !names_data {
         fields.insert("data".to_owned(), stream_over_grid());
     }
+    let names_baselines = fields.contains_key("baselines");
     let mut spec: EvaluateSpec = from_fields(fields, found, schemas)?;
+    if !names_baselines {
+        spec.baselines = Baseline::answering(spec.given);
+    }
     if !names_data {
         spec.fit_grid();
     }

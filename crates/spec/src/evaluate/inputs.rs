@@ -1,9 +1,9 @@
 //! Checks that an evaluation fits its data and its checkpoints.
 
 use super::sampler::{SamplingRun, Start};
-use super::spec::EvaluateSpec;
+use super::spec::{Baseline, EvaluateSpec};
 use crate::check::{Violations, first_repeated};
-use crate::{DataSpec, Length, Lengths, SpecError, TrainSpec, Training};
+use crate::{DataSpec, Given, Length, Lengths, SpecError, TrainSpec, Training};
 
 impl EvaluateSpec {
     /// Checks the data, the trainings of the checkpoints, and the imports that hold predictions.
@@ -18,10 +18,27 @@ impl EvaluateSpec {
     ) -> Result<(), SpecError> {
         let mut violations = Violations::default();
         let horizon = self.check_length(data.samples(), &mut violations);
+        if self.given == Given::References && !data.has_references() {
+            let allowed = "a simulation with a controller, to be given references";
+            violations.add("data", "data without references", allowed);
+        }
+        if let Some(i) = self.baselines.iter().position(|name| *name == Baseline::Oracle)
+            && data.simulation().is_none()
+        {
+            let allowed = "left out: nobody has the robot of recordings";
+            violations.add(&format!("baselines[{i}]"), "\"oracle\"", allowed);
+        }
         self.check_files(data, horizon, predictions, &mut violations);
         for (i, training) in trainings.iter().enumerate() {
             let field = format!("checkpoints[{i}]");
             let lengths = training.spec.model.lengths();
+            if training.spec.given != self.given {
+                violations.add(
+                    &field,
+                    format!("trained with given {}", training.spec.given),
+                    format!("given {}, as this evaluation asks", self.given),
+                );
+            }
             let mut same = |what: &str, found: f64, asked: f64| {
                 if (found - asked).abs() > f64::EPSILON {
                     let says = match (lengths, what) {

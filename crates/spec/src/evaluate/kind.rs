@@ -34,6 +34,6 @@ impl KindSpec for EvaluateSpec {
     }
 
     fn doubts(&self) -> Vec<Doubt> {
-        self.data.doubts()
+        self.data.doubts("data")
     }
 }

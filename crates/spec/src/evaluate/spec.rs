@@ -7,7 +7,7 @@ use utoipa::ToSchema;
 use super::predictions::FilePredictions;
 use super::sampler::{EvaluationSampler, Start};
 use crate::omitted::{is_one, is_zero};
-use crate::{CheckpointRef, DataSource, Execution};
+use crate::{CheckpointRef, DataSource, Execution, Given};
 
 /// Default number of windows before the scored one, in which a sampler continues its own
 /// predictions.
@@ -22,10 +22,15 @@ pub struct EvaluateSpec {
     /// multisines from 0.01 to 0.5 Hz and the number of samples that is needed.
     #[schema(required = false)]
     pub data: DataSource,
+    /// The series that predictors are given beside the positions of the context. Checkpoints are
+    /// those that were trained with it.
+    #[serde(default, skip_serializing_if = "Given::is_torques")]
+    pub given: Given,
     /// Models that torqued trained.
     #[serde(default)]
     pub checkpoints: Vec<CheckpointRef>,
-    /// Predictors that learn nothing from other robots. Default: all.
+    /// Predictors that learn nothing from other robots. Default: all that answer with what is
+    /// given, except the `oracle`.
     #[serde(default = "Baseline::all")]
     pub baselines: Vec<Baseline>,
     /// Models outside of torqued, as files of their predictions on a stored dataset. With them,
@@ -103,6 +108,9 @@ pub enum Baseline {
     HoldLast,
     /// Goes on with the velocity at the end of the context.
     ConstantVelocity,
+    /// Follows the reference of the controller, as far away from it as at the end of the context.
+    /// Only with `given` references.
+    FollowReference,
     /// q̇ = u / D with the nominal damping D, from the last context position.
     DampedIntegrator,
     /// q̇ = u / D, with D of each joint fitted to each robot's context.
@@ -120,10 +128,32 @@ pub enum Baseline {
     /// Fits the dynamic parameters of each robot to its context through the simulator, starting
     /// from those of the nominal arm. An expert with a model would do this.
     Identification,
+    /// The robot itself, from its last measured position: what can be known. Only of simulations
+    /// and with `given` torques, and only where it is named.
+    Oracle,
 }
 
 impl Baseline {
-    /// All baselines, from the least to the most knowledge about the arms.
+    /// Those that answer with the references of a controller. The others need torques.
+    pub fn with_references() -> Vec<Self> {
+        vec![
+            Self::HoldLast,
+            Self::ConstantVelocity,
+            Self::FollowReference,
+            Self::LeastSquares,
+            Self::Arx,
+        ]
+    }
+
+    /// Those that answer with `given`, from the least to the most knowledge about the arms.
+    pub fn answering(given: Given) -> Vec<Self> {
+        match given {
+            Given::Torques => Self::all(),
+            Given::References => Self::with_references(),
+        }
+    }
+
+    /// All baselines that answer with torques, from the least to the most knowledge about the arms.
     pub fn all() -> Vec<Self> {
         vec![
             Self::HoldLast,
@@ -155,7 +185,8 @@ impl Baseline {
     /// Whether a baseline has this name in specs and in tables.
     pub fn is_name(name: &str) -> bool {
         let is_named = |baseline| serde_json::to_value(baseline).is_ok_and(|known| known == name);
-        Self::all().into_iter().any(is_named)
+        let others = Self::with_references().into_iter().chain([Self::Oracle]);
+        Self::all().into_iter().chain(others).any(is_named)
     }
 
     /// Its knowledge about the arms before it sees a context. Reports call it `told`.
@@ -163,6 +194,7 @@ impl Baseline {
         match self {
             Self::HoldLast
             | Self::ConstantVelocity
+            | Self::FollowReference
             | Self::FittedDamping
             | Self::LeastSquares
             | Self::Arx => "nothing",
@@ -170,6 +202,7 @@ impl Baseline {
             Self::NominalSimulator => "the nominal arm",
             Self::SimulatorFittedDamping => "the nominal arm, how dampings vary",
             Self::Identification => "the nominal arm, how all of it varies",
+            Self::Oracle => "the robot, its velocity at the end of the context",
         }
     }
 }

@@ -17,6 +17,9 @@ pub(super) trait ArchitectureSpec: Check {
         0
     }
 
+    /// The parts of the network, which are the first words of its parameters' names.
+    fn parts(&self) -> &'static [&'static str];
+
     fn residual(&self) -> Residual;
 
     /// Whether it computes in N·m and rad, so nothing is normalized.

@@ -54,6 +54,10 @@ impl ArchitectureSpec for CdcnnSpec {
         self.widths.len().saturating_sub(1)
     }
 
+    fn parts(&self) -> &'static [&'static str] {
+        &["embedding", "unet", "local"]
+    }
+
     fn residual(&self) -> Residual {
         self.residual
     }

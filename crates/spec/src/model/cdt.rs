@@ -94,6 +94,19 @@ impl ArchitectureSpec for CdtSpec {
         self.patch
     }
 
+    fn parts(&self) -> &'static [&'static str] {
+        &[
+            "condition_input",
+            "condition_positions",
+            "encoder_blocks",
+            "input",
+            "positions",
+            "decoder_blocks",
+            "norm",
+            "head",
+        ]
+    }
+
     fn residual(&self) -> Residual {
         self.residual
     }

@@ -69,6 +69,10 @@ impl ArchitectureSpec for DiffuserSpec {
         self.multipliers.len().saturating_sub(1)
     }
 
+    fn parts(&self) -> &'static [&'static str] {
+        &["embedding", "unet"]
+    }
+
     fn residual(&self) -> Residual {
         self.residual
     }

@@ -67,6 +67,23 @@ impl Check for LagrangianSpec {
 }
 
 impl ArchitectureSpec for LagrangianSpec {
+    fn parts(&self) -> &'static [&'static str] {
+        &[
+            "hidden",
+            "particles",
+            "forces",
+            "share",
+            "armature",
+            "damping",
+            "friction",
+            "friction_slope",
+            "friction_shift",
+            "spread",
+            "noise",
+            "doubt",
+        ]
+    }
+
     fn residual(&self) -> Residual {
         Residual::None
     }

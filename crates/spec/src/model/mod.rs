@@ -99,6 +99,12 @@ impl ModelSpec {
         1_u32.checked_shl(halvings).unwrap_or(u32::MAX)
     }
 
+    /// The parts of its network, which are the first words of its parameters' names. With some
+    /// options a part has no parameters.
+    pub fn parts(&self) -> &'static [&'static str] {
+        self.spec().parts()
+    }
+
     /// The path that its predictions are added to.
     pub fn residual(&self) -> Residual {
         self.spec().residual()

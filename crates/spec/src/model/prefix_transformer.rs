@@ -68,6 +68,10 @@ impl ArchitectureSpec for PrefixTransformerSpec {
         self.patch
     }
 
+    fn parts(&self) -> &'static [&'static str] {
+        &["input", "positions", "blocks", "norm", "head"]
+    }
+
     fn residual(&self) -> Residual {
         self.residual
     }

@@ -1,6 +1,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use crate::Given;
 use crate::check::{Check, Violations};
 
 /// The path that a model's prediction is added to.
@@ -16,13 +17,16 @@ pub enum Residual {
     /// into u / D with the lag that the context shows. The path's scale grows from 0 in the same
     /// way as its errors grow in the context, so a prediction continues where the arm is.
     LaggedIntegrator(DampedIntegrator),
+    /// The reference of the controller, shifted so that it goes through the last position of the
+    /// context. Only with `given` references.
+    Reference,
 }
 
 /// The forms in which a residual may be written. `"integrator"` alone has the default damping.
 #[derive(Deserialize)]
 #[serde(
     untagged,
-    expecting = "expected \"none\", \"integrator\", \"lagged-integrator\", {\"integrator\": {\"damping\": D}} or \
+    expecting = "expected \"none\", \"integrator\", \"lagged-integrator\", \"reference\", {\"integrator\": {\"damping\": D}} or \
                  {\"lagged-integrator\": {\"damping\": D}}"
 )]
 enum Written {
@@ -37,6 +41,7 @@ enum Name {
     None,
     Integrator,
     LaggedIntegrator,
+    Reference,
 }
 
 #[derive(Deserialize)]
@@ -55,6 +60,7 @@ impl From<Written> for Residual {
     fn from(written: Written) -> Self {
         match written {
             Written::Name(Name::None) => Self::None,
+            Written::Name(Name::Reference) => Self::Reference,
             Written::Name(Name::Integrator) => Self::Integrator(DampedIntegrator::default()),
             Written::Name(Name::LaggedIntegrator) => {
                 Self::LaggedIntegrator(DampedIntegrator::default())
@@ -86,12 +92,30 @@ impl Residual {
     pub const fn is_none(&self) -> bool {
         matches!(self, Self::None)
     }
+
+    /// Whether the path follows from the series that a model is `given`.
+    pub(crate) const fn fits(&self, given: Given) -> bool {
+        match self {
+            Self::None => true,
+            Self::Integrator(_) | Self::LaggedIntegrator(_) => matches!(given, Given::Torques),
+            Self::Reference => matches!(given, Given::References),
+        }
+    }
+
+    pub(crate) const fn name(&self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::Integrator(_) => "integrator",
+            Self::LaggedIntegrator(_) => "lagged-integrator",
+            Self::Reference => "reference",
+        }
+    }
 }
 
 impl Check for Residual {
     fn check(&self, violations: &mut Violations) {
         let (field, integrator) = match self {
-            Self::None => return,
+            Self::None | Self::Reference => return,
             Self::Integrator(integrator) => ("integrator.damping", integrator),
             Self::LaggedIntegrator(integrator) => ("lagged-integrator.damping", integrator),
         };

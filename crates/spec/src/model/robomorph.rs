@@ -93,6 +93,20 @@ impl ArchitectureSpec for RoboMorphSpec {
         self.patch
     }
 
+    fn parts(&self) -> &'static [&'static str] {
+        &[
+            "encoder_input",
+            "encoder_positions",
+            "encoder_blocks",
+            "encoder_norm",
+            "decoder_input",
+            "decoder_positions",
+            "decoder_blocks",
+            "decoder_norm",
+            "head",
+        ]
+    }
+
     fn residual(&self) -> Residual {
         self.residual
     }

@@ -214,9 +214,9 @@ impl<'a> Walk<'a> {
             names.is_some_and(|names| !names.contains(value))
         };
         let components = self.components;
-        match choices.iter().copied().find(fits) {
-            Some(choice) if !misses_name(choice) => self.value(choice, value),
-            _ => self.refuse(|| (shorten(value), allowed(components, schema))),
+        match choices.iter().copied().find(|choice| fits(choice) && !misses_name(choice)) {
+            Some(choice) => self.value(choice, value),
+            None => self.refuse(|| (shorten(value), allowed(components, schema))),
         }
     }
 

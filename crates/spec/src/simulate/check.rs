@@ -1,6 +1,6 @@
 //! Checks the values of a simulation.
 
-use super::excitation::{Chirp, Excitation, Family, Frequency, Multisine, Steps};
+use super::excitation::{Chirp, Excitation, Family, Frequency, Multisine, Pulses, Steps};
 use super::integrator::{Integrator, MAX_SUBSTEPS};
 use super::robot_spec::{Friction, Payload, RobotSpec};
 use super::spec::{MAX_TRAJECTORIES, Rejection, SimulateSpec};
@@ -59,12 +59,12 @@ impl SimulateSpec {
                 (None, true) => violations.add(
                     &field,
                     "a reference",
-                    "chirp, multisine or steps: references need a controller",
+                    "chirp, multisine, steps or pulses: references need a controller",
                 ),
                 (Some(_), false) => violations.add(
                     &field,
                     "torques",
-                    "fourier, point_to_point or via_points: a controller follows references",
+                    "fourier, point_to_point, via_points or hand_paths: a controller follows references",
                 ),
                 _ => {}
             }
@@ -93,9 +93,9 @@ impl SimulateSpec {
             let highest = series.frequency_hz.support().max * f64::from(series.harmonics);
             check("excitation.fourier.frequency_hz", highest);
         }
-        let postures = [Family::PointToPoint, Family::ViaPoints];
+        let parts = [Family::PointToPoint, Family::ViaPoints, Family::HandPaths];
         for (family, frequency) in
-            postures.map(|family| (family, self.excitation.frequency_hz(family)))
+            parts.map(|family| (family, self.excitation.frequency_hz(family)))
         {
             let Some(highest) = frequency.map(|frequency| frequency.support().max) else {
                 continue;
@@ -107,9 +107,21 @@ impl SimulateSpec {
                 violations.add(&field, format!("up to {highest} Hz"), allowed);
             }
             let postures = highest * f64::from(self.samples) / self.rate_hz;
-            if postures > MAX_POSTURES {
+            if family != Family::HandPaths && postures > MAX_POSTURES {
                 let allowed = format!("at most {MAX_POSTURES} postures in a trajectory");
                 violations.add(&field, format!("up to {postures:.0} postures"), allowed);
+            }
+        }
+        if let Some(pulses) = &self.excitation.pulses {
+            let Pulses { rise_periods, hold_periods, .. } = pulses.as_ref();
+            let shortest =
+                (2.0 * rise_periods.min + hold_periods.min) / pulses.frequency_hz.support().max;
+            if shortest * self.rate_hz < 1.0 {
+                violations.add(
+                    "excitation.pulses.hold_periods",
+                    format!("pulses down to {shortest} s"),
+                    format!("at least {} s, the time between two samples", 1.0 / self.rate_hz),
+                );
             }
         }
         if let Some(steps) = &self.excitation.steps {
@@ -133,8 +145,8 @@ impl Check for Excitation {
             .filter_map(|family| Some((family, self.frequency_hz(family)?)))
             .collect();
         if families.is_empty() {
-            let allowed = "chirp, multisine, both, or steps; with a controller fourier, \
-                           point_to_point or via_points";
+            let allowed = "chirp, multisine, both, steps, or pulses; with a controller fourier, \
+                           point_to_point, via_points or hand_paths";
             violations.add("chirp", "missing", allowed);
         }
         for (family, frequency) in &families {
@@ -147,7 +159,10 @@ impl Check for Excitation {
             violations.part("multisine", multisine);
         }
         if let Some(steps) = &self.steps {
-            violations.part("steps", steps);
+            violations.part("steps", steps.as_ref());
+        }
+        if let Some(pulses) = &self.pulses {
+            violations.part("pulses", pulses.as_ref());
         }
         if let Some(series) = &self.fourier {
             violations.part("fourier", series.as_ref());
@@ -158,6 +173,9 @@ impl Check for Excitation {
         if let Some(spline) = &self.via_points {
             violations.part("via_points", spline.as_ref());
         }
+        if let Some(paths) = &self.hand_paths {
+            violations.part("hand_paths", paths.as_ref());
+        }
         let is_grid = |frequency: &Frequency| matches!(frequency, Frequency::Grid(_));
         let grids = families.iter().filter(|(_, frequency)| is_grid(frequency));
         if grids.clone().count() < families.len() {
@@ -166,9 +184,13 @@ impl Check for Excitation {
                 let allowed = "a grid only when there is one family, or all have one";
                 violations.add(&field, "a grid", allowed);
             }
-            if self.steps.is_some() && families.len() > 1 {
-                let allowed = "no other family, or a grid for each";
-                violations.add("steps", "beside another family", allowed);
+            for (family, occurs) in
+                [("steps", self.steps.is_some()), ("pulses", self.pulses.is_some())]
+            {
+                if occurs && families.len() > 1 {
+                    let allowed = "no other family, or a grid for each";
+                    violations.add(family, "beside another family", allowed);
+                }
             }
         }
     }
@@ -237,6 +259,16 @@ impl Check for Steps {
     fn check(&self, violations: &mut Violations) {
         violations.interval("level_nm", self.level_nm, &TORQUE_NM);
         violations.interval("hold_periods", self.hold_periods, &FACTOR);
+    }
+}
+
+impl Check for Pulses {
+    fn check(&self, violations: &mut Violations) {
+        violations.interval("level_nm", self.level_nm, &TORQUE_NM);
+        let periods = 0.0..=100.0;
+        violations.interval("rest_periods", self.rest_periods, &periods);
+        violations.interval("rise_periods", self.rise_periods, &periods);
+        violations.interval("hold_periods", self.hold_periods, &periods);
     }
 }
 

@@ -6,8 +6,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::excitation::Excitation;
-use super::excitation_columns::{chirps, multisines, steps, tracking};
+use super::excitation_columns::{chirps, multisines, pulses, steps, tracking};
 use super::spec::SimulateSpec;
 use crate::{JointDescription, RobotDescription};
 
@@ -208,6 +207,9 @@ impl SimulateSpec {
         if self.excitation.steps.is_some() {
             columns.extend(steps(joints));
         }
+        if self.excitation.pulses.is_some() {
+            columns.extend(pulses(joints));
+        }
         columns
     }
 }
@@ -231,11 +233,17 @@ pub(super) fn number(name: impl Into<String>, unit: &str, about: impl Into<Strin
 
 /// Columns of the design, which many trajectories share.
 fn design(robot: &RobotDescription, simulation: &SimulateSpec) -> Vec<Column> {
-    let SimulateSpec { excitation: Excitation { steps, .. }, controller, .. } = simulation;
+    let SimulateSpec { excitation, controller, .. } = simulation;
     // Files contain these words, so the words of the other families stay as they were.
-    let family = match (controller, steps) {
+    let family = match (controller, &excitation.steps) {
+        (None, _) if excitation.pulses.is_some() => {
+            "of the excitation: chirp, multisine, steps or pulses"
+        }
         (None, None) => "of the excitation: chirp or multisine",
         (None, Some(_)) => "of the excitation: chirp, multisine or steps",
+        (Some(_), _) if excitation.hand_paths.is_some() => {
+            "of the reference: fourier, point-to-point, via-points or hand-paths"
+        }
         (Some(_), _) => "of the reference: fourier, point-to-point or via-points",
     };
     let rate = match controller {

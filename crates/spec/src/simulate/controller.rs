@@ -4,10 +4,10 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 use utoipa::ToSchema;
 
+use super::control_law::{ControlLaw, check_task};
 use super::integrator::{Integrator, MAX_SUBSTEPS};
 use super::robot_spec::Gravity;
 use super::spec::SimulateSpec;
-use crate::Range;
 use crate::check::{Check, Violations};
 
 /// A controller in discrete time. It measures positions, with the noise and the resolution of
@@ -50,73 +50,6 @@ pub struct Controller {
     pub settle_s: f64,
 }
 
-/// The law by which a controller turns errors into torques. r is the reference, q the measured
-/// position, and v its velocity.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(rename_all = "kebab-case")]
-pub enum ControlLaw {
-    /// u = kp (r − q) + kd (ṙ − v) + ki ∫(r − q) dt, and gravity.
-    JointPd(JointPd),
-    /// u = M(q) (r̈ + kp (r − q) + kd (ṙ − v) + ki ∫(r − q) dt) + C(q, v) v, and gravity, with the
-    /// nominal arm's M and C.
-    ComputedTorque(ComputedTorque),
-}
-
-/// Gains of a controller of single joints.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct JointPd {
-    /// Interval of ω / 2π. A joint with the nominal inertia I at `initial_state.center_rad` has kp
-    /// = I ω².
-    pub natural_frequency_hz: Range,
-    /// Interval of ζ: kd = 2 ζ ω I.
-    pub damping_ratio: Range,
-    /// Interval of ki / kp, 1/s.
-    pub integral_per_s: Range,
-    /// kp of each joint in N·m/rad, in place of the natural frequency.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub stiffness_nm_rad: Option<Vec<f64>>,
-    /// kd of each joint in N·m·s/rad, in place of the damping ratio.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub damping_nm_s_rad: Option<Vec<f64>>,
-}
-
-impl Default for JointPd {
-    fn default() -> Self {
-        let ComputedTorque { natural_frequency_hz, damping_ratio, integral_per_s } =
-            ComputedTorque::default();
-        Self {
-            natural_frequency_hz,
-            damping_ratio,
-            integral_per_s,
-            stiffness_nm_rad: None,
-            damping_nm_s_rad: None,
-        }
-    }
-}
-
-/// Gains of a controller that cancels the nominal arm's dynamics.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields, default)]
-pub struct ComputedTorque {
-    /// Interval of ω / 2π: kp = ω².
-    pub natural_frequency_hz: Range,
-    /// Interval of ζ: kd = 2 ζ ω.
-    pub damping_ratio: Range,
-    /// Interval of ki / kp, 1/s.
-    pub integral_per_s: Range,
-}
-
-impl Default for ComputedTorque {
-    fn default() -> Self {
-        Self {
-            natural_frequency_hz: Range::new(1.5, 3.0),
-            damping_ratio: Range::new(0.7, 1.0),
-            integral_per_s: Range::new(0.0, 0.0),
-        }
-    }
-}
-
 /// The longest delay of a controller.
 pub const MAX_DELAY_PERIODS: u32 = 3;
 
@@ -144,36 +77,6 @@ impl Check for Controller {
     }
 }
 
-impl Check for ControlLaw {
-    fn check(&self, violations: &mut Violations) {
-        match self {
-            Self::JointPd(law) => violations.part("joint-pd", law),
-            Self::ComputedTorque(law) => violations.part("computed-torque", law),
-        }
-    }
-}
-
-impl Check for JointPd {
-    fn check(&self, violations: &mut Violations) {
-        let Self { natural_frequency_hz, damping_ratio, integral_per_s, .. } = *self;
-        ComputedTorque { natural_frequency_hz, damping_ratio, integral_per_s }.check(violations);
-        if let Some(stiffness) = &self.stiffness_nm_rad {
-            violations.all_within("stiffness_nm_rad", stiffness, &(0.0..=1e6));
-        }
-        if let Some(damping) = &self.damping_nm_s_rad {
-            violations.all_within("damping_nm_s_rad", damping, &(0.0..=1e5));
-        }
-    }
-}
-
-impl Check for ComputedTorque {
-    fn check(&self, violations: &mut Violations) {
-        violations.interval("natural_frequency_hz", self.natural_frequency_hz, &(0.01..=100.0));
-        violations.interval("damping_ratio", self.damping_ratio, &(0.0..=10.0));
-        violations.interval("integral_per_s", self.integral_per_s, &(0.0..=100.0));
-    }
-}
-
 impl Controller {
     /// The control periods of a sampling period at `rate_hz`.
     pub fn periods(&self, rate_hz: f64) -> usize {
@@ -183,17 +86,6 @@ impl Controller {
     /// The samples from the start of the motion to the first one that is recorded.
     pub fn settling_samples(&self, rate_hz: f64) -> usize {
         whole((self.settle_s * rate_hz).ceil())
-    }
-
-    /// The explicit gains of the law, if it has some: stiffnesses and dampings.
-    fn explicit_gains(&self) -> [(&'static str, Option<&Vec<f64>>); 2] {
-        let ControlLaw::JointPd(law) = &self.law else {
-            return [("stiffness_nm_rad", None), ("damping_nm_s_rad", None)];
-        };
-        [
-            ("stiffness_nm_rad", law.stiffness_nm_rad.as_ref()),
-            ("damping_nm_s_rad", law.damping_nm_s_rad.as_ref()),
-        ]
     }
 }
 
@@ -245,11 +137,18 @@ impl SimulateSpec {
                 format!("a multiple of rate_hz, which is {}: {below} or {above}", self.rate_hz);
             violations.add("controller.rate_hz", controller.rate_hz, allowed);
         }
-        for (name, gains) in controller.explicit_gains() {
+        for (name, gains) in controller.law.explicit_gains() {
             if let Some(gains) = gains {
                 let field = format!("controller.law.joint-pd.{name}");
                 violations.one_per_joint(&field, gains, self.joints());
             }
+        }
+        if let Some((law, asked)) = controller.law.asked_orientation() {
+            let field = format!("controller.law.{law}");
+            check_task(&field, asked, self.joints(), violations);
+        }
+        if let Some(paths) = &self.excitation.hand_paths {
+            check_task("excitation.hand_paths", paths.orientation, self.joints(), violations);
         }
         if self.robot.gravity == Gravity::Compensated {
             violations.add(
@@ -388,7 +287,7 @@ mod tests {
                 law(json!({"computed-torque": {"damping_ratio": [1, 0]}})),
                 ["controller.law.computed-torque.damping_ratio", "min not above max"],
             ),
-            (law(json!({"operational-space": {}})), ["controller.law", "joint-pd"]),
+            (law(json!({"admittance": {}})), ["controller.law", "joint-pd"]),
             (json!({"robot": {"gravity": "compensated"}}), ["robot.gravity", "nominal arm"]),
             (
                 json!({"initial_state": {"center_rad": [0, 0, 0, 0.5, 0, 1.8, 0]}}),

@@ -7,7 +7,7 @@ use std::fmt;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::references::{FourierSeries, PointToPointMoves, ViaPoints};
+use super::references::{FourierSeries, HandPaths, PointToPointMoves, ViaPoints};
 use crate::Range;
 
 /// The torques that excite the arm, or the references that its controller follows. Each joint's
@@ -15,7 +15,7 @@ use crate::Range;
 ///
 /// With both chirps and multisines, each trajectory draws one of them: `chirp` with probability
 /// `chirp_fraction`, and otherwise `multisine`. If their frequencies are grids, the grids decide.
-/// Steps stand alone, or beside other families if all have a grid. With several families of
+/// Steps and pulses stand alone, or beside other families if all have a grid. With several families of
 /// references, each trajectory draws one of them, all with the same probability.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
@@ -28,7 +28,10 @@ pub struct Excitation {
     pub multisine: Option<Multisine>,
     /// Torques that jump. `null` for none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub steps: Option<Steps>,
+    pub steps: Option<Box<Steps>>,
+    /// Pulses of torque with rests in between. `null` for none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub pulses: Option<Box<Pulses>>,
     /// References that are Fourier series. `null` for none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fourier: Option<Box<FourierSeries>>,
@@ -38,6 +41,9 @@ pub struct Excitation {
     /// References that pass by postures without a stop. `null` for none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub via_points: Option<Box<ViaPoints>>,
+    /// References that follow from paths of the hand. `null` for none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub hand_paths: Option<Box<HandPaths>>,
     /// The probability of a chirp, 0 to 1, if there are multisines, too.
     #[serde(default = "half")]
     pub chirp_fraction: f64,
@@ -59,30 +65,36 @@ pub enum Family {
     Multisine,
     /// Torques that jump.
     Steps,
+    /// Pulses of torque.
+    Pulses,
     /// A reference that is a Fourier series.
     Fourier,
     /// A reference that moves from posture to posture.
     PointToPoint,
     /// A reference that passes by postures.
     ViaPoints,
+    /// A reference that follows from a path of the hand.
+    HandPaths,
 }
 
 impl Family {
     /// In the order of grids, tables and figures.
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 8] = [
         Self::Chirp,
         Self::Multisine,
         Self::Steps,
+        Self::Pulses,
         Self::Fourier,
         Self::PointToPoint,
         Self::ViaPoints,
+        Self::HandPaths,
     ];
 
     /// Whether a controller follows it. Otherwise it is a torque.
     pub const fn is_reference(self) -> bool {
         match self {
-            Self::Chirp | Self::Multisine | Self::Steps => false,
-            Self::Fourier | Self::PointToPoint | Self::ViaPoints => true,
+            Self::Chirp | Self::Multisine | Self::Steps | Self::Pulses => false,
+            Self::Fourier | Self::PointToPoint | Self::ViaPoints | Self::HandPaths => true,
         }
     }
 
@@ -92,9 +104,11 @@ impl Family {
             Self::Chirp => "chirp",
             Self::Multisine => "multisine",
             Self::Steps => "steps",
+            Self::Pulses => "pulses",
             Self::Fourier => "fourier",
             Self::PointToPoint => "point_to_point",
             Self::ViaPoints => "via_points",
+            Self::HandPaths => "hand_paths",
         }
     }
 }
@@ -105,9 +119,11 @@ impl fmt::Display for Family {
             Self::Chirp => "chirp",
             Self::Multisine => "multisine",
             Self::Steps => "steps",
+            Self::Pulses => "pulses",
             Self::Fourier => "fourier",
             Self::PointToPoint => "point-to-point",
             Self::ViaPoints => "via-points",
+            Self::HandPaths => "hand-paths",
         })
     }
 }
@@ -121,7 +137,7 @@ pub enum Frequency {
     /// Drawn uniformly for each trajectory.
     Uniform(Range),
     /// Equal contiguous blocks of trajectories, one per frequency. With several families, either
-    /// all have a grid or none has. Blocks of chirps come first, and blocks of steps last.
+    /// all have a grid or none has. Blocks have the order of the families.
     Grid(Vec<f64>),
 }
 
@@ -227,6 +243,31 @@ pub struct Steps {
     pub hold_periods: Range,
 }
 
+/// Trapezoids of torque with rests in between. Each joint has four pulses, one after the other, and
+/// then begins again with the first. The levels and durations of every pulse are drawn
+/// independently. Short pulses are impulses.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct Pulses {
+    /// The master frequency, whose period is the unit of the durations.
+    pub frequency_hz: Frequency,
+    /// Interval of every level, in N·m.
+    #[serde(default = "pulses::level_nm")]
+    pub level_nm: Range,
+    /// Interval of the rest before a pulse, in periods of the master frequency.
+    #[serde(default = "pulses::rest_periods")]
+    pub rest_periods: Range,
+    /// Interval of the time in which a pulse rises, and of that in which it falls again.
+    #[serde(default = "pulses::rise_periods")]
+    pub rise_periods: Range,
+    /// Interval of the time for which the level is held.
+    #[serde(default = "pulses::hold_periods")]
+    pub hold_periods: Range,
+}
+
+/// Number of pulses of [`Pulses`] before they begin again.
+pub const PULSES: usize = 4;
+
 /// Number of levels of [`Steps`] before they begin again.
 pub const STEP_LEVELS: usize = 8;
 
@@ -254,15 +295,17 @@ impl Excitation {
             Family::Chirp => self.chirp.as_ref().map(|chirp| &chirp.frequency_hz),
             Family::Multisine => self.multisine.as_ref().map(|multisine| &multisine.frequency_hz),
             Family::Steps => self.steps.as_ref().map(|steps| &steps.frequency_hz),
+            Family::Pulses => self.pulses.as_ref().map(|pulses| &pulses.frequency_hz),
             Family::Fourier => self.fourier.as_ref().map(|series| &series.frequency_hz),
             Family::PointToPoint => self.point_to_point.as_ref().map(|moves| &moves.frequency_hz),
             Family::ViaPoints => self.via_points.as_ref().map(|spline| &spline.frequency_hz),
+            Family::HandPaths => self.hand_paths.as_ref().map(|paths| &paths.frequency_hz),
         }
     }
 
     /// The range of amplitudes of `family`, N·m; for multisines N·m per Hz. It is that of the joint
     /// with the smallest divisor. For references it is the interval of their speeds, as shares of the
-    /// limits. `None` if the family does not occur.
+    /// limits; for paths of the hand that of their radii, m. `None` if the family does not occur.
     pub fn amplitude(&self, family: Family) -> Option<Range> {
         let over =
             |range: Range, divisor: f64| Range::new(range.min / divisor, range.max / divisor);
@@ -275,9 +318,11 @@ impl Excitation {
                 over(multisine.amplitude_nm_per_hz, least)
             }),
             Family::Steps => self.steps.as_ref().map(|steps| steps.level_nm),
+            Family::Pulses => self.pulses.as_ref().map(|pulses| pulses.level_nm),
             Family::Fourier => self.fourier.as_ref().map(|series| series.speed),
             Family::PointToPoint => self.point_to_point.as_ref().map(|moves| moves.speed),
             Family::ViaPoints => self.via_points.as_ref().map(|spline| spline.speed),
+            Family::HandPaths => self.hand_paths.as_ref().map(|paths| paths.radius_m),
         }
     }
 
@@ -318,6 +363,23 @@ mod chirp {
     }
     pub const fn high_band() -> ChirpBand {
         ChirpBand { f1: Range::new(1.0 / 1.3, 1.0 / 1.2), f2: Range::new(1.0 / 1.1, 1.1) }
+    }
+}
+
+mod pulses {
+    use super::Range;
+
+    pub const fn level_nm() -> Range {
+        Range::new(-6.0, 6.0)
+    }
+    pub const fn rest_periods() -> Range {
+        Range::new(0.25, 0.75)
+    }
+    pub const fn rise_periods() -> Range {
+        Range::new(0.0, 0.2)
+    }
+    pub const fn hold_periods() -> Range {
+        Range::new(0.05, 0.4)
     }
 }
 

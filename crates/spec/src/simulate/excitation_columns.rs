@@ -2,7 +2,7 @@
 //! the reference and the gains of a controller.
 
 use super::columns::{Column, ColumnType, number};
-use super::excitation::STEP_LEVELS;
+use super::excitation::{PULSES, STEP_LEVELS};
 
 /// The reference and the gains of a controller. Both are JSON objects, because families and laws
 /// differ in their numbers.
@@ -53,6 +53,23 @@ pub(super) fn multisines(joints: usize) -> impl Iterator<Item = Column> {
                 let name = format!("multisine_{what}{part}_{suffix}_{joint}");
                 number(name, unit, about.clone()).nullable()
             })
+        })
+    })
+}
+
+pub(super) fn pulses(joints: usize) -> impl Iterator<Item = Column> {
+    (0..PULSES).flat_map(move |part| {
+        (1..=joints).flat_map(move |joint| {
+            let about = format!(
+                "of joint {joint}: pulse {part} rests, rises to its level, holds it and falls as it rose; after \
+                 the last it begins again; null unless pulses"
+            );
+            [("level", "nm", "N·m"), ("rest", "s", "s"), ("rise", "s", "s"), ("hold", "s", "s")].map(
+                |(what, suffix, unit)| {
+                    let name = format!("pulses_{what}{part}_{suffix}_{joint}");
+                    number(name, unit, about.clone()).nullable()
+                },
+            )
         })
     })
 }

@@ -6,6 +6,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::control_law::has_orientation;
 use super::excitation::Frequency;
 use crate::Range;
 use crate::check::{Check, Violations};
@@ -82,6 +83,70 @@ pub struct ViaPoints {
     pub speed: Range,
 }
 
+/// Paths of the hand about a random place: circles, spirals and lines, in a plane of random
+/// direction. The joints follow by differential inverse kinematics of the nominal arm. The hand
+/// keeps its orientation.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct HandPaths {
+    /// Turns per second; of a line, strokes there and back.
+    pub frequency_hz: Frequency,
+    /// The shapes. Each trajectory draws one of them, all with the same probability.
+    #[serde(default = "defaults::shapes")]
+    pub shapes: Vec<PathShape>,
+    /// Interval of the radius, or of half a line's length, m. It is halved until all joints keep
+    /// their limits.
+    #[serde(default = "defaults::radius_m")]
+    pub radius_m: Range,
+    /// Share of each joint's range, on both sides of `initial_state.center_rad`, that the posture
+    /// at the start lies within.
+    #[serde(default = "defaults::hand_reach")]
+    pub reach: f64,
+    /// The largest speed of a joint, as a share of its limit.
+    #[serde(default = "defaults::hand_speed")]
+    pub speed: f64,
+    /// Whether the hand keeps its orientation. Default: whether the arm has six joints at least.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub orientation: Option<bool>,
+}
+
+/// The shape of a hand's path.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, ToSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum PathShape {
+    /// A circle.
+    Circle,
+    /// A circle whose radius shrinks to a fifth and grows again, within five turns.
+    Spiral,
+    /// A line, there and back with a sine's speed.
+    Line,
+}
+
+impl PathShape {
+    /// All shapes.
+    pub const ALL: [Self; 3] = [Self::Circle, Self::Spiral, Self::Line];
+}
+
+impl HandPaths {
+    /// Whether the hand of an arm of `joints` joints keeps its orientation.
+    pub fn keeps_orientation(&self, joints: usize) -> bool {
+        has_orientation(self.orientation, joints)
+    }
+}
+
+/// The smallest radius of a hand's path, m, as drawn. It may be halved further.
+const LEAST_RADIUS_M: f64 = 0.001;
+
+impl Check for HandPaths {
+    fn check(&self, violations: &mut Violations) {
+        violations.length("shapes", self.shapes.len(), 1..=PathShape::ALL.len());
+        violations.no_duplicates("shapes", &self.shapes);
+        violations.interval("radius_m", self.radius_m, &(LEAST_RADIUS_M..=5.0));
+        violations.within("reach", self.reach, LEAST_SHARE..=1.0);
+        violations.within("speed", self.speed, LEAST_SHARE..=1.0);
+    }
+}
+
 /// References use at least this share of a range or of a speed.
 const LEAST_SHARE: f64 = 0.001;
 
@@ -125,5 +190,18 @@ mod defaults {
     }
     pub const fn moving() -> f64 {
         0.8
+    }
+    pub fn shapes() -> Vec<super::PathShape> {
+        super::PathShape::ALL.to_vec()
+    }
+    pub const fn radius_m() -> Range {
+        Range::new(0.05, 0.15)
+    }
+    /// The joints move beyond it while the hand is on its path.
+    pub const fn hand_reach() -> f64 {
+        0.25
+    }
+    pub const fn hand_speed() -> f64 {
+        0.5
     }
 }

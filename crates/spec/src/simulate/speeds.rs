@@ -142,7 +142,12 @@ impl Excitation {
             value: interval(steps.level_nm),
             torques_nm: Torques::OfAll(magnitude(steps.level_nm)),
         });
-        [chirp, multisine, steps].into_iter().flatten().collect()
+        let pulses = self.pulses.as_ref().map(|pulses| LargestTorque {
+            field: "excitation.pulses.level_nm",
+            value: interval(pulses.level_nm),
+            torques_nm: Torques::OfAll(magnitude(pulses.level_nm)),
+        });
+        [chirp, multisine, steps, pulses].into_iter().flatten().collect()
     }
 }
 

@@ -152,7 +152,7 @@ mod tests {
             let mut asked = Vec::new();
             for member in jobs.values() {
                 match &member.spec {
-                    JobSpec::Train(spec) => drop(trained.insert(seed(&spec.data))),
+                    JobSpec::Train(spec) => trained.extend(spec.data.each().iter().map(seed)),
                     JobSpec::Evaluate(spec) => asked.push(seed(&spec.data)),
                     other => panic!("{other:?}"),
                 }

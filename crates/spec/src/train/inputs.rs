@@ -2,7 +2,7 @@
 
 use super::TrainSpec;
 use crate::check::Violations;
-use crate::{DataSource, DataSpec, SpecError};
+use crate::{DataSource, DataSpec, Given, SpecError};
 
 impl TrainSpec {
     /// Number of training trajectories of a dataset with `all`: all except the validation share at
@@ -22,10 +22,23 @@ impl TrainSpec {
         (self.validation_fraction * all as f64).round() as u64
     }
 
+    /// Checks the training against its sources, in the order of `data`.
+    ///
     /// # Errors
     /// Names each field that does not fit `data`, with both numbers.
-    pub fn check_data(&self, data: &DataSpec) -> Result<(), SpecError> {
+    pub fn check_data(&self, all: &[&DataSpec]) -> Result<(), SpecError> {
+        let Some(data) = all.first() else {
+            return Err(SpecError::one("data", "[]", "at least one dataset or stream"));
+        };
         let mut violations = Violations::default();
+        self.check_alike(all, &mut violations);
+        if self.given == Given::References
+            && let Some(without) = all.iter().position(|data| !data.has_references())
+            && let Some((field, _)) = self.data.in_field("data").get(without)
+        {
+            let allowed = "a simulation with a controller, to be given references";
+            violations.add(field, "data without references", allowed);
+        }
         if let Some(weights) = &self.loss_weights {
             violations.one_per_joint("loss_weights", weights, data.joints());
         }
@@ -54,27 +67,30 @@ impl TrainSpec {
                 format!("one whose stride divides the data's samples, which are {samples}"),
             );
         }
-        if let (Some(all), false) =
-            (data.trajectories(), matches!(self.data, DataSource::Stream(_)))
-        {
-            self.check_count(all, &mut violations);
-        }
+        let counts = self.data.each().iter().zip(all).map(|(source, data)| match source {
+            DataSource::Stream(_) => None,
+            _ => data.trajectories(),
+        });
+        self.check_counts(&counts.collect::<Vec<_>>(), &mut violations);
         violations.finish()
     }
 
-    /// Checks data whose number of trajectories [`DataSpec::trajectories`] did not know.
+    /// Checks the number of trajectories of each source, in the order of `data`. `None` is a stream,
+    /// which has no end, or a dataset whose number is not known yet.
     ///
     /// # Errors
-    /// When a batch needs more trajectories than there are for training, or early stopping has no
-    /// validation trajectories.
-    pub fn check_trajectories(&self, all: u64) -> Result<(), SpecError> {
+    /// When a batch needs more trajectories of a source than it has for training, or early stopping
+    /// has no validation trajectories.
+    pub fn check_trajectories(&self, counts: &[Option<u64>]) -> Result<(), SpecError> {
         let mut violations = Violations::default();
-        self.check_count(all, &mut violations);
+        self.check_counts(counts, &mut violations);
         violations.finish()
     }
 
-    fn check_count(&self, all: u64, violations: &mut Violations) {
-        if self.early_stop.is_some() && self.validation_part(all) == 0 {
+    fn check_counts(&self, counts: &[Option<u64>], violations: &mut Violations) {
+        let kept = |count: &Option<u64>| count.map(|all| self.validation_part(all));
+        if self.early_stop.is_some() && counts.iter().all(|count| kept(count) == Some(0)) {
+            let all: u64 = counts.iter().flatten().sum();
             violations.add(
                 "validation_fraction",
                 self.validation_fraction,
@@ -84,13 +100,22 @@ impl TrainSpec {
                 ),
             );
         }
-        let trained = self.training_trajectories(all);
-        if u64::from(self.batch_size) > trained {
-            violations.add(
-                "batch_size",
-                self.batch_size,
-                format!("at most the number of training trajectories, which is {trained}"),
-            );
+        let fields = self.data.in_field("data");
+        for (((field, _), share), count) in fields.iter().zip(self.shares()).zip(counts) {
+            let Some(trained) = count.map(|all| self.training_trajectories(all)) else { continue };
+            if u64::from(share) <= trained {
+                continue;
+            }
+            let (value, of) = match fields.len() {
+                1 => (share.to_string(), String::new()),
+                _ => (
+                    format!("{}, of which {share} are of {field}", self.batch_size),
+                    format!(" of {field}"),
+                ),
+            };
+            let allowed =
+                format!("at most the number of training trajectories{of}, which is {trained}");
+            violations.add("batch_size", value, allowed);
         }
     }
 }

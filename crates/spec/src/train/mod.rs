@@ -1,7 +1,9 @@
 //! Trainings: one model, learned from one dataset or stream.
 
 mod early_stop;
+mod init;
 mod inputs;
+mod mixture;
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
@@ -11,8 +13,8 @@ use crate::check::{Check, Violations};
 use crate::kind::{KindSpec, from_fields};
 use crate::schema::Components;
 use crate::{
-    DataSource, DataSpec, Doubt, Execution, Length, Lengths, ModelSpec, Product, Reference,
-    SpecError, preset, stream,
+    CheckpointRef, DataSources, DataSpec, Doubt, Execution, Given, Length, Lengths, ModelSpec,
+    Product, Reference, Referred, SpecError, preset, stream,
 };
 
 pub use early_stop::{EarlyStopSpec, ValidationMetric};
@@ -21,10 +23,26 @@ pub use early_stop::{EarlyStopSpec, ValidationMetric};
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TrainSpec {
-    /// The trajectories: a dataset, or a stream of new robots.
-    pub data: DataSource,
+    /// The trajectories: a dataset, a stream of new robots, or a list of up to 16 of them. Every
+    /// batch then has trajectories of each.
+    pub data: DataSources,
+    /// The share of each source of `data` in every batch, relative to the others. Default: equal
+    /// shares. They are rounded to whole trajectories.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub data_weights: Option<Vec<f64>>,
     /// The model and its sizes, or a preset of them.
     pub model: ModelSpec,
+    /// The series that the model is given beside the positions of the context.
+    #[serde(default, skip_serializing_if = "Given::is_torques")]
+    pub given: Given,
+    /// The checkpoint whose weights the training begins with, of a model with the same fields.
+    /// Default: weights from `seed`. Steps and the optimizer begin anew.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub init: Option<CheckpointRef>,
+    /// Parameters that keep the weights of `init`, by the beginnings of their names: a part of the
+    /// network such as `encoder_blocks`, or one inside it such as `encoder_blocks.0.attention`.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub frozen: Vec<String>,
     /// Number of samples that the model is given (the paper's m). The rest of the trajectory is the
     /// horizon.
     #[serde(default = "defaults::context")]
@@ -51,7 +69,7 @@ pub struct TrainSpec {
     pub loss_weights: Option<Vec<f64>>,
     /// Number of optimizer steps, unless `early_stop` ends the training earlier.
     pub steps: u64,
-    /// Seed of initial weights and batch order, 0 to 2^53 - 1.
+    /// Seed of initial weights and batch order, 0 to 2^53 - 1. With `init`, of the order alone.
     #[serde(default)]
     pub seed: u64,
     /// Share of trajectories for validation: the last ones, which are never trained on. A stream
@@ -96,7 +114,7 @@ pub struct TrainSpec {
 pub struct Training<'a> {
     /// Its spec.
     pub spec: &'a TrainSpec,
-    /// The data that it is trained on.
+    /// The first data that it is trained on. Others have the same shape and rate.
     pub data: &'a DataSpec,
 }
 
@@ -258,31 +276,41 @@ impl KindSpec for TrainSpec {
     }
 
     fn references(&mut self) -> Vec<Reference<'_>> {
-        vec![Reference::data(&mut self.data)]
+        let init = self.init.as_mut().map(|checkpoint| Reference {
+            field: "init".to_owned(),
+            to: Referred::Checkpoint(checkpoint),
+        });
+        self.data.references("data").into_iter().chain(init).collect()
     }
 
     fn doubts(&self) -> Vec<Doubt> {
-        self.data.doubts()
+        let sources = self.data.in_field("data");
+        sources.iter().flat_map(|(field, source)| source.doubts(field)).collect()
     }
 }
 
 impl Check for TrainSpec {
     fn check(&self, violations: &mut Violations) {
-        violations.part("data", &self.data);
-        if let DataSource::Stream(stream) = &self.data
-            && !stream.excitation.grid().is_empty()
-        {
-            violations.add(
-                "data.stream.excitation",
-                "a frequency grid",
-                "fixed or uniform frequencies, since a training stream has no last robot",
-            );
-        }
+        self.check_mixture(violations);
         violations.part("model", &self.model);
         if self.model.is_physical() && self.normalization != Normalization::None {
             let allowed = "none, for a model that computes in N·m and rad";
             violations.add("normalization", self.normalization.name(), allowed);
         }
+        if self.given == Given::References && self.model.is_physical() {
+            let allowed =
+                format!("torques for a {}, which moves arms by them", self.model.architecture());
+            violations.add("given", self.given, allowed);
+        }
+        let residual = self.model.residual();
+        if !residual.fits(self.given) {
+            let allowed = match self.given {
+                Given::Torques => "a path that torques give, or none",
+                Given::References => "reference or none, because an integrator needs torques",
+            };
+            violations.add("model.residual", residual.name(), allowed);
+        }
+        self.check_frozen(violations);
         violations.within("context", self.context, 1..=9_999);
         violations.part("optimizer", &self.optimizer);
         violations.within("batch_size", self.batch_size, 1..=4096);

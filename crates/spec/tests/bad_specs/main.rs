@@ -321,6 +321,67 @@ fn a_training_without_checkpoints_or_with_an_early_stop_but_no_validation_is_ref
 }
 
 #[test]
+fn what_is_given_fits_the_model_its_path_and_the_baselines() {
+    let references = json!("references");
+    let mut physical = train();
+    physical["model"] = json!({"preset": "lagrangian-tiny"});
+    let expected = ["given is references", "torques for a lagrangian"];
+    check_refused(physical, "/given", references.clone(), &expected);
+    let integrated = ["model.residual is lagged-integrator", "reference or none"];
+    check_refused(train(), "/given", references, &integrated);
+    let reference = json!({"preset": "robomorph-tiny", "residual": "reference"});
+    check_refused(train(), "/model", reference, &["model.residual is reference", "torques give"]);
+    check_refused(train(), "/given", json!("positions"), &["given", "torques", "references"]);
+    let evaluate = json!({"kind": "evaluate", "data": {"dataset": 1}, "given": "references"});
+    let wrong = json!(["hold-last", "identification"]);
+    let expected = ["baselines[1] is \"identification\"", "answers with references"];
+    check_refused(evaluate, "/baselines", wrong, &expected);
+    let of_torques = json!({"kind": "evaluate", "data": {"dataset": 1}});
+    check_refused(of_torques, "/baselines", json!(["follow-reference"]), &["answers with torques"]);
+}
+
+#[test]
+fn what_a_fine_tuning_keeps_is_a_part_of_its_model() {
+    let mut tuned = train();
+    tuned["init"] = json!({"checkpoint": 7});
+    let wrong = json!(["decoder_blocks.1", "decoder"]);
+    check_refused(
+        tuned.clone(),
+        "/frozen",
+        wrong,
+        &["frozen[1] is \"decoder\"", "a part of robomorph", "encoder_blocks, encoder_norm"],
+    );
+    check_refused(tuned.clone(), "/frozen", json!(["head", "head"]), &["frozen", "twice"]);
+    check_refused(tuned.clone(), "/frozen", json!([""]), &["frozen[0]", "1 to 200"]);
+    check_refused(train(), "/frozen", json!(["head"]), &["frozen", "left out without init"]);
+    check_refused(tuned, "/init", json!({"checkpoints": 7}), &["init is", "{\"checkpoint\": ...}"]);
+    check_refused(train(), "/init", json!(7), &["init is 7"]);
+}
+
+#[test]
+fn sources_of_a_training_have_weights_and_trajectories_in_every_batch() {
+    let two = json!([{"dataset": 1}, {"dataset": 2}]);
+    let mixed = || {
+        let mut mixed = train();
+        mixed["data"] = two.clone();
+        mixed
+    };
+    check_refused(mixed(), "/data_weights", json!([1]), &["data_weights is 1 numbers", "are 2"]);
+    check_refused(mixed(), "/data_weights", json!([1, 0]), &["data_weights[1] is 0"]);
+    let none = ["data_weights[1] is 0.001 of 1.001", "data[1]", "batch_size than 64"];
+    check_refused(mixed(), "/data_weights", json!([1, 0.001]), &none);
+    check_refused(mixed(), "/batch_size", json!(1), &["batch_size is 1", "data[1]"]);
+    check_refused(train(), "/data", json!([]), &["data is 0", "1 to 16"]);
+    check_refused(train(), "/data", json!([{"dataset": 1}, {"dataset": 1}]), &["twice"]);
+    let grid = json!([{"dataset": 1}, {"stream": {"preset": "grid-chirp"}}]);
+    check_refused(train(), "/data", grid, &["data[1].stream.excitation is a frequency grid"]);
+    let unknown = json!([{"dataset": 1}, {"stream": {"preset": "D1-chrip"}}]);
+    check_refused(train(), "/data", unknown, &["data[1].stream.preset", "D1-chirp"]);
+    let named = json!([{"dataset": 1}, "D1-chirp"]);
+    check_refused(train(), "/data", named, &["data[1]", "did you mean {\"stream\""]);
+}
+
+#[test]
 fn loss_weights_are_not_negative_and_one_counts() {
     let negative = json!([1, 1, 1, -1, 1, 1, 1]);
     check_refused(train(), "/loss_weights", negative, &["loss_weights[3] is -1", "0 to 1000000"]);

@@ -1,5 +1,6 @@
 //! Tests that every architecture must pass.
 
+mod fine_tuning;
 mod learning;
 mod sampling;
 mod training;

@@ -168,8 +168,10 @@ fn seeds(pipeline: &PipelineSpec) -> String {
         match &member.spec {
             JobSpec::Train(spec) => {
                 add("trainings", spec.seed);
-                if let DataSource::Stream(robots) = &spec.data {
-                    add("robots of trainings", robots.seed);
+                for source in spec.data.each() {
+                    if let DataSource::Stream(robots) = source {
+                        add("robots of trainings", robots.seed);
+                    }
                 }
             }
             JobSpec::Evaluate(spec) => {
