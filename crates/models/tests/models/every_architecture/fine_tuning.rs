@@ -153,8 +153,7 @@ fn statistics_of_the_data_stay_those_that_the_weights_were_trained_with() {
 
 #[test]
 fn a_fine_tuning_of_another_arm_rate_or_model_is_refused_with_both_values() {
-    let init = earlier(&train_spec());
-    let CheckpointFiles { model, config, .. } = init.clone();
+    let CheckpointFiles { model, config, .. } = earlier(&train_spec());
     let init = InitialCheckpoint { model, config };
     let refused = |spec: &TrainSpec, data| {
         let tuner = Trainer::fine_tune(spec, data, "digest", &init, &Device::cpu());
