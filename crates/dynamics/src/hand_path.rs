@@ -48,7 +48,7 @@ pub struct HandPath {
 /// The reason why joints cannot follow a path of the hand.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LostPath {
-    /// What happened.
+    /// The reason why the motion ends early.
     pub end: PathEnd,
     /// The time since the start of the motion, s.
     pub time_s: f64,

@@ -23,7 +23,7 @@ pub(crate) struct HandTask<L, const N: usize> {
     hand: Hand<L, N>,
 }
 
-/// What a controller knows in a control period.
+/// The measurements and references that a controller knows in a control period.
 pub(crate) struct Moment<'a, L, const N: usize> {
     /// The reference and its derivatives.
     pub(crate) r: &'a [L; N],

@@ -31,7 +31,7 @@ pub struct DataRanges {
     pub y_rad: Vec<Range>,
     /// Differences of neighbouring positions over the sampling time, rad/s.
     pub rate_rad_s: Vec<Range>,
-    /// What the model is given.
+    /// The signals that the model is given.
     #[serde(default, skip_serializing_if = "is_torques")]
     pub given: Given,
 }

@@ -23,7 +23,7 @@ pub struct Report {
     pub bootstrap: Bootstrap,
     /// Number of samples drawn from each predictor that can give several.
     pub samples: u32,
-    /// What every predictor was given over context and horizon; missing for torques.
+    /// The signals that every predictor was given over context and horizon; missing for torques.
     #[serde(default, skip_serializing_if = "is_torques")]
     pub given: Given,
     /// The noise of the data itself; missing for data without noise.

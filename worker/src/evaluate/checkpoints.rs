@@ -97,7 +97,7 @@ impl LoadedCheckpoint {
 
 /// Everything that the weights of a training come from.
 struct Lineage {
-    /// What excited the simulated robots, of this training and of those that it began from.
+    /// The excitations of the simulated robots, of this training and of those that it began from.
     trained_on: Vec<TrainedOn>,
     /// The digest of the training, of its simulated data and of the trainings before it without
     /// their seeds. Trainings that differ only in seeds share it.

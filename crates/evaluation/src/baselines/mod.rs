@@ -99,8 +99,8 @@ pub fn prior_knowledge(name: Baseline, data: &DataSpec) -> String {
     }
 }
 
-/// The predictor with the name `baseline`. An [`Oracle`] knows no robots here. With noise, all but `least-squares` use smoothed
-/// positions. `arx` uses both.
+/// The predictor with the name `baseline`. An [`Oracle`] knows no robots here. With noise, all but
+/// `least-squares` use smoothed positions. `arx` uses both.
 pub fn baseline(baseline: Baseline, arm: &NominalArm) -> Box<dyn Predictor> {
     match baseline {
         Baseline::Arx => Box::new(Arx),

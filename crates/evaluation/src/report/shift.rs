@@ -16,8 +16,8 @@ pub fn trained_on(excitation: &Excitation) -> impl Iterator<Item = TrainedOn> {
     })
 }
 
-/// What several data together trained on: per family, the interval around theirs. An amplitude that
-/// some of them do not have is left out.
+/// The excitations of several data that one model trained on: for each family, the interval around
+/// their frequencies and amplitudes. An amplitude that some of them do not have is left out.
 pub fn trained_on_together(each: impl IntoIterator<Item = TrainedOn>) -> Vec<TrainedOn> {
     let around = |a: Range, b: Range| Range::new(a.min.min(b.min), a.max.max(b.max));
     let mut all: Vec<TrainedOn> = Vec::new();

@@ -30,7 +30,7 @@ pub struct Setting {
     pub rate_hz: f64,
     /// Number of samples that are drawn from each generative predictor.
     pub samples: u32,
-    /// What predictors are given over context and horizon.
+    /// The signals that predictors are given over context and horizon.
     pub given: Given,
     /// The noise of the data itself; `None` without noise.
     pub data_noise: Option<DataNoise>,

@@ -51,7 +51,7 @@ pub struct CheckpointConfig {
     /// Digest of the spec of the training's dataset, where it is known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub dataset_digest: Option<String>,
-    /// What the model is given beside the positions of the context.
+    /// The signals that the model is given beside the positions of the context.
     #[serde(default, skip_serializing_if = "is_default")]
     pub given: Given,
     /// The checkpoint whose weights the training began with, of a fine-tuning.

@@ -101,7 +101,7 @@ impl TrainSpec {
     }
 }
 
-/// What trajectories must have in common to be in one batch. The last is the noise.
+/// The properties that trajectories in one batch must have in common. The last is the noise.
 fn properties(data: &DataSpec) -> [(&'static str, String); 4] {
     let noise = format!("{} rad and {} N·m", data.position_deviation_rad(), data.torque_noise_nm());
     [
