@@ -326,23 +326,7 @@ impl Place {
 
     fn enter(&mut self, row: &Row, q: f64) {
         self.position += self.rotation * Vector3::from(row.origin());
-        let (sin, cos) = sin_cos(q);
-        let (sin, cos) = (
-            sin * row.offset.cos + cos * row.offset.sin,
-            cos * row.offset.cos - sin * row.offset.sin,
-        );
-        let twist = row.twist;
-        self.rotation *= Matrix3::new(
-            cos,
-            -sin,
-            0.0,
-            twist.cos * sin,
-            twist.cos * cos,
-            -twist.sin,
-            twist.sin * sin,
-            twist.sin * cos,
-            twist.cos,
-        );
+        self.rotation *= row.turn_by(sin_cos(q)).matrix();
     }
 
     fn jacobian(&self, joints: usize) -> Jacobian {

@@ -52,8 +52,12 @@ impl Row {
 
     /// The turn of the frame's axes into those of the frame before, at position `q` (rad).
     pub fn turn(&self, q: f64) -> Rotation3<f64> {
+        self.turn_by(q.sin_cos())
+    }
+
+    /// The turn at the position with this sine and cosine.
+    pub(crate) fn turn_by(&self, (sin, cos): (f64, f64)) -> Rotation3<f64> {
         let Self { twist, offset, .. } = self;
-        let (sin, cos) = q.sin_cos();
         let (sin, cos) = (sin * offset.cos + cos * offset.sin, cos * offset.cos - sin * offset.sin);
         Rotation3::from_matrix_unchecked(Matrix3::new(
             cos,

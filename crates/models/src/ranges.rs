@@ -32,12 +32,8 @@ pub struct DataRanges {
     /// Differences of neighbouring positions over the sampling time, rad/s.
     pub rate_rad_s: Vec<Range>,
     /// The signals that the model is given.
-    #[serde(default, skip_serializing_if = "is_torques")]
+    #[serde(default, skip_serializing_if = "Given::is_torques")]
     pub given: Given,
-}
-
-fn is_torques(given: &Given) -> bool {
-    *given == Given::Torques
 }
 
 impl DataRanges {

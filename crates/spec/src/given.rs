@@ -17,7 +17,8 @@ pub enum Given {
 }
 
 impl Given {
-    pub(crate) fn is_torques(&self) -> bool {
+    /// Whether torques are given: the default, which specs and reports leave out.
+    pub fn is_torques(&self) -> bool {
         *self == Self::Torques
     }
 

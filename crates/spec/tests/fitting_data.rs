@@ -327,7 +327,7 @@ fn references_are_given_of_simulations_with_a_controller_alone() {
         DataSpec::of(&spec::parse(controlled.to_string().as_bytes()).unwrap()).unwrap();
     spec.check_data(&[&controlled]).unwrap();
     let error = spec.check_data(&[&data(400)]).unwrap_err().to_string();
-    assert!(error.contains("data is data without references"), "{error}");
+    assert!(error.contains("data is without references"), "{error}");
 
     let asked = evaluate(&json!({"given": "references"}));
     let names: Vec<Value> =
@@ -337,7 +337,7 @@ fn references_are_given_of_simulations_with_a_controller_alone() {
     let training = Training { spec: &spec, data: &controlled };
     asked.check_inputs(&controlled, &[training], &[]).unwrap();
     let error = asked.check_inputs(&data(400), &[training], &[]).unwrap_err().to_string();
-    assert!(error.contains("data is data without references"), "{error}");
+    assert!(error.contains("data is without references"), "{error}");
     let of_torques = evaluate(&json!({}));
     let error = of_torques.check_inputs(&controlled, &[training], &[]).unwrap_err().to_string();
     assert!(error.contains("trained with given references"), "{error}");

@@ -24,7 +24,7 @@ pub struct Report {
     /// Number of samples drawn from each predictor that can give several.
     pub samples: u32,
     /// The signals that every predictor was given over context and horizon; missing for torques.
-    #[serde(default, skip_serializing_if = "is_torques")]
+    #[serde(default, skip_serializing_if = "Given::is_torques")]
     pub given: Given,
     /// The noise of the data itself; missing for data without noise.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -57,10 +57,6 @@ pub struct Report {
     /// record its training data has no warnings.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<Warning>,
-}
-
-fn is_torques(given: &Given) -> bool {
-    *given == Given::Torques
 }
 
 impl Report {

@@ -101,9 +101,8 @@ impl<'a> Predictors<'a> {
         given: Vec<Given>,
         robots: &[(Robot, Joints<f64>)],
     ) -> Vec<Box<dyn Predictor + 'b>> {
-        let robots = robots.to_vec();
         let baselines = self.spec.baselines.iter().map(|&name| match name {
-            Baseline::Oracle => Box::new(Oracle::new(&self.arm, robots.clone())),
+            Baseline::Oracle => Box::new(Oracle::new(&self.arm, robots.to_vec())),
             name => baseline(name, &self.arm),
         });
         let learned = self.learned.iter().map(|learned| self.predictor(learned, scenarios, first));

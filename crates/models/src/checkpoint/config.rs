@@ -52,7 +52,7 @@ pub struct CheckpointConfig {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub dataset_digest: Option<String>,
     /// The signals that the model is given beside the positions of the context.
-    #[serde(default, skip_serializing_if = "is_default")]
+    #[serde(default, skip_serializing_if = "Given::is_torques")]
     pub given: Given,
     /// The checkpoint whose weights the training began with, of a fine-tuning.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -76,10 +76,6 @@ pub struct CheckpointConfig {
     pub device: Option<DeviceDescription>,
     /// The versions that wrote the checkpoint.
     pub versions: Versions,
-}
-
-fn is_default(given: &Given) -> bool {
-    *given == Given::default()
 }
 
 const fn seven() -> usize {

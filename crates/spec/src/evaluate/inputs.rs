@@ -20,7 +20,7 @@ impl EvaluateSpec {
         let horizon = self.check_length(data.samples(), &mut violations);
         if self.given == Given::References && !data.has_references() {
             let allowed = "a simulation with a controller, to be given references";
-            violations.add("data", "data without references", allowed);
+            violations.add("data", "without references", allowed);
         }
         if let Some(i) = self.baselines.iter().position(|name| *name == Baseline::Oracle)
             && data.simulation().is_none()

@@ -37,7 +37,7 @@ impl TrainSpec {
             && let Some((field, _)) = self.data.in_field("data").get(without)
         {
             let allowed = "a simulation with a controller, to be given references";
-            violations.add(field, "data without references", allowed);
+            violations.add(field, "without references", allowed);
         }
         if let Some(weights) = &self.loss_weights {
             violations.one_per_joint("loss_weights", weights, data.joints());
