@@ -121,6 +121,11 @@ for (const width of [390, 1440]) {
       await page.evaluate(axe);
       const inLight = await seriousViolations(page, {});
       await page.emulateMedia({ colorScheme: "dark" });
+      // Colours that change within a fraction of a second are checked when they have changed.
+      await page.evaluate(() => {
+        const transitions = document.getAnimations().filter((it) => it instanceof CSSTransition);
+        return Promise.allSettled(transitions.map((it) => it.finished));
+      });
       // Of all rules only this one depends on colours.
       const inDark = await seriousViolations(page, { runOnly: ["color-contrast"] });
       await page.emulateMedia({ colorScheme: "light" });
