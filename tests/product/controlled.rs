@@ -78,7 +78,7 @@ async fn a_control_job_and_references_without_a_controller_are_refused() {
 }
 
 #[tokio::test]
-async fn models_and_baselines_predict_from_references_under_an_unknown_controller() {
+async fn models_and_baselines_predict_from_references_told_the_controller_or_not() {
     let folder = tempfile::tempdir().unwrap();
     let product = Product::start(folder.path());
     let train = json!({
@@ -91,9 +91,19 @@ async fn models_and_baselines_predict_from_references_under_an_unknown_controlle
         train["data"] = data;
         train
     };
+    let baselines = [
+        "hold-last",
+        "constant-velocity",
+        "follow-reference",
+        "least-squares",
+        "arx",
+        "nominal-simulator",
+        "oracle",
+    ];
     let evaluate = |data: Value| {
         json!({
             "kind": "evaluate", "data": data, "context": 40, "given": "references",
+            "baselines": baselines,
             "checkpoints": [{"job": "train"}, {"job": "streamed"}],
             "bootstrap": {"resamples": 100},
         })
@@ -124,18 +134,10 @@ async fn models_and_baselines_predict_from_references_under_an_unknown_controlle
         .iter()
         .map(|predictor| predictor["name"].as_str().unwrap())
         .collect();
-    let expected = [
-        "hold-last",
-        "constant-velocity",
-        "follow-reference",
-        "least-squares",
-        "arx",
-        "train",
-        "streamed",
-    ];
-    assert_eq!(names, expected);
+    assert_eq!(names, [&baselines[..], &["train", "streamed"]].concat());
     let rmse = |place: usize| stored["groups"][0]["rmse_deg"][place]["mean"].as_f64().unwrap();
     assert!(rmse(2) < 0.5 * rmse(0), "the reference tells where the arm goes: {stored:#}");
+    assert!(rmse(6) < 0.1 * rmse(5), "a known controller moves its own robot: {stored:#}");
 
     let training = product.get(&format!("/v1/jobs/{}", member(&pipeline, "train"))).await;
     let id = training["checkpoints"].as_array().unwrap().last().unwrap().clone();

@@ -80,7 +80,7 @@ pub use replay::{Anchor, Motion, Replay};
 pub use robot::{Payload, Robot};
 pub use scenario::{Excitation, Scenario, Scenarios};
 pub use simd::InstructionSet;
-pub use simulate::{Trajectories, simulate, simulate_into, simulate_on};
+pub use simulate::{Trajectories, simulate, simulate_into, simulate_on, simulate_scenarios};
 pub use single::{
     Evaluation, bias_forces, forward_dynamics, gravity, inverse_dynamics, mass_matrix,
 };

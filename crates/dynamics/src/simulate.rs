@@ -92,6 +92,32 @@ pub fn simulate_into(
     result
 }
 
+/// Simulates scenarios of `spec` as they are, with other arms for example. None is drawn again.
+///
+/// # Errors
+///
+/// One of them came too close to a joint limit, lost its reference, or diverged.
+pub fn simulate_scenarios(
+    spec: &SimulateSpec,
+    scenarios: &[Scenario],
+) -> Result<Trajectories, DynamicsError> {
+    let mut spec = spec.clone();
+    spec.rejection.max_draws = 1;
+    let mut trajectories =
+        Trajectories { scenarios: scenarios.to_vec(), ..Trajectories::default() };
+    let range = 0..scenarios.len() as u64;
+    let go_on = |_| ControlFlow::Continue(());
+    trajectories.make_room(&spec, &range)?;
+    move_scenarios(
+        InstructionSet::best(),
+        &Scenarios::new(&spec),
+        range,
+        &go_on,
+        &mut trajectories,
+    )?;
+    Ok(trajectories)
+}
+
 fn fill(
     instructions: InstructionSet,
     spec: &SimulateSpec,
@@ -99,29 +125,32 @@ fn fill(
     progress: &(dyn Fn(u64) -> ControlFlow<()> + Sync),
     trajectories: &mut Trajectories,
 ) -> Result<(), DynamicsError> {
+    trajectories.make_room(spec, &range)?;
+    let source = Scenarios::new(spec);
+    let count = trajectories.series.robots();
+    let drawn = (0..count).into_par_iter().map(|row| source.draw(range.start + row as u64, 1));
+    drawn.collect_into_vec(&mut trajectories.scenarios);
+    move_scenarios(instructions, &source, range, progress, trajectories)
+}
+
+/// Fills the series of scenarios. Those that are rejected are replaced by the next draws of `source`.
+fn move_scenarios(
+    instructions: InstructionSet,
+    source: &Scenarios<'_>,
+    range: Range<u64>,
+    progress: &(dyn Fn(u64) -> ControlFlow<()> + Sync),
+    trajectories: &mut Trajectories,
+) -> Result<(), DynamicsError> {
+    let spec = source.spec();
     let samples = spec.samples as usize;
     let row_len = samples * spec.joints();
     let pose_len = samples * POSE;
-    trajectories.first = range.start;
-    trajectories.qd =
-        spec.observations.joint_velocities.then(|| trajectories.qd.take().unwrap_or_default());
-    trajectories.end_effector = spec
-        .observations
-        .end_effector_pose
-        .then(|| trajectories.end_effector.take().unwrap_or_default());
-    trajectories.reference =
-        spec.controller.is_some().then(|| trajectories.reference.take().unwrap_or_default());
-    trajectories.resize(spec, range.end.saturating_sub(range.start))?;
     let Trajectories { series, reference, qd, end_effector, scenarios, rejected, .. } =
         trajectories;
     let mut measured = (spec.controller.is_some() && spec.observations.measures_positions())
         .then(|| vec![0.0; series.y().len()]);
     let count = series.robots();
-
-    let source = Scenarios::new(spec);
     let kind = source.kind();
-    let drawn = (0..count).into_par_iter().map(|row| source.draw(range.start + row as u64, 1));
-    drawn.collect_into_vec(scenarios);
 
     let done = AtomicU64::new(0);
     let cancelled = AtomicBool::new(false);
@@ -145,7 +174,7 @@ fn fill(
     let mut blocks = Vec::with_capacity(count.div_ceil(rows));
     for scenarios in scenarios.chunks_mut(rows) {
         blocks.push(Block {
-            source: &source,
+            source,
             scenarios,
             u: u.next().unwrap_or_default(),
             q: q.next().unwrap_or_default(),
@@ -176,6 +205,18 @@ fn fill(
 }
 
 impl Trajectories {
+    /// Makes room for trajectories `range` of `spec`, and for everything that it records.
+    fn make_room(&mut self, spec: &SimulateSpec, range: &Range<u64>) -> Result<(), DynamicsError> {
+        let observations = &spec.observations;
+        self.first = range.start;
+        self.qd = observations.joint_velocities.then(|| self.qd.take().unwrap_or_default());
+        self.end_effector =
+            observations.end_effector_pose.then(|| self.end_effector.take().unwrap_or_default());
+        self.reference =
+            spec.controller.is_some().then(|| self.reference.take().unwrap_or_default());
+        self.resize(spec, range.end.saturating_sub(range.start))
+    }
+
     /// Makes room for `trajectories` trajectories of `spec`, whose values will be overwritten.
     fn resize(&mut self, spec: &SimulateSpec, trajectories: u64) -> Result<(), DynamicsError> {
         let too_large = || DynamicsError::TooLarge { trajectories, samples: spec.samples };

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use spec::Baseline;
+use spec::{Baseline, Given};
 use wire::{PredictorInfo, PredictorKind, ScenarioRank};
 
 use crate::CellResult;
@@ -68,7 +68,7 @@ fn ladder(baselines: Vec<&PredictorInfo>) -> Vec<&PredictorInfo> {
     let mut seen = BTreeSet::new();
     let distinct: Vec<_> =
         baselines.into_iter().filter(|info| seen.insert(info.told.clone())).collect();
-    let none = Baseline::HoldLast.prior_knowledge();
+    let none = Baseline::HoldLast.prior_knowledge(Given::Torques);
     let rungs = distinct.into_iter().enumerate();
     let drawn = rungs.filter(|(rank, info)| *rank < 2 || info.told.as_deref() == Some(none));
     drawn.map(|(_, info)| info).collect()

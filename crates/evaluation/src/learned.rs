@@ -3,7 +3,7 @@
 use std::sync::OnceLock;
 
 use models::{ModelError, Sampling, TrainedModel, WarmStart};
-use series::{Observed, SeriesView};
+use series::{MeasuredMotion, Observed, SeriesView};
 
 use crate::predictor::Answer;
 use crate::{EvaluationError, Predictor, Samples};
@@ -104,6 +104,18 @@ impl Predictor for Learned<'_> {
             .and_then(|warm_start| self.ask(observed, warm_start, count, 0))
             .map(|positions| Answer::of_samples(count, positions))
             .map_err(|failure| failure.of(&self.name))
+    }
+
+    fn torques(
+        &self,
+        observed: &Observed<'_>,
+        _: &Answer,
+        motions: &[MeasuredMotion],
+    ) -> Result<Option<Vec<Vec<f64>>>, EvaluationError> {
+        let said = self.model.torques(observed, motions);
+        let said = said.map_err(|source| Failure::from(source).of(&self.name))?;
+        let widen = |torques: Vec<f32>| torques.into_iter().map(f64::from).collect();
+        Ok(said.map(|robots| robots.into_iter().map(widen).collect()))
     }
 }
 

@@ -24,7 +24,8 @@ mod scores;
 
 pub use baselines::{
     Arx, ConstantVelocity, DampedIntegrator, FittedDamping, FollowReference, HoldLast,
-    Identification, LeastSquares, NominalArm, Oracle, baseline, prior_knowledge,
+    Identification, KnownController, LeastSquares, NominalArm, Oracle, Simulated, baseline,
+    prior_knowledge,
 };
 pub use cell::{
     CellResult, Failure, PredictorErrors, Rollouts, Scoring, evaluate_cell, measured_jitter_deg,

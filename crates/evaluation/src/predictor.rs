@@ -1,9 +1,11 @@
 //! The trait of predictors, which evaluations compare, and their answers.
 
 use dynamics::Robot;
-use series::Observed;
+use rayon::prelude::*;
+use series::{MeasuredMotion, Observed};
 
 use crate::EvaluationError;
+use crate::metrics::torques_of_arm;
 
 /// Several equally likely answers to one question.
 #[derive(Clone, Debug, PartialEq)]
@@ -21,8 +23,8 @@ pub struct Answer {
     pub positions: Vec<f32>,
     /// Samples of its distribution.
     pub samples: Option<Samples>,
-    /// The arm of each robot by which the predictor explains the context. It says the torque that
-    /// any motion takes. `None` for a predictor without a model of the arm.
+    /// The arm of each robot by which the predictor explains the context. `None` for a predictor
+    /// that simulates no arm.
     pub arms: Option<Vec<Robot>>,
 }
 
@@ -96,5 +98,19 @@ pub trait Predictor {
     fn answer(&self, observed: &Observed<'_>, count: usize) -> Result<Answer, EvaluationError> {
         let _ = count;
         Ok(Answer { positions: self.predict(observed)?, ..Answer::default() })
+    }
+
+    /// The torques that a motion of each robot takes, `[instant, joint]`, N·m: the inverse
+    /// question. `None` for a predictor that cannot say them. One that simulates arms says those of
+    /// the arms of its `answer` to the same context.
+    fn torques(
+        &self,
+        observed: &Observed<'_>,
+        answer: &Answer,
+        motions: &[MeasuredMotion],
+    ) -> Result<Option<Vec<Vec<f64>>>, EvaluationError> {
+        let _ = observed;
+        let of_robot = |(arm, motion)| torques_of_arm(arm, motion);
+        Ok(answer.arms.as_ref().map(|arms| arms.par_iter().zip(motions).map(of_robot).collect()))
     }
 }

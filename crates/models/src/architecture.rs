@@ -4,7 +4,7 @@ use std::fmt::Debug;
 
 use burn::module::{ModuleMapper, ModuleVisitor};
 use burn::tensor::Tensor;
-use series::MeasurementNoise;
+use series::{MeasuredMotion, MeasurementNoise};
 
 use crate::ModelError;
 use crate::diffusion::{Process, Step};
@@ -64,6 +64,12 @@ pub(crate) trait Model: Clone + Debug {
 
     /// y of the horizon `[batch, horizon, joint]`, as the frame sees it.
     fn answer(&self, input: ModelInput, ask: Ask<'_>) -> Tensor<3>;
+
+    /// The torques that the motion of each robot takes, `[instant, joint]`, N·m, for a model with a
+    /// law of torques. Other models predict motions only.
+    fn torques(&self, _: ModelInput, _: &[MeasuredMotion]) -> Option<Vec<Vec<f32>>> {
+        None
+    }
 
     /// The number of values that [`Model::loss`] keeps of one trajectory for the backward pass: the
     /// inputs of all operations whose derivative depends on them. It reads no weights. A test

@@ -1,7 +1,7 @@
 //! Turns a question into positions, in chunks that fit in memory.
 
 use burn::tensor::{Device, Tensor, TensorData};
-use series::Observed;
+use series::{MeasuredMotion, Observed};
 use spec::ModelSpec;
 
 use crate::ModelError;
@@ -51,6 +51,27 @@ impl Predictor<'_> {
             }
         }
         Ok(answers)
+    }
+
+    /// The torques of the motion of each robot, `[instant, joint]`, N·m. `None` for a model that
+    /// predicts motions only.
+    pub fn torques(
+        &self,
+        observed: &Observed<'_>,
+        statistics: &[Statistics],
+        motions: &[MeasuredMotion],
+    ) -> Option<Vec<Vec<f32>>> {
+        let mut torques = Vec::with_capacity(motions.len());
+        let robots: Vec<usize> = (0..motions.len()).collect();
+        for robots in robots.chunks(CHUNK) {
+            let question = observed.pick(robots);
+            let of_chunk = robots[0]..robots[0] + robots.len();
+            let statistics = &statistics[of_chunk.clone()];
+            let frames = self.framing.frames(&question, statistics);
+            let seen = model_input(&question, statistics, &frames, &self.device);
+            torques.extend(self.model.torques(seen, &motions[of_chunk])?);
+        }
+        Some(torques)
     }
 
     fn steps(&self, sampling: &Sampling, observed: &Observed<'_>) -> Result<Vec<Step>, ModelError> {

@@ -2,6 +2,7 @@
 
 use burn::module::{ModuleMapper, ModuleVisitor};
 use burn::tensor::Tensor;
+use series::MeasuredMotion;
 use spec::ModelSpec;
 
 use crate::ModelError;
@@ -68,6 +69,10 @@ impl SequenceModel {
 
     pub fn answer(&self, input: ModelInput, ask: Ask<'_>) -> Tensor<3> {
         of_any!(self, model => model.answer(input, ask))
+    }
+
+    pub fn torques(&self, input: ModelInput, motions: &[MeasuredMotion]) -> Option<Vec<Vec<f32>>> {
+        of_any!(self, model => model.torques(input, motions))
     }
 
     pub fn kept(&self, extents: Extents) -> usize {

@@ -1,7 +1,7 @@
 //! A model that predicts, from the files of a checkpoint.
 
 use kernels::Interrupt;
-use series::{Observed, SeriesView};
+use series::{MeasuredMotion, Observed, SeriesView};
 use spec::{Length, ModelSpec};
 
 use crate::architecture::Draw;
@@ -92,6 +92,24 @@ impl TrainedModel {
         self.ask(observed, sampling, Draw::Sample)
     }
 
+    /// The torques that a motion of each robot takes, `[instant, joint]`, N·m, of the robots by which
+    /// the model explains the contexts. `None` for a model without a law of torques: of all
+    /// architectures only `lagrangian` has one.
+    ///
+    /// # Errors
+    /// Those of [`TrainedModel::predict`].
+    pub fn torques(
+        &self,
+        observed: &Observed<'_>,
+        motions: &[MeasuredMotion],
+    ) -> Result<Option<Vec<Vec<f32>>>, ModelError> {
+        let statistics = self.statistics(observed)?;
+        let predictor = self.predictor(observed);
+        let interrupt = Interrupt::current();
+        let answer = || Ok(predictor.torques(observed, &statistics, motions));
+        rayon::scope(|_| interrupt.guard(answer))
+    }
+
     /// Like [`TrainedModel::predict`], but with the whole trajectory, the horizon's y included.
     /// Normalization `paper-leaky` takes its statistics from it, as the paper's code does. The
     /// horizon's y has no other use.
@@ -164,21 +182,20 @@ impl TrainedModel {
         sampling: &Sampling,
         draw: Draw,
     ) -> Result<Vec<f32>, ModelError> {
-        let CheckpointConfig { model, context, samples, .. } = &self.config;
-        let trained = Length { context: *context, samples: *samples };
-        check_observed(observed, model, trained, self.joints())?;
-        let statistics = self.normalizer.statistics_of_observed(observed)?;
+        let statistics = self.statistics(observed)?;
         self.answer(observed, &statistics, sampling, draw)
     }
 
-    fn answer(
-        &self,
-        observed: &Observed<'_>,
-        statistics: &[Statistics],
-        sampling: &Sampling,
-        draw: Draw,
-    ) -> Result<Vec<f32>, ModelError> {
-        let predictor = Predictor {
+    /// Checks a question, and gives what its series are normalized with.
+    fn statistics(&self, observed: &Observed<'_>) -> Result<Vec<Statistics>, ModelError> {
+        let CheckpointConfig { model, context, samples, .. } = &self.config;
+        let trained = Length { context: *context, samples: *samples };
+        check_observed(observed, model, trained, self.joints())?;
+        self.normalizer.statistics_of_observed(observed)
+    }
+
+    fn predictor(&self, observed: &Observed<'_>) -> Predictor<'_> {
+        Predictor {
             model: &self.model,
             spec: &self.config.model,
             framing: Framing {
@@ -188,7 +205,17 @@ impl TrainedModel {
                 rate_hz: self.rate_hz(),
             },
             device: self.device.inference(),
-        };
+        }
+    }
+
+    fn answer(
+        &self,
+        observed: &Observed<'_>,
+        statistics: &[Statistics],
+        sampling: &Sampling,
+        draw: Draw,
+    ) -> Result<Vec<f32>, ModelError> {
+        let predictor = self.predictor(observed);
         let interrupt = Interrupt::current();
         let answer = || predictor.answer(observed, statistics, sampling, draw);
         // The answer runs on a thread of the pool. Its parallel loops then need not wake another

@@ -10,8 +10,8 @@
 //! u and y are the measured values. A series may also have the true values, for scores and losses.
 //! An [`Observed`] never has them.
 //!
-//! [`Smoother`] and [`LowPass`] remove the noise of measured positions, and the quantiles here are those of every
-//! table.
+//! [`Smoother`] and [`LowPass`] remove the noise of measured positions, [`MeasuredMotion`] has their differences,
+//! and the quantiles here are those of every table.
 //!
 //! Values are copied twice between a decoded row group and a tensor. [`Series::gather`] takes the
 //! robots of a batch out of [`Columns`], and a model normalizes the batch into the tensor. Views
@@ -20,6 +20,7 @@
 #![warn(missing_docs)]
 
 mod columns;
+mod motion;
 mod noise;
 mod observed;
 mod owned;
@@ -30,6 +31,7 @@ mod track;
 mod view;
 
 pub use columns::Columns;
+pub use motion::MeasuredMotion;
 pub use noise::MeasurementNoise;
 pub use observed::Observed;
 pub use owned::Series;

@@ -332,7 +332,8 @@ fn references_are_given_of_simulations_with_a_controller_alone() {
     let asked = evaluate(&json!({"given": "references"}));
     let names: Vec<Value> =
         asked.baselines.iter().map(|baseline| serde_json::to_value(baseline).unwrap()).collect();
-    let expected = ["hold-last", "constant-velocity", "follow-reference", "least-squares", "arx"];
+    let untold = ["hold-last", "constant-velocity", "follow-reference", "least-squares", "arx"];
+    let expected: Vec<&str> = untold.into_iter().chain(["nominal-simulator"]).collect();
     assert_eq!(names, expected);
     let training = Training { spec: &spec, data: &controlled };
     asked.check_inputs(&controlled, &[training], &[]).unwrap();

@@ -2,11 +2,10 @@
 
 use std::time::Instant;
 
-use dynamics::{Joints, Robot};
 use evaluation::metrics::{band_edge_hz, highest_component_hz, occupied_band_hz};
 use evaluation::{
-    CellResult, ErrorHorizon, PredictorErrors, Scoring, evaluate_cell, measured_jitter_deg,
-    measured_left_limits, within_torque_limits,
+    CellResult, ErrorHorizon, PredictorErrors, Scoring, Simulated, evaluate_cell,
+    measured_jitter_deg, measured_left_limits, within_torque_limits,
 };
 use models::context_warnings;
 use serde::{Deserialize, Serialize};
@@ -59,13 +58,14 @@ pub(super) fn cell(attempt: &Attempt, spec: &EvaluateSpec, index: usize) -> Resu
     let limits_rad = data.spec().limits_rad();
     let horizon = scenarios.samples() - pre_roll - context;
     let horizons = ErrorHorizon::all(&spec.horizons_s, scenarios.rate_hz(), horizon);
-    let scoring = Scoring { pre_roll, context, samples, band_edge_hz, limits_rad, horizons };
+    let given = spec.given;
+    let scoring = Scoring { pre_roll, context, samples, band_edge_hz, given, limits_rad, horizons };
     let files = PredictionFile::open_all(attempt, spec)?;
     let given = |file: &PredictionFile| file.answer(spec, &data, &scenarios, cell.first);
     let given = files.iter().map(given).collect::<Result<Vec<_>, TaskError>>()?;
     let predictors = Predictors::new(spec, data.spec(), &files, &checkpoints)?;
-    let robots = robots(attempt, &data, spec, cell, scenarios.robots())?;
-    let asked = predictors.of_cell(&scenarios, cell.first, given, &robots);
+    let simulated = simulated(attempt, &data, spec, cell, scenarios.robots())?;
+    let asked = predictors.of_cell(&scenarios, cell.first, given, simulated.as_ref());
     let mut errors = Vec::with_capacity(asked.len());
     tracing::info!(
         cell = index,
@@ -139,20 +139,20 @@ pub(super) fn scenarios(
     Ok(recorded)
 }
 
-/// The robots of a cell's first `count` scenarios, and their velocities at the last sample of the
-/// context, rad/s. Empty unless the evaluation asks for the oracle. They are simulated again, because
-/// a dataset need not have velocities.
-pub(super) fn robots(
+/// What a simulation knows of a cell's first `count` scenarios. `None` unless a baseline needs it.
+/// They are simulated again, because a dataset need not have velocities.
+pub(super) fn simulated(
     attempt: &Attempt,
     data: &TrajectorySource,
     spec: &EvaluateSpec,
     cell: &ScenarioCell,
     count: usize,
-) -> Result<Vec<(Robot, Joints<f64>)>, TaskError> {
-    let (true, Some(simulation)) =
-        (spec.baselines.contains(&Baseline::Oracle), data.spec().simulation())
-    else {
-        return Ok(Vec::new());
+) -> Result<Option<Simulated>, TaskError> {
+    let asks = |name| spec.baselines.contains(&name);
+    let is_needed = asks(Baseline::Oracle)
+        || (spec.given == Given::References && asks(Baseline::NominalSimulator));
+    let (true, Some(simulation)) = (is_needed, data.spec().simulation()) else {
+        return Ok(None);
     };
     let observations = Observations { joint_velocities: true, ..simulation.observations };
     let simulation = SimulateSpec { observations, ..simulation.clone() };
@@ -165,8 +165,8 @@ pub(super) fn robots(
         let at = (robot * simulated.series.samples() + known - 1) * joints;
         velocities[at..at + joints].iter().copied().map(f64::from).collect()
     };
-    let robots = simulated.scenarios.iter().enumerate();
-    Ok(robots.map(|(place, scenario)| (scenario.robot.clone(), of_robot(place))).collect())
+    let velocities = (0..simulated.scenarios.len()).map(of_robot).collect();
+    Ok(Some(Simulated { spec: simulation, scenarios: simulated.scenarios, velocities }))
 }
 
 /// The samples of trajectories that an evaluation uses: pre-roll, context and horizon.

@@ -8,7 +8,7 @@ use series::SeriesView;
 use spec::{EvaluateSpec, ScenarioCell};
 use wire::{DrawnPredictions, DrawnPredictor, DrawnScenario, PredictorInfo};
 
-use super::cell::{asked_about, robots, scenarios};
+use super::cell::{asked_about, scenarios, simulated};
 use super::checkpoints::LoadedCheckpoint;
 use super::predictions::PredictionFile;
 use super::predictors::Predictors;
@@ -90,8 +90,8 @@ fn draw(
     let given = asked.files.iter().map(given).collect::<Result<Vec<_>, TaskError>>()?;
     // New predictors for each scenario, because they keep its first predictions.
     let predictors = asked.predictors()?;
-    let robots = robots(attempt, data, spec, &cell, 1)?;
-    let predictors = predictors.of_cell(&scenario, trajectory, given, &robots);
+    let simulated = simulated(attempt, data, spec, &cell, 1)?;
+    let predictors = predictors.of_cell(&scenario, trajectory, given, simulated.as_ref());
     let (pre_roll, context) = (spec.rounds() as usize, spec.context as usize);
     let mut answers = Vec::new();
     for name in &chosen.predictors {

@@ -3,14 +3,13 @@
 
 use std::collections::HashMap;
 
-use dynamics::{Joints, Robot};
 use evaluation::{
-    FirstPrediction, Given, LeakyLearned, Learned, NominalArm, Oracle, OracleStarted, Predictor,
-    Start, baseline, prior_knowledge,
+    FirstPrediction, KnownController, LeakyLearned, Learned, NominalArm, Oracle, OracleStarted,
+    Predictor, Simulated, Start, baseline, prior_knowledge,
 };
 use models::Sampling;
 use series::SeriesView;
-use spec::{Baseline, DataSpec, EvaluateSpec, SamplerSpec, SamplingRun, SpecError};
+use spec::{Baseline, DataSpec, EvaluateSpec, Given, SamplerSpec, SamplingRun, SpecError};
 use wire::{PredictorInfo, PredictorKind, SamplingInfo};
 
 use super::checkpoints::LoadedCheckpoint;
@@ -79,7 +78,7 @@ impl<'a> Predictors<'a> {
         let baselines = self.spec.baselines.iter().map(|&name| PredictorInfo {
             name: baseline(name, &self.arm).name().to_owned(),
             kind: PredictorKind::Baseline,
-            told: Some(prior_knowledge(name, self.data)),
+            told: Some(prior_knowledge(name, self.spec.given, self.data)),
             digest: None,
             file: None,
             replicates: None,
@@ -93,25 +92,31 @@ impl<'a> Predictors<'a> {
     }
 
     /// For the scenarios of one cell, `first` the index of the first, with what the files say of them,
-    /// and with their robots for the oracle.
+    /// and with what a simulation knows of them.
     pub fn of_cell<'b>(
         &'b self,
         scenarios: &'b SeriesView<'b>,
         first: u64,
-        given: Vec<Given>,
-        robots: &[(Robot, Joints<f64>)],
+        answers: Vec<evaluation::Given>,
+        simulated: Option<&Simulated>,
     ) -> Vec<Box<dyn Predictor + 'b>> {
-        let baselines = self.spec.baselines.iter().map(|&name| match name {
-            Baseline::Oracle => Box::new(Oracle::new(&self.arm, robots.to_vec())),
-            name => baseline(name, &self.arm),
+        let baselines = self.spec.baselines.iter().map(|&name| -> Box<dyn Predictor + 'b> {
+            match (name, self.spec.given, simulated) {
+                (Baseline::Oracle, Given::Torques, _) => {
+                    Box::new(Oracle::new(&self.arm, simulated))
+                }
+                (Baseline::Oracle, Given::References, Some(simulated)) => {
+                    Box::new(KnownController::with_robot(simulated))
+                }
+                (Baseline::NominalSimulator, Given::References, Some(simulated)) => {
+                    Box::new(KnownController::with_nominal_arm(simulated))
+                }
+                (name, ..) => baseline(name, &self.arm),
+            }
         });
         let learned = self.learned.iter().map(|learned| self.predictor(learned, scenarios, first));
-        let given = given.into_iter().map(|given| -> Box<dyn Predictor + 'b> { Box::new(given) });
-        baselines
-            .map(|baseline| -> Box<dyn Predictor + 'b> { baseline })
-            .chain(given)
-            .chain(learned)
-            .collect()
+        let answers = answers.into_iter().map(|it| -> Box<dyn Predictor + 'b> { Box::new(it) });
+        baselines.chain(answers).chain(learned).collect()
     }
 
     fn predictor<'b>(

@@ -168,6 +168,7 @@ mod tests {
             context: 20,
             samples: 1,
             band_edge_hz: Some(8.0),
+            given: spec::Given::Torques,
             limits_rad: vec![spec::Range::new(-1.0, 1.0); JOINTS],
             horizons: ErrorHorizon::all(&[0.1, 0.5], 60.0, 40),
         };

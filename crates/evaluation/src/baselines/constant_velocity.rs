@@ -54,7 +54,17 @@ impl Predictor for ConstantVelocity {
 /// within [`WINDOW_S`] on both sides best. With two positions it is their difference, and with one
 /// it is 0.
 pub(super) fn slope_at(positions: Track<'_>, sample: usize, joint: usize, rate_hz: f64) -> f64 {
-    let samples = positions.samples();
+    slope_among(positions, positions.samples(), sample, joint, rate_hz)
+}
+
+/// [`slope_at`] among the first `samples` positions.
+pub(super) fn slope_among(
+    positions: Track<'_>,
+    samples: usize,
+    sample: usize,
+    joint: usize,
+    rate_hz: f64,
+) -> f64 {
     if samples < LEAST_SAMPLES {
         let mut ends = positions.joint(joint).map(f64::from);
         return ends.next().zip(ends.next()).map_or(0.0, |(first, last)| (last - first) * rate_hz);

@@ -1,8 +1,7 @@
 //! Baselines on contexts whose noise is removed first.
 
 use models::Interrupt;
-use series::Smoother;
-use series::{Observed, Series, Shape, ShapeError};
+use series::{MeasuredMotion, Observed, Series, Shape, ShapeError, Smoother};
 
 use crate::predictor::Answer;
 use crate::{EvaluationError, Predictor};
@@ -31,6 +30,16 @@ impl Predictor for Filtered {
             Some(smoothed) => self.0.answer(&smoothed.observed(observed.context()), count),
             None => self.0.answer(observed, count),
         }
+    }
+
+    /// Torques of the context are not smoothed, so they are the same with and without the filter.
+    fn torques(
+        &self,
+        observed: &Observed<'_>,
+        answer: &Answer,
+        motions: &[MeasuredMotion],
+    ) -> Result<Option<Vec<Vec<f64>>>, EvaluationError> {
+        self.0.torques(observed, answer, motions)
     }
 }
 

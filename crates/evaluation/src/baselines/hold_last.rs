@@ -1,11 +1,12 @@
 //! The baseline that predicts no motion.
 
-use series::Observed;
+use series::{MeasuredMotion, Observed};
 
 use super::rollout::rollout;
+use crate::predictor::Answer;
 use crate::{EvaluationError, Predictor};
 
-/// Holds the last position of the context.
+/// Holds the last position of the context, and its last torque.
 #[derive(Clone, Copy, Debug)]
 pub struct HoldLast;
 
@@ -16,6 +17,20 @@ impl Predictor for HoldLast {
 
     fn predict(&self, observed: &Observed<'_>) -> Result<Vec<f32>, EvaluationError> {
         Ok(rollout(observed, |_, _| |_, _| 0.0))
+    }
+
+    /// The last torque of the context, whatever the motion.
+    fn torques(
+        &self,
+        observed: &Observed<'_>,
+        _: &Answer,
+        motions: &[MeasuredMotion],
+    ) -> Result<Option<Vec<Vec<f64>>>, EvaluationError> {
+        let held = motions.iter().enumerate().map(|(robot, motion)| {
+            let last = &observed.u(robot)[observed.context() - 1];
+            last.iter().copied().map(f64::from).collect::<Vec<_>>().repeat(motion.instants())
+        });
+        Ok(Some(held.collect()))
     }
 }
 
@@ -35,5 +50,14 @@ mod tests {
         let predicted = HoldLast.predict(&observed).unwrap();
         assert_eq!(predicted.len(), 80 * JOINTS);
         assert!(predicted.chunks(JOINTS).all(|y| *y == observed.y(0)[319]));
+        let motion = MeasuredMotion::new(&predicted, JOINTS, observed.rate_hz());
+        let said = HoldLast.torques(&observed, &Answer::default(), &[motion]).unwrap().unwrap();
+        let last = observed.u(0)[319].to_vec();
+        assert_eq!(said[0].len(), 78 * JOINTS);
+        assert!(
+            said[0]
+                .chunks(JOINTS)
+                .all(|u| u.iter().zip(&last).all(|(u, last)| *u == f64::from(*last)))
+        );
     }
 }

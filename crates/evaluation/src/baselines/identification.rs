@@ -9,6 +9,8 @@ use spec::{Integrator, RobotSpec};
 
 use super::NominalArm;
 use super::constant_velocity::slope_at;
+use super::end_state::end_state;
+use super::filtered::smoothed;
 use super::prior::{Arm, Freedom, Prior};
 use crate::predictor::Answer;
 use crate::{EvaluationError, Predictor};
@@ -25,7 +27,8 @@ use crate::{EvaluationError, Predictor};
 /// Residuals are measured minus simulated positions, [`COMPARED_HZ`] times a second. The simulation
 /// is set to the measured position at the end of the context and every [`STRETCH_S`] before it. It
 /// keeps its velocity if damping soon forgets it, and is otherwise set to the slope of the measured
-/// positions: an unknown load would drive the velocity of a lightly damped arm away. This is
+/// positions: an unknown load would drive the velocity of a lightly damped arm away. The horizon of
+/// such an arm begins at [`end_state`], if all of it was fitted: a wrong arm misleads that filter. This is
 /// multiple shooting. Over longer stretches, an arm that gravity makes unstable depends too sharply on its parameters to be
 /// fitted. The assumed noise of the residuals is their current size, at least [`NOISE`], so that
 /// the prior keeps steps short far from the robot.
@@ -112,10 +115,11 @@ impl Identification {
         }
     }
 
-    /// The arm, and positions `[sample, joint]` of the horizon.
+    /// The arm, and positions `[sample, joint]` of the horizon. It is fitted to the `observed`
+    /// positions, from which noise was removed, and begins where the `measured` ones end.
     fn predict_one(
         &self,
-        observed: &Observed<'_>,
+        [observed, measured]: [&Observed<'_>; 2],
         scenario: usize,
         interrupt: &Interrupt,
     ) -> (Robot, Vec<f32>) {
@@ -126,21 +130,29 @@ impl Identification {
         let positions = track.values();
         let known = positions.len();
         let rate_hz = observed.rate_hz();
-        let measured = |sample: usize| {
+        let velocity = |sample: usize| {
             (!self.forgets)
                 .then(|| Joints::from_fn(joints, |joint| slope_at(track, sample, joint, rate_hz)))
         };
-        let fit = Fit {
+        let mut fit = Fit {
             arm: self,
             torques: &torques[..known],
             positions,
             start: Start::of(positions, joints, rate_hz),
-            anchors: anchors(positions, joints, whole(rate_hz * STRETCH_S), measured),
+            anchors: anchors(positions, joints, whole(rate_hz * STRETCH_S), velocity),
             stride: whole(rate_hz / COMPARED_HZ),
         };
         let fitted = fit.solve(interrupt);
         let nominal = Parameters::zeros(self.prior.parameters());
         let candidates = [fitted, nominal].map(|numbers| self.prior.arm_at(numbers.as_slice()));
+        if !self.forgets && self.prior.freedom() == Freedom::Everything {
+            let [fitted, _] = &candidates;
+            let (u, y) = (measured.u(scenario), measured.y(scenario));
+            let end = end_state(&fitted.robot, u, y, rate_hz, measured.noise());
+            if let Some((anchor, end)) = fit.anchors.last_mut().zip(end) {
+                (anchor.q, anchor.qd) = (end.q, Some(end.qd));
+            }
+        }
         let q = self.replay.run(&candidates.each_ref().map(|arm| fit.motion(arm, torques)));
         let is_finite = |(_, q): &(Arm, &[f32])| q.iter().all(|q| q.is_finite());
         let [fitted, nominal] = candidates;
@@ -198,9 +210,12 @@ impl Predictor for Identification {
 
     fn answer(&self, observed: &Observed<'_>, _: usize) -> Result<Answer, EvaluationError> {
         let interrupt = Interrupt::current();
+        let smoothed = smoothed(observed)?;
+        let smoothed = smoothed.as_ref().map(|series| series.observed(observed.context()));
+        let asked = [smoothed.as_ref().unwrap_or(observed), observed];
         let (arms, positions): (Vec<Robot>, Vec<Vec<f32>>) = (0..observed.robots())
             .into_par_iter()
-            .map(|scenario| self.predict_one(observed, scenario, &interrupt))
+            .map(|scenario| self.predict_one(asked, scenario, &interrupt))
             .unzip();
         Ok(Answer { positions: positions.concat(), arms: Some(arms), samples: None })
     }

@@ -3,6 +3,7 @@
 mod arx;
 mod constant_velocity;
 mod damped_integrator;
+mod end_state;
 mod filtered;
 mod fitted_damping;
 #[cfg(test)]
@@ -10,12 +11,16 @@ pub(crate) mod fixture;
 mod follow_reference;
 mod hold_last;
 mod identification;
+mod known_controller;
 mod least_squares;
 mod oracle;
 mod prior;
 mod rollout;
 
-use spec::{Baseline, DataSpec, InertiaScheme, Integrator, Precision, RobotSpec};
+use dynamics::{Joints, Scenario};
+use spec::{
+    Baseline, DataSpec, Given, InertiaScheme, Integrator, Precision, RobotSpec, SimulateSpec,
+};
 
 use self::filtered::Filtered;
 use crate::Predictor;
@@ -27,6 +32,7 @@ pub use fitted_damping::FittedDamping;
 pub use follow_reference::FollowReference;
 pub use hold_last::HoldLast;
 pub use identification::Identification;
+pub use known_controller::KnownController;
 pub use least_squares::LeastSquares;
 pub use oracle::Oracle;
 pub(crate) use rollout::to_f32;
@@ -66,13 +72,25 @@ impl NominalArm {
     }
 }
 
-/// The prior knowledge of a baseline about the arms of `data`. Reports call it `told`.
+/// What a simulation knows of the scenarios of a question, in order.
+#[derive(Clone, Debug)]
+pub struct Simulated {
+    /// The spec that they were drawn by.
+    pub spec: SimulateSpec,
+    /// The random choices: robots, and references with gains.
+    pub scenarios: Vec<Scenario>,
+    /// The velocities at the last sample of the context, rad/s.
+    pub velocities: Vec<Joints<f64>>,
+}
+
+/// The prior knowledge of a baseline about the arms of `data`, where it is `given` one kind of
+/// series. Reports call it `told`.
 ///
 /// `identification` is told how simulated robots differ. Nobody knows that of recordings: there it
 /// assumes the randomization of the arm that their import names, and friction and payload only if
 /// the import gives them.
-pub fn prior_knowledge(name: Baseline, data: &DataSpec) -> String {
-    let told = name.prior_knowledge();
+pub fn prior_knowledge(name: Baseline, given: Given, data: &DataSpec) -> String {
+    let told = name.prior_knowledge(given);
     if name != Baseline::Identification {
         return told.to_owned();
     }
@@ -99,31 +117,24 @@ pub fn prior_knowledge(name: Baseline, data: &DataSpec) -> String {
     }
 }
 
-/// The predictor with the name `baseline`. An [`Oracle`] knows no robots here. With noise, all but
-/// `least-squares` use smoothed positions. `arx` uses both.
+/// The predictor with the name `baseline`. An [`Oracle`] knows no robots here. With noise, most use
+/// smoothed positions ([`Filtered`]). `arx` and those that simulate an arm use both kinds.
 pub fn baseline(baseline: Baseline, arm: &NominalArm) -> Box<dyn Predictor> {
+    let damping = || arm.robot.damping_nm_s_rad.clone();
+    let filtered = |predictor| -> Box<dyn Predictor> { Box::new(Filtered(predictor)) };
     match baseline {
-        Baseline::Arx => Box::new(Arx),
-        Baseline::LeastSquares => Box::new(LeastSquares),
-        Baseline::Oracle => Box::new(Oracle::new(arm, Vec::new())),
-        other => Box::new(Filtered(unfiltered(other, arm))),
-    }
-}
-
-fn unfiltered(baseline: Baseline, arm: &NominalArm) -> Box<dyn Predictor> {
-    match baseline {
-        Baseline::HoldLast => Box::new(HoldLast),
-        Baseline::ConstantVelocity => Box::new(ConstantVelocity),
-        Baseline::FollowReference => Box::new(FollowReference),
+        Baseline::HoldLast => filtered(Box::new(HoldLast)),
+        Baseline::ConstantVelocity => filtered(Box::new(ConstantVelocity)),
+        Baseline::FollowReference => filtered(Box::new(FollowReference)),
         Baseline::DampedIntegrator => {
-            Box::new(DampedIntegrator { damping_nm_s_rad: arm.robot.damping_nm_s_rad.clone() })
+            filtered(Box::new(DampedIntegrator { damping_nm_s_rad: damping() }))
         }
-        Baseline::FittedDamping => Box::new(FittedDamping),
+        Baseline::FittedDamping => filtered(Box::new(FittedDamping)),
         Baseline::LeastSquares => Box::new(LeastSquares),
         Baseline::Arx => Box::new(Arx),
         Baseline::NominalSimulator => Box::new(Identification::nothing(arm)),
         Baseline::SimulatorFittedDamping => Box::new(Identification::dampings(arm)),
         Baseline::Identification => Box::new(Identification::new(arm)),
-        Baseline::Oracle => Box::new(Oracle::new(arm, Vec::new())),
+        Baseline::Oracle => Box::new(Oracle::new(arm, None)),
     }
 }

@@ -3,7 +3,8 @@
 use dynamics::{InstructionSet, Joints, Motion, Replay, Robot};
 use series::Observed;
 
-use super::NominalArm;
+use super::{NominalArm, Simulated};
+use crate::predictor::Answer;
 use crate::{EvaluationError, Predictor};
 
 /// Simulates the robot of each scenario, which nobody has, under the torques of the horizon.
@@ -20,11 +21,17 @@ pub struct Oracle {
 }
 
 impl Oracle {
-    /// The robots of scenarios, in order, with their velocities at the last sample of the context.
-    pub fn new(arm: &NominalArm, robots: Vec<(Robot, Joints<f64>)>) -> Self {
+    /// The robots of scenarios, with their velocities at the last sample of the context. Without
+    /// `simulated` it knows none.
+    pub fn new(arm: &NominalArm, simulated: Option<&Simulated>) -> Self {
         let NominalArm { rate_hz, integrator, precision, .. } = *arm;
         let instructions = InstructionSet::best();
-        Self { replay: Replay { rate_hz, integrator, precision, instructions }, robots }
+        let robots = simulated.map(|simulated| {
+            let robots = simulated.scenarios.iter().map(|scenario| scenario.robot.clone());
+            robots.zip(simulated.velocities.iter().copied()).collect()
+        });
+        let replay = Replay { rate_hz, integrator, precision, instructions };
+        Self { replay, robots: robots.unwrap_or_default() }
     }
 }
 
@@ -48,6 +55,11 @@ impl Predictor for Oracle {
         let length = (observed.horizon() + 1) * joints;
         let moved = self.replay.run(&motions);
         Ok(moved.chunks_exact(length).flat_map(|motion| &motion[joints..]).copied().collect())
+    }
+
+    fn answer(&self, observed: &Observed<'_>, _: usize) -> Result<Answer, EvaluationError> {
+        let arms = self.robots.iter().map(|(robot, _)| robot.clone()).collect();
+        Ok(Answer { positions: self.predict(observed)?, arms: Some(arms), samples: None })
     }
 }
 
@@ -83,9 +95,10 @@ mod tests {
             let place = (robot * 60 + context - 1) * joints;
             qd[place..][..joints].iter().copied().map(f64::from).collect()
         };
-        let robots = simulated.scenarios.iter().enumerate();
-        let robots = robots.map(|(robot, scenario)| (scenario.robot.clone(), at(robot))).collect();
-        let oracle = Oracle::new(&NominalArm::of(&DataSpec::Simulation(spec)), robots);
+        let scenarios = simulated.scenarios.clone();
+        let velocities = (0..scenarios.len()).map(at).collect();
+        let arm = NominalArm::of(&DataSpec::Simulation(spec.clone()));
+        let oracle = Oracle::new(&arm, Some(&Simulated { spec, scenarios, velocities }));
         let predicted = oracle.predict(&simulated.series.observed(context)).unwrap();
         let row = 60 * joints;
         let truth = simulated.series.true_y().chunks_exact(row);

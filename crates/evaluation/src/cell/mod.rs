@@ -2,8 +2,8 @@
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use series::{Observed, SeriesView};
-use spec::{Family, Range};
+use series::{MeasuredMotion, Observed, SeriesView};
+use spec::{Family, Given, Range};
 use wire::Warning;
 
 use crate::metrics::{JitterMeter, beyond_limits_deg, has_diverged, squares_deg2, torque_rmse_nm};
@@ -133,6 +133,9 @@ pub struct Scoring {
     /// The frequency above which a prediction's power is jitter, see
     /// [`crate::metrics::band_edge_hz`]. With `None` jitter is not measured.
     pub band_edge_hz: Option<f64>,
+    /// The series that predictors are given. Only with torques they are asked for the torques of the
+    /// measured motion, too.
+    pub given: Given,
     /// Limits of each joint's position; empty where they are not known.
     pub limits_rad: Vec<Range>,
     /// First parts of the horizon whose errors are measured as well.
@@ -152,10 +155,20 @@ pub fn evaluate_cell(
     predictors: &[Box<dyn Predictor + '_>],
 ) -> Vec<PredictorErrors> {
     let observed = scenarios.observed(scoring.pre_roll, scoring.context);
+    let (truth, joints) = (scoring.truth(scenarios), observed.joints());
+    let row = observed.horizon() * joints;
+    let motions = match scoring.given {
+        Given::Torques => truth
+            .chunks_exact(row)
+            .map(|positions| MeasuredMotion::new(positions, joints, observed.rate_hz()))
+            .collect(),
+        Given::References => Vec::new(),
+    };
     let scorer = Scorer {
-        truth: &scoring.truth(scenarios),
-        row: observed.horizon() * observed.joints(),
-        joints: observed.joints(),
+        truth: &truth,
+        motions: &motions,
+        row,
+        joints,
         limits_rad: &scoring.limits_rad,
         horizons: &scoring.horizons,
         meter: meter(&observed, scoring),
@@ -228,6 +241,8 @@ impl Scoring {
 struct Scorer<'a> {
     /// `[robot, horizon, joint]`.
     truth: &'a [f32],
+    /// The motion of each robot over the horizon. Empty if torques are not asked for.
+    motions: &'a [MeasuredMotion],
     /// Values per scenario.
     row: usize,
     joints: usize,
@@ -244,8 +259,8 @@ impl Scorer<'_> {
         scoring: &Scoring,
     ) -> PredictorErrors {
         let size = observed.robots();
-        let answer = match self.ask(predictor, observed, scoring) {
-            Ok(answer) => answer,
+        let (answer, torques) = match self.ask(predictor, observed, scoring) {
+            Ok(answers) => answers,
             Err(error) => {
                 let reason = spec::causes(&error);
                 return PredictorErrors {
@@ -258,8 +273,18 @@ impl Scorer<'_> {
             }
         };
         let patch = predictor.patch();
-        let scenarios: Vec<Option<ScenarioErrors>> =
-            (0..size).into_par_iter().map(|k| self.score(&answer, observed, patch, k)).collect();
+        let scenarios: Vec<Option<ScenarioErrors>> = (0..size)
+            .into_par_iter()
+            .map(|k| {
+                let mut errors = self.score(&answer, patch, k)?;
+                let said = torques.as_ref().and_then(|torques| torques.get(k));
+                if let Some(rmse_nm) = said.and_then(|said| self.torque_rmse_nm(said, observed, k))
+                {
+                    errors.set(Measure::TorqueRmseNm, rmse_nm);
+                }
+                Some(errors)
+            })
+            .collect();
         let mut squares = vec![0.0; self.row];
         for scenario in (0..size).filter(|&scenario| scenarios[scenario].is_some()) {
             let of_scenario = scenario * self.row..(scenario + 1) * self.row;
@@ -290,12 +315,15 @@ impl Scorer<'_> {
         }
     }
 
+    /// The positions that a predictor answers with, and the torques that it says for the measured
+    /// motions.
+    #[expect(clippy::type_complexity, reason = "two answers, the second as the trait gives it")]
     fn ask(
         &self,
         predictor: &dyn Predictor,
         observed: &Observed<'_>,
         scoring: &Scoring,
-    ) -> Result<Answer, EvaluationError> {
+    ) -> Result<(Answer, Option<Vec<Vec<f64>>>), EvaluationError> {
         let check = |got: usize, expected: usize| {
             let predictor = predictor.name().to_owned();
             if got == expected {
@@ -308,7 +336,21 @@ impl Scorer<'_> {
         if let Some(samples) = &answer.samples {
             check(samples.positions.len(), samples.count * self.truth.len())?;
         }
-        Ok(answer)
+        let torques = match self.motions {
+            [] => None,
+            motions => predictor.torques(observed, &answer, motions)?,
+        };
+        Ok((answer, torques))
+    }
+
+    fn torque_rmse_nm(
+        &self,
+        said: &[f64],
+        observed: &Observed<'_>,
+        scenario: usize,
+    ) -> Option<Vec<f64>> {
+        let torques = &observed.u(scenario).values()[observed.context() * self.joints..];
+        torque_rmse_nm(said, &self.motions[scenario].mean_torques(torques), self.joints)
     }
 
     fn rollouts(&self, answer: &Answer) -> Rollouts {
@@ -331,7 +373,6 @@ impl Scorer<'_> {
     fn score(
         &self,
         answer: &Answer,
-        observed: &Observed<'_>,
         patch: Option<usize>,
         scenario: usize,
     ) -> Option<ScenarioErrors> {
@@ -355,15 +396,7 @@ impl Scorer<'_> {
                 horizons: self.horizons,
                 meter: self.meter.as_ref(),
             };
-            let mut errors = ScenarioErrors::new(truth, predicted, &samples, scored_as);
-            if let Some(arms) = &answer.arms {
-                let torques = &observed.u(scenario).values()[observed.context() * self.joints..];
-                let rmse_nm = torque_rmse_nm(&arms[scenario], observed.rate_hz(), torques, truth);
-                if let Some(rmse_nm) = rmse_nm {
-                    errors.set(Measure::TorqueRmseNm, rmse_nm);
-                }
-            }
-            errors
+            ScenarioErrors::new(truth, predicted, &samples, scored_as)
         })
     }
 }

@@ -11,6 +11,7 @@ fn scoring() -> Scoring {
         context: 20,
         samples: 4,
         band_edge_hz: Some(8.0),
+        given: Given::Torques,
         limits_rad: vec![Range::new(-2.0, 2.0); JOINTS],
         horizons: ErrorHorizon::all(&[0.1, 9.0], 60.0, 40),
     }

@@ -26,4 +26,4 @@ pub(crate) use interval::{central_interval, least_samples};
 pub(crate) use jitter::JitterMeter;
 pub(crate) use limits::{beyond_limits_deg, has_diverged};
 pub(crate) use rmse::{joint_rmse_deg, squares_deg2};
-pub(crate) use torque::torque_rmse_nm;
+pub(crate) use torque::{torque_rmse_nm, torques_of_arm};

@@ -1,68 +1,33 @@
-//! The torque that a model of an arm says for a measured motion, beside the torque that acted.
+//! The torque that a predictor says for a measured motion, beside the torque that acted.
 
 use dynamics::{Joints, Robot, inverse_dynamics};
+use series::MeasuredMotion;
 
-/// Least time over which positions are differentiated, s. At higher rates rounded positions would
-/// dominate their second differences.
-const LEAST_STEP_S: f64 = 1.0 / 60.0;
+/// The torques that a motion takes of an arm, `[instant, joint]`, N·m.
+pub(crate) fn torques_of_arm(arm: &Robot, motion: &MeasuredMotion) -> Vec<f64> {
+    let joints = motion.joints();
+    let of_instant = |instant: usize| {
+        let at = |values: &[f64]| -> Joints<f64> {
+            values[instant * joints..][..joints].iter().copied().collect()
+        };
+        let torques = inverse_dynamics(arm, at(motion.q()), at(motion.qd()), at(motion.qdd()));
+        (0..joints).map(move |joint| torques[joint])
+    };
+    (0..motion.instants()).flat_map(of_instant).collect()
+}
 
-/// Root mean square of the torque that `arm` takes for a measured motion minus the torque that
-/// acted, for each joint, N·m. Torques and positions (rad) are `[sample, joint]`. `None` if the
-/// motion is too short for a second difference.
-///
-/// Velocities and accelerations are central differences. The second difference of positions is a
-/// mean of accelerations with triangular weights. Each torque is held from its sample to the next,
-/// so the same mean of torques acts.
-pub(crate) fn torque_rmse_nm(
-    arm: &Robot,
-    rate_hz: f64,
-    torques: &[f32],
-    positions: &[f32],
-) -> Option<Vec<f64>> {
-    let joints = arm.joints();
-    let samples = positions.len() / joints;
-    let reach = step(rate_hz);
-    let seconds = reach as f64 / rate_hz;
-    let weights: Vec<f64> = (0..2 * reach).map(|k| weight(k, reach)).collect();
-    let at = |sample: usize, joint: usize| f64::from(positions[sample * joints + joint]);
-
-    let middles = reach..samples.checked_sub(reach)?;
-    let count = middles.len();
+/// Root mean square of the torques that a predictor says minus those that acted, both `[instant,
+/// joint]`, for each joint, N·m. `None` without an instant, or if a torque is not finite.
+pub(crate) fn torque_rmse_nm(said: &[f64], acted: &[f64], joints: usize) -> Option<Vec<f64>> {
+    let instants = acted.len() / joints;
     let mut squares = vec![0.0; joints];
-    for middle in middles {
-        let q = Joints::from_fn(joints, |joint| at(middle, joint));
-        let before = Joints::from_fn(joints, |joint| at(middle - reach, joint));
-        let after = Joints::from_fn(joints, |joint| at(middle + reach, joint));
-        let qd = Joints::from_fn(joints, |joint| (after[joint] - before[joint]) / (2.0 * seconds));
-        let qdd = Joints::from_fn(joints, |joint| {
-            (after[joint] - 2.0 * q[joint] + before[joint]) / (seconds * seconds)
-        });
-        let taken = inverse_dynamics(arm, q, qd, qdd);
-        let acting = &torques[(middle - reach) * joints..][..2 * reach * joints];
-        for (joint, square) in squares.iter_mut().enumerate() {
-            let held = acting.iter().skip(joint).step_by(joints);
-            let acted: f64 =
-                held.zip(&weights).map(|(torque, weight)| f64::from(*torque) * weight).sum();
-            *square += (taken[joint] - acted).powi(2);
+    for (said, acted) in said.chunks_exact(joints).zip(acted.chunks_exact(joints)) {
+        for (square, (said, acted)) in squares.iter_mut().zip(said.iter().zip(acted)) {
+            *square += (said - acted).powi(2);
         }
     }
-    (count > 0).then(|| squares.iter().map(|sum| (sum / count as f64).sqrt()).collect())
-}
-
-/// The share of the `k`th of `2 · reach` periods in the second difference over `reach` periods.
-fn weight(k: usize, reach: usize) -> f64 {
-    let (k, reach) = (k as f64, reach as f64);
-    (reach - (k + 0.5 - reach).abs()) / (reach * reach)
-}
-
-/// Number of periods of at least [`LEAST_STEP_S`] together.
-#[expect(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "rates are at most 1000 Hz"
-)]
-fn step(rate_hz: f64) -> usize {
-    (LEAST_STEP_S * rate_hz - 1e-9).ceil().max(1.0) as usize
+    let rmse: Vec<f64> = squares.into_iter().map(|sum| (sum / instants as f64).sqrt()).collect();
+    rmse.iter().all(|rmse| rmse.is_finite()).then_some(rmse)
 }
 
 #[cfg(test)]
@@ -94,7 +59,10 @@ mod tests {
                 link.mass *= masses;
             }
             let (u, q) = (series.u(k).values(), series.true_y(k).values());
-            let errors = torque_rmse_nm(&arm, rate_hz.into(), u, q).unwrap();
+            let joints = series.joints();
+            let motion = MeasuredMotion::new(q, joints, rate_hz.into());
+            let said = torques_of_arm(&arm, &motion);
+            let errors = torque_rmse_nm(&said, &motion.mean_torques(u), joints).unwrap();
             errors.into_iter().fold(0.0, f64::max)
         };
         robots.map(of_robot).fold(0.0, f64::max)
@@ -110,17 +78,12 @@ mod tests {
     }
 
     #[test]
-    fn a_motion_without_a_second_difference_has_no_error() {
-        let arm = Robot::panda();
-        assert_eq!(torque_rmse_nm(&arm, 60.0, &[0.0; 14], &[0.0; 14]), None);
-        assert_eq!(torque_rmse_nm(&arm, 60.0, &[0.0; 21], &[0.0; 21]), Some(vec![0.0; 7]));
-    }
-
-    #[test]
-    fn weights_are_those_of_a_second_difference() {
-        let of = |reach: usize| -> Vec<f64> { (0..2 * reach).map(|k| weight(k, reach)).collect() };
-        assert_eq!(of(1), [0.5, 0.5]);
-        assert_eq!(of(2), [0.125, 0.375, 0.375, 0.125]);
-        assert_eq!([60.0, 61.0, 120.0, 1000.0].map(step), [1, 2, 2, 17]);
+    fn nothing_said_and_nothing_finite_have_no_error() {
+        assert_eq!(torque_rmse_nm(&[], &[], 2), None);
+        assert_eq!(torque_rmse_nm(&[f64::NAN, 0.0], &[0.0; 2], 2), None);
+        assert_eq!(
+            torque_rmse_nm(&[3.0, 0.0, 1.0, 0.0], &[0.0; 4], 2),
+            Some(vec![5_f64.sqrt(), 0.0])
+        );
     }
 }

@@ -153,6 +153,7 @@ pub(crate) mod tests {
             context: 20,
             samples: 1,
             band_edge_hz: None,
+            given: spec::Given::Torques,
             limits_rad: vec![Range::new(-2.0, 2.0); JOINTS],
             horizons: ErrorHorizon::all(&[1.0 / 60.0, 0.5], 60.0, 40),
         };

@@ -5,7 +5,7 @@ use evaluation::{
 use models::{Interrupt, Interrupted};
 use serde_json::json;
 use series::Series;
-use spec::{Baseline, DataSpec, ImportSpec, JobSpec, RobotSpec};
+use spec::{Baseline, DataSpec, Given, ImportSpec, JobSpec, RobotSpec};
 
 use super::{arm, scenarios, simulation};
 
@@ -56,14 +56,18 @@ fn identification_finds_everything_that_robots_differ_in() {
 fn a_table_says_what_identification_is_not_told() {
     let told = |fields: &serde_json::Value| {
         let data = DataSpec::Simulation(simulation(400, fields));
-        prior_knowledge(Baseline::Identification, &data)
+        prior_knowledge(Baseline::Identification, Given::Torques, &data)
     };
-    assert_eq!(told(&json!({})), Baseline::Identification.prior_knowledge());
+    assert_eq!(told(&json!({})), Baseline::Identification.prior_knowledge(Given::Torques));
     let per_entry = told(&json!({"robot": {"inertia_scheme": "per-entry"}}));
     assert!(per_entry.ends_with("; not products of inertia"), "{per_entry}");
-    let recorded = prior_knowledge(Baseline::Identification, &DataSpec::Import(import()));
+    let recorded =
+        prior_knowledge(Baseline::Identification, Given::Torques, &DataSpec::Import(import()));
     assert!(recorded.ends_with("; not friction and payload"), "{recorded}");
-    assert_eq!(prior_knowledge(Baseline::Arx, &DataSpec::Import(import())), "nothing");
+    assert_eq!(
+        prior_knowledge(Baseline::Arx, Given::Torques, &DataSpec::Import(import())),
+        "nothing"
+    );
 }
 
 /// Its load is unknown, and hardly any damping forgets a velocity that a wrong load leads to.

@@ -39,9 +39,11 @@ mod rollout;
 mod scoring;
 #[cfg(test)]
 mod tests;
+mod torques;
 
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
 use burn::tensor::{Device, Tensor, TensorData, activation};
+use series::MeasuredMotion;
 use simd::InstructionSet;
 use spec::{LagrangianSpec, MAX_JOINTS};
 
@@ -358,6 +360,14 @@ impl Model for Lagrangian {
         let answer = law.predict(instructions, &recorded, input.measurement_noise, &draws);
         let shape = [robots, samples - context, joints];
         Tensor::from_data(TensorData::new(answer, shape), &input.u.device())
+    }
+
+    fn torques(&self, input: ModelInput, motions: &[MeasuredMotion]) -> Option<Vec<Vec<f32>>> {
+        let batch = HostBatch::new(&input);
+        let robots: Vec<Recorded<'_>> =
+            (0..motions.len()).map(|robot| batch.robot(robot)).collect();
+        let instructions = InstructionSet::best();
+        Some(self.law().torques(instructions, &robots, input.measurement_noise, motions))
     }
 
     fn kept(&self, extents: Extents) -> usize {

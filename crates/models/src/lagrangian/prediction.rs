@@ -14,6 +14,11 @@ use super::recorded::Recorded;
 use super::regression::Bounds;
 use super::rollout::{Rollouts, Start};
 
+/// The smoother of contexts like this one, if their positions are noisy enough to need it.
+pub(super) fn smoother_of(robot: &Recorded<'_>, noise: MeasurementNoise) -> Option<Smoother> {
+    is_filtered(robot, noise).then(|| smoother(robot, noise))
+}
+
 impl Law {
     /// Positions of the horizons, `[robot, sample, joint]`, rad. They are the same for all
     /// instruction sets. `draws` is empty, or has [`Law::normals_per_draw`] standard normal numbers
@@ -28,7 +33,7 @@ impl Law {
         draws: &[&[f32]],
     ) -> Vec<f32> {
         let Some(first) = robots.first() else { return Vec::new() };
-        let smoother = is_filtered(first, noise).then(|| smoother(first, noise));
+        let smoother = smoother_of(first, noise);
         let filter = smoother.as_ref().map(|smoother| (smoother, noise));
         let mut found =
             self.predict_within(instructions, robots, filter, draws, Bounds::Dissipation);
@@ -51,6 +56,22 @@ impl Law {
         found.positions
     }
 
+    /// The distribution of a robot given its context, whose noise a filter removes.
+    pub(super) fn posterior(
+        &self,
+        instructions: InstructionSet,
+        robot: &Recorded<'_>,
+        filter: Option<(&Smoother, MeasurementNoise)>,
+        bounds: Bounds,
+    ) -> RobotPosterior {
+        match filter {
+            None => self.identify(instructions, robot, bounds),
+            Some((smoother, noise)) => {
+                self.identify_filtered(instructions, robot, smoother, noise, bounds)
+            }
+        }
+    }
+
     /// The horizons of robots that are fitted within these bounds, whatever poses they reach.
     fn predict_within(
         &self,
@@ -65,12 +86,7 @@ impl Law {
         let posteriors: Vec<RobotPosterior> = asked
             .par_iter()
             .inspect(|_| interrupt.leave_if_raised())
-            .map(|same| match filter {
-                None => self.identify(instructions, &same[0], bounds),
-                Some((smoother, noise)) => {
-                    self.identify_filtered(instructions, &same[0], smoother, noise, bounds)
-                }
-            })
+            .map(|same| self.posterior(instructions, &same[0], filter, bounds))
             .collect();
         let spread = |place: usize, same: &[Recorded<'_>]| std::iter::repeat_n(place, same.len());
         let places: Vec<usize> =

@@ -128,13 +128,14 @@ pub enum Baseline {
     /// Fits the dynamic parameters of each robot to its context through the simulator, starting
     /// from those of the nominal arm. An expert with a model would do this.
     Identification,
-    /// The robot itself, from its last measured position: what can be known. Only of simulations
-    /// and with `given` torques, and only where it is named.
+    /// The robot itself, from its last measured position: what can be known. Only of simulations, and
+    /// only where it is named.
     Oracle,
 }
 
 impl Baseline {
-    /// Those that answer with the references of a controller. The others need torques.
+    /// Those that answer with the references of a controller. The last one is told the controller.
+    /// The others need torques.
     pub fn with_references() -> Vec<Self> {
         vec![
             Self::HoldLast,
@@ -142,6 +143,7 @@ impl Baseline {
             Self::FollowReference,
             Self::LeastSquares,
             Self::Arx,
+            Self::NominalSimulator,
         ]
     }
 
@@ -190,7 +192,12 @@ impl Baseline {
     }
 
     /// Its knowledge about the arms before it sees a context. Reports call it `told`.
-    pub const fn prior_knowledge(self) -> &'static str {
+    pub const fn prior_knowledge(self, given: Given) -> &'static str {
+        match (self, given) {
+            (Self::NominalSimulator, Given::References) => return "the nominal arm, the controller",
+            (Self::Oracle, Given::References) => return "the robot, the controller",
+            _ => {}
+        }
         match self {
             Self::HoldLast
             | Self::ConstantVelocity

@@ -5,7 +5,7 @@
 use burn::module::Param;
 use burn::tensor::{Device, Tensor, TensorData};
 use random::{ChaCha8Rng, Rng, SeedableRng};
-use series::MeasurementNoise;
+use series::{MeasuredMotion, MeasurementNoise};
 use simd::InstructionSet;
 use spec::LagrangianSpec;
 
@@ -392,6 +392,41 @@ fn a_context_too_short_or_still_to_filter_has_a_finite_answer() {
             let answer = predict(&law, &[robot], noise);
             assert_eq!(answer.len(), (40 - context) * 3);
             assert!(answer.iter().all(|value| (value - 0.4).abs() < 1e-3), "{answer:?}");
+        }
+    }
+}
+
+/// The equations of the context say how far its torques are from those that the law takes.
+#[test]
+fn the_torques_of_a_motion_are_those_of_the_equations_on_every_processor() {
+    for joints in [2, 7] {
+        let mut law = model(joints).law();
+        law.joints.iter_mut().for_each(|joint| joint.share = 0.5);
+        let motions = Motions::new(3, joints);
+        let robots = motions.robots();
+        let measured: Vec<MeasuredMotion> = robots
+            .iter()
+            .map(|robot| MeasuredMotion::new(robot.y, joints, f64::from(RATE_HZ)))
+            .collect();
+        let best = InstructionSet::best();
+        let said = law.torques(best, &robots, EXACT, &measured);
+        for instructions in InstructionSet::available() {
+            assert_eq!(law.torques(instructions, &robots, EXACT, &measured), said);
+        }
+        for (robot, said) in robots.iter().zip(&said) {
+            let fitted = law.identify(best, robot, Bounds::Dissipation).numbers;
+            let equations = law.equations_of(best, robot);
+            let rows = equations.of(0..equations.samples());
+            assert_eq!(said.len(), (CONTEXT - 2) * joints);
+            for (row, (equation, said)) in rows.zip(said).enumerate() {
+                let (sample, joint) = (1 + row / joints, row % joints);
+                let acted = robot.motion(sample, joint).torque_at(0.5);
+                let expected = acted - equation.residual_torque(law.numbers, &fitted.mean);
+                assert!(
+                    (said - expected).abs() < 1e-4 * (1.0 + expected.abs()),
+                    "{said} {expected}"
+                );
+            }
         }
     }
 }

@@ -1,0 +1,97 @@
+//! The torques that motions take of robots that were fitted to their contexts: the law in the other
+//! direction. Instants lie in lanes.
+
+use kernels::Interrupt;
+use rayon::prelude::*;
+use series::{MeasuredMotion, MeasurementNoise};
+use simd::{InstructionSet, Kernel, Lanes, MAX_LANES, with_f32_lanes};
+use spec::MAX_JOINTS;
+
+use super::law::{Law, narrow};
+use super::pose::Pose;
+use super::prediction::smoother_of;
+use super::recorded::Recorded;
+use super::regression::Bounds;
+
+impl Law {
+    /// The torques that the motion of each robot takes, `[instant, joint]`, N·m, of the most likely
+    /// robot. They are the same for all instruction sets.
+    pub fn torques(
+        &self,
+        instructions: InstructionSet,
+        robots: &[Recorded<'_>],
+        noise: MeasurementNoise,
+        motions: &[MeasuredMotion],
+    ) -> Vec<Vec<f32>> {
+        let Some(first) = robots.first() else { return Vec::new() };
+        let smoother = smoother_of(first, noise);
+        let filter = smoother.as_ref().map(|smoother| (smoother, noise));
+        let interrupt = Interrupt::current();
+        let asked = robots.par_iter().zip(motions).inspect(|_| interrupt.leave_if_raised());
+        let of_robot = |(robot, motion)| {
+            let found = self.posterior(instructions, robot, filter, Bounds::Dissipation);
+            let (law, numbers) = (self, found.most_likely.numbers.as_slice());
+            with_f32_lanes!(instructions, L => L::run(TorquesOfMotion { law, numbers, motion }))
+        };
+        asked.map(of_robot).collect()
+    }
+}
+
+/// The torques of the motion of one robot.
+struct TorquesOfMotion<'a> {
+    law: &'a Law,
+    numbers: &'a [f32],
+    motion: &'a MeasuredMotion,
+}
+
+impl<L: Lanes> Kernel<L> for TorquesOfMotion<'_> {
+    type Output = Vec<f32>;
+
+    #[inline(always)]
+    fn run(self) -> Vec<f32> {
+        let Self { law, numbers, motion } = self;
+        let (joints, instants) = (law.numbers.joints, motion.instants());
+        let numbers: Vec<L> = numbers.iter().map(|&number| L::splat(f64::from(number))).collect();
+        let dampings = &numbers[law.numbers.dampings()];
+        let frictions = &numbers[law.numbers.frictions()];
+        let series = [motion.q(), motion.qd(), motion.qdd()].map(narrow);
+        let mut torques = vec![0.0; instants * joints];
+        let mut pose = Pose::<L>::new(law);
+        for first in (0..instants).step_by(L::LANES) {
+            let lanes = L::LANES.min(instants - first);
+            let mut gathered = [[[0.0; MAX_LANES]; MAX_JOINTS]; 3];
+            for lane in 0..lanes {
+                for joint in 0..joints {
+                    for kind in 0..3 {
+                        gathered[kind][joint][lane] = series[kind][(first + lane) * joints + joint];
+                    }
+                }
+            }
+            let [mut q, mut velocity, mut acceleration] = [[L::splat(0.0); MAX_JOINTS]; 3];
+            for joint in 0..joints {
+                q[joint] = L::load(&gathered[0][joint]);
+                velocity[joint] = L::load(&gathered[1][joint]);
+                acceleration[joint] = L::load(&gathered[2][joint]);
+            }
+            pose.update(law, &q, &velocity);
+            let bias = pose.bias_torques(law, &numbers);
+            // Symmetric, and only its lower triangle is there.
+            let inertia = pose.inertia(law, &numbers);
+            for joint in 0..joints {
+                let [friction, _] = law.joints[joint].friction(velocity[joint]);
+                let mut torque = dampings[joint].mul_add(velocity[joint], bias[joint]);
+                torque = frictions[joint].mul_add(friction, torque);
+                for other in 0..joints {
+                    let entry = inertia[joint.max(other)][joint.min(other)];
+                    torque = entry.mul_add(acceleration[other], torque);
+                }
+                let mut of_lanes = [0.0; MAX_LANES];
+                torque.store(&mut of_lanes);
+                for lane in 0..lanes {
+                    torques[(first + lane) * joints + joint] = of_lanes[lane];
+                }
+            }
+        }
+        torques
+    }
+}
