@@ -12,6 +12,7 @@ use crate::integrators::{Scheme, Scratch, State};
 use crate::kernels::Advance;
 use crate::kinematics::POSE;
 use crate::model::Model;
+use crate::planner::ReferenceAt;
 use crate::reference::{Reference, ReferenceState};
 use crate::structure::Structure;
 use crate::tracking::{Controllers, Encoder, Tracking};
@@ -104,7 +105,9 @@ pub(crate) fn simulate<L: Lanes, S: Structure<N>, const N: usize>(
             };
             running = true;
             let tracking = tracking_of(&block.scenarios[row]);
-            let next = tracking.reference.at((sample + 1) as f64 / spec.rate_hz);
+            let mut next = ReferenceState::default();
+            let (reference, t) = (&tracking.reference, (sample + 1) as f64 / spec.rate_hz);
+            L::run(ReferenceAt { reference, t, state: &mut next });
             controllers.set_reference(lane, &course.reference, &next);
             if let Some(reference) = &mut block.reference
                 && let Some(sample) = sample.checked_sub(settling)

@@ -1,6 +1,6 @@
 //! Selects the simulations that are compiled for an instruction set.
 
-use simd::{InstructionSet, Kernel, Lanes, with_f32_lanes, with_f64_lanes};
+use simd::{InstructionSet, Kernel, Lanes, align_stack, with_f32_lanes, with_f64_lanes};
 use spec::Precision;
 
 use crate::DynamicsError;
@@ -55,6 +55,7 @@ impl<L: Lanes, S: Structure<N>, const N: usize> Kernel<L> for SimulateClosedLoop
 
     #[inline(always)]
     fn run(self) -> Self::Output {
+        align_stack();
         closed_loop::simulate::<L, S, N>(self.structure, self.block)
     }
 }

@@ -10,12 +10,14 @@ use std::fmt;
 
 use nalgebra::{Matrix3, Matrix6, OMatrix, U6, U8, Vector3, Vector6};
 use serde::Serialize;
-use spec::{HandPaths, PathShape, Range};
+use spec::{HandPaths, MAX_JOINTS, PathShape, Range};
 
 use crate::Joints;
 use crate::draws::Draws;
 use crate::kinematics::{Kinematics, Row};
-use crate::reference::{ReferenceState, Room, polynomial, sin_cos, whole};
+use crate::planner::polynomials;
+use crate::reference::{ReferenceState, sin_cos, whole};
+use crate::room::Room;
 
 /// A path of the hand: p = center + ρ (cos 2πft e₁ + sin 2πft e₂). A line lacks the second part.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -91,23 +93,21 @@ const LEAST_PIVOT: f64 = 1e-6;
 
 impl HandPath {
     /// The reference at time `t` from the start of the motion, s.
+    #[inline(always)]
     pub(crate) fn at(&self, t: f64) -> ReferenceState {
-        let step = whole(t / self.step_s).min(self.states.len() - 2);
-        let share = t / self.step_s - step as f64;
-        let [from, to] = [&self.states[step], &self.states[step + 1]];
-        let mut state = *from;
-        for joint in 0..from.r.len() {
-            let [c0, c1, c2, c3, c4, c5] = polynomial(self.step_s, joint, from, to);
-            state.r[joint] =
-                c0 + share * (c1 + share * (c2 + share * (c3 + share * (c4 + share * c5))));
-            state.rd[joint] = (c1
-                + share * (2.0 * c2 + share * (3.0 * c3 + share * (4.0 * c4 + share * 5.0 * c5))))
-                / self.step_s;
-            state.rdd[joint] = (2.0 * c2
-                + share * (6.0 * c3 + share * (12.0 * c4 + share * 20.0 * c5)))
-                / (self.step_s * self.step_s);
+        let h = self.step_s;
+        let step = whole(t / h).min(self.states.len() - 2);
+        let s = t / h - step as f64;
+        let [c0, c1, c2, c3, c4, c5] = polynomials(h, &self.states[step], &self.states[step + 1]);
+        let (mut r, mut rd, mut rdd) = (c0, c0, c0);
+        for j in 0..MAX_JOINTS {
+            r[j] = c0[j] + s * (c1[j] + s * (c2[j] + s * (c3[j] + s * (c4[j] + s * c5[j]))));
+            let slope = 2.0 * c2[j] + s * (3.0 * c3[j] + s * (4.0 * c4[j] + s * 5.0 * c5[j]));
+            rd[j] = (c1[j] + s * slope) / h;
+            let curvature = 6.0 * c3[j] + s * (12.0 * c4[j] + s * 20.0 * c5[j]);
+            rdd[j] = (2.0 * c2[j] + s * curvature) / (h * h);
         }
-        state
+        ReferenceState::from_padded(self.start_rad.len(), r, rd, rdd)
     }
 
     /// The reason why the joints cannot follow, if they cannot.
@@ -301,8 +301,8 @@ fn solve_gram(
 struct Place {
     position: Vector3<f64>,
     rotation: Matrix3<f64>,
-    origins: [Vector3<f64>; spec::MAX_JOINTS],
-    axes: [Vector3<f64>; spec::MAX_JOINTS],
+    origins: [Vector3<f64>; MAX_JOINTS],
+    axes: [Vector3<f64>; MAX_JOINTS],
 }
 
 impl Place {
@@ -312,8 +312,8 @@ impl Place {
         let mut place = Self {
             position: base.position_m.into(),
             rotation: Matrix3::from_fn(|row, column| base.rotation[row][column]),
-            origins: [zero; spec::MAX_JOINTS],
-            axes: [zero; spec::MAX_JOINTS],
+            origins: [zero; MAX_JOINTS],
+            axes: [zero; MAX_JOINTS],
         };
         for (joint, row) in arm.joints.iter().enumerate() {
             place.enter(row, q[joint]);
@@ -414,7 +414,7 @@ mod tests {
     use super::*;
     use crate::Robot;
     use crate::draws::Purpose;
-    use crate::reference::Limits;
+    use crate::room::Limits;
 
     fn arm() -> (Robot, Room) {
         let spec = RobotSpec::default();

@@ -34,6 +34,18 @@ impl<T: Copy + Default> Joints<T> {
         Self::from_fn(count, |_| value)
     }
 
+    /// The first `count` of `values`. The others have to be 0.
+    #[inline(always)]
+    pub(crate) fn from_padded(count: usize, values: [T; MAX_JOINTS]) -> Self {
+        Self { values, count }
+    }
+
+    /// The values, and zeros up to [`MAX_JOINTS`]. Loops over them have a constant length.
+    #[inline(always)]
+    pub(crate) fn padded(&self) -> &[T; MAX_JOINTS] {
+        &self.values
+    }
+
     /// Applies `change` to every value.
     #[must_use]
     pub fn map<U: Copy + Default>(&self, change: impl FnMut(T) -> U) -> Joints<U> {

@@ -50,11 +50,13 @@ mod model;
 mod operations;
 #[cfg(test)]
 mod pinocchio;
+mod planner;
 mod randomization;
 mod reference;
 mod regressor;
 mod replay;
 mod robot;
+mod room;
 mod scenario;
 mod simulate;
 mod single;

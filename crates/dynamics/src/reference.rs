@@ -1,17 +1,12 @@
 //! References: joint motions that controllers follow, drawn per trajectory.
-//!
-//! The controller's planner evaluates a reference at every sample. In between it interpolates with
-//! the polynomial of degree 5 that has the same positions, velocities and accelerations at both
-//! samples. So a reference costs little, whatever the rate of the controller.
 
 use std::f64::consts::TAU;
 
 use serde::Serialize;
 use simd::{F64Array, Lanes};
-use spec::{Family, MoveProfile, Range};
+use spec::{Family, MAX_JOINTS, MoveProfile};
 
 use crate::Joints;
-use crate::draws::Draws;
 use crate::hand_path::HandPath;
 
 /// The reference of one trajectory. Times are from the start of the motion.
@@ -94,6 +89,7 @@ impl Reference {
     }
 
     /// The reference at time `t` from the start of the motion, s.
+    #[inline(always)]
     pub fn at(&self, t: f64) -> ReferenceState {
         match self {
             Self::Fourier(series) => series.at(t),
@@ -104,51 +100,74 @@ impl Reference {
     }
 }
 
+impl ReferenceState {
+    #[inline(always)]
+    pub(crate) fn from_padded(
+        joints: usize,
+        r: [f64; MAX_JOINTS],
+        rd: [f64; MAX_JOINTS],
+        rdd: [f64; MAX_JOINTS],
+    ) -> Self {
+        Self {
+            r: Joints::from_padded(joints, r),
+            rd: Joints::from_padded(joints, rd),
+            rdd: Joints::from_padded(joints, rdd),
+        }
+    }
+}
+
+const ZERO: [f64; MAX_JOINTS] = [0.0; MAX_JOINTS];
+
 impl FourierSeries {
-    fn at(&self, t: f64) -> ReferenceState {
-        let joints = self.offset_rad.len();
-        let zero = Joints::splat(joints, 0.0);
-        let mut state = ReferenceState { r: self.offset_rad, rd: zero, rdd: zero };
+    #[inline(always)]
+    pub(crate) fn at(&self, t: f64) -> ReferenceState {
+        let (mut r, mut rd, mut rdd) = (*self.offset_rad.padded(), ZERO, ZERO);
         let turn = sin_cos(TAU * self.frequency_hz * t);
         let (mut sin, mut cos) = turn;
-        for (number, harmonic) in (1..).zip(&self.harmonics) {
-            let w = TAU * self.frequency_hz * f64::from(number);
-            for joint in 0..joints {
-                let (a, b) = (harmonic.sine_rad[joint], harmonic.cosine_rad[joint]);
+        for number in 0..self.harmonics.len() {
+            let w = TAU * self.frequency_hz * (number + 1) as f64;
+            let harmonic = &self.harmonics[number];
+            let (sine, cosine) = (harmonic.sine_rad.padded(), harmonic.cosine_rad.padded());
+            for joint in 0..MAX_JOINTS {
+                let (a, b) = (sine[joint], cosine[joint]);
                 let (value, slope) = (a * sin + b * cos, a * cos - b * sin);
-                state.r[joint] += value;
-                state.rd[joint] += w * slope;
-                state.rdd[joint] -= w * w * value;
+                r[joint] += value;
+                rd[joint] += w * slope;
+                rdd[joint] -= w * w * value;
             }
             (sin, cos) = (sin * turn.1 + cos * turn.0, cos * turn.1 - sin * turn.0);
         }
-        state
+        ReferenceState::from_padded(self.offset_rad.len(), r, rd, rdd)
     }
 }
 
 /// Sine and cosine with the same bits on every machine.
+#[inline(always)]
 pub(crate) fn sin_cos(angle: f64) -> (f64, f64) {
     let (sin, cos) = F64Array::<1>::splat(angle).sin_cos();
     (sin.lane(0), cos.lane(0))
 }
 
 impl PointToPointMoves {
+    #[inline(always)]
     fn at(&self, t: f64) -> ReferenceState {
         let (k, since) = part(t, self.period_s, self.postures_rad.len() - 2);
         let duration = self.moving * self.period_s;
         let [s, sd, sdd] = course(self.profile, (since / duration).min(1.0));
-        let (from, to) = (&self.postures_rad[k], &self.postures_rad[k + 1]);
-        let distance = |joint: usize| to[joint] - from[joint];
-        let joints = from.len();
-        ReferenceState {
-            r: Joints::from_fn(joints, |joint| from[joint] + s * distance(joint)),
-            rd: Joints::from_fn(joints, |joint| sd * distance(joint) / duration),
-            rdd: Joints::from_fn(joints, |joint| sdd * distance(joint) / (duration * duration)),
+        let (from, to) = (self.postures_rad[k].padded(), self.postures_rad[k + 1].padded());
+        let (mut r, mut rd, mut rdd) = (ZERO, ZERO, ZERO);
+        for joint in 0..MAX_JOINTS {
+            let distance = to[joint] - from[joint];
+            r[joint] = from[joint] + s * distance;
+            rd[joint] = sd * distance / duration;
+            rdd[joint] = sdd * distance / (duration * duration);
         }
+        ReferenceState::from_padded(self.postures_rad[k].len(), r, rd, rdd)
     }
 }
 
 /// The period at time `t`, at most `last`, and the time since it began.
+#[inline(always)]
 fn part(t: f64, period_s: f64, last: usize) -> (usize, f64) {
     let k = whole(t / period_s).min(last);
     (k, t - k as f64 * period_s)
@@ -165,6 +184,7 @@ pub(crate) fn whole(number: f64) -> usize {
 }
 
 /// The share of a move's distance at the share `s` of its time, and its derivatives by `s`.
+#[inline(always)]
 fn course(profile: MoveProfile, s: f64) -> [f64; 3] {
     match profile {
         MoveProfile::MinimumJerk => [
@@ -184,7 +204,7 @@ fn course(profile: MoveProfile, s: f64) -> [f64; 3] {
 }
 
 /// The largest derivative of [`course`] by the share of time.
-fn largest_speed(profile: MoveProfile) -> f64 {
+pub(crate) fn largest_speed(profile: MoveProfile) -> f64 {
     match profile {
         MoveProfile::MinimumJerk => 1.875,
         MoveProfile::Trapezoid => 1.5,
@@ -192,6 +212,7 @@ fn largest_speed(profile: MoveProfile) -> f64 {
 }
 
 impl ViaPoints {
+    #[inline(always)]
     fn at(&self, t: f64) -> ReferenceState {
         let (k, since) = part(t, self.period_s, self.postures_rad.len() - 4);
         let s = since / self.period_s;
@@ -205,187 +226,41 @@ impl ViaPoints {
         let slope = [-left * left, s * (3.0 * s - 4.0), 1.0 + s * (2.0 - 3.0 * s), s * s];
         let curvature = [left, 3.0 * s - 2.0, 1.0 - 3.0 * s, s];
         let postures = &self.postures_rad[k..k + 4];
-        let joints = postures[0].len();
-        let sum = |weights: [f64; 4], scale: f64| {
-            Joints::from_fn(joints, |joint| {
-                let terms = postures.iter().zip(weights);
-                scale * terms.map(|(posture, weight)| posture[joint] * weight).sum::<f64>()
-            })
-        };
-        ReferenceState {
-            r: sum(value, 1.0 / 6.0),
-            rd: sum(slope, 0.5 / self.period_s),
-            rdd: sum(curvature, 1.0 / (self.period_s * self.period_s)),
-        }
-    }
-}
-
-/// The limits that the references of an arm keep.
-pub(crate) struct Room {
-    /// Those of each joint.
-    pub(crate) limits: Joints<Limits>,
-}
-
-/// The limits of a joint.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Limits {
-    /// rad.
-    pub(crate) least: f64,
-    /// rad.
-    pub(crate) center: f64,
-    /// rad.
-    pub(crate) most: f64,
-    /// rad/s.
-    pub(crate) speed: f64,
-}
-
-impl Limits {
-    /// The share `reach` of the range on both sides of the center.
-    pub(crate) fn within(&self, reach: f64) -> Range {
-        Range::new(
-            self.center - reach * (self.center - self.least),
-            self.center + reach * (self.most - self.center),
+        let (speed, acceleration) = (0.5 / self.period_s, 1.0 / (self.period_s * self.period_s));
+        ReferenceState::from_padded(
+            postures[0].len(),
+            weighted(postures, value, 1.0 / 6.0),
+            weighted(postures, slope, speed),
+            weighted(postures, curvature, acceleration),
         )
     }
 }
 
-impl Room {
-    pub(crate) fn draw_fourier(
-        &self,
-        spec: &spec::FourierSeries,
-        frequency_hz: f64,
-        draws: &mut Draws,
-    ) -> Reference {
-        /// Instants per period of the highest harmonic at which extremes are sought. They may be
-        /// missed by half a percent.
-        const INSTANTS: u32 = 32;
-        const UNIT: Range = Range::new(-1.0, 1.0);
-
-        let joints = self.limits.len();
-        let share = draws.uniform(spec.speed);
-        let mut harmonics = Vec::new();
-        for number in 1..=spec.harmonics {
-            let mut draw = || draws.uniform(UNIT) / f64::from(number);
-            harmonics.push(Harmonic {
-                sine_rad: Joints::from_fn(joints, |_| draw()),
-                cosine_rad: Joints::from_fn(joints, |_| draw()),
-            });
+/// `scale` times the sum of four postures with weights.
+#[inline(always)]
+fn weighted(postures: &[Joints<f64>], weights: [f64; 4], scale: f64) -> [f64; MAX_JOINTS] {
+    let mut sums = ZERO;
+    for posture in 0..4 {
+        let values = postures[posture].padded();
+        for joint in 0..MAX_JOINTS {
+            sums[joint] += values[joint] * weights[posture];
         }
-        let zero = Joints::splat(joints, 0.0);
-        let mut series = FourierSeries { frequency_hz, offset_rad: zero, harmonics };
-        let (mut least, mut most, mut fastest) = (zero, zero, zero);
-        let instants = INSTANTS * spec.harmonics;
-        for instant in 0..instants {
-            let state = series.at(f64::from(instant) / f64::from(instants) / frequency_hz);
-            for joint in 0..joints {
-                least[joint] = least[joint].min(state.r[joint]);
-                most[joint] = most[joint].max(state.r[joint]);
-                fastest[joint] = fastest[joint].max(state.rd[joint].abs());
-            }
-        }
-        for (joint, limits) in self.limits.iter().enumerate() {
-            let room = limits.within(spec.reach);
-            let narrow = (room.max - room.min) / (most[joint] - least[joint]);
-            let slow = share * limits.speed / fastest[joint];
-            let scale = draws.uniform(Range::new(0.5, 1.0)) * narrow.min(slow);
-            for harmonic in &mut series.harmonics {
-                harmonic.sine_rad[joint] *= scale;
-                harmonic.cosine_rad[joint] *= scale;
-            }
-            let free = Range::new(room.min - scale * least[joint], room.max - scale * most[joint]);
-            series.offset_rad[joint] = draws.uniform(free);
-        }
-        Reference::Fourier(series)
     }
-
-    pub(crate) fn draw_moves(
-        &self,
-        spec: &spec::PointToPointMoves,
-        frequency_hz: f64,
-        duration_s: f64,
-        draws: &mut Draws,
-    ) -> Reference {
-        let period_s = 1.0 / frequency_hz;
-        let share = draws.uniform(spec.speed);
-        let longest_s = share * spec.moving * period_s / largest_speed(spec.profile);
-        let count = whole(duration_s / period_s) + 2;
-        Reference::PointToPoint(PointToPointMoves {
-            period_s,
-            moving: spec.moving,
-            profile: spec.profile,
-            postures_rad: self.draw_postures(count, spec.reach, longest_s, draws),
-        })
+    for joint in 0..MAX_JOINTS {
+        sums[joint] *= scale;
     }
-
-    pub(crate) fn draw_spline(
-        &self,
-        spec: &spec::ViaPoints,
-        frequency_hz: f64,
-        duration_s: f64,
-        draws: &mut Draws,
-    ) -> Reference {
-        let period_s = 1.0 / frequency_hz;
-        // A B-spline is never faster than its control points.
-        let longest_s = draws.uniform(spec.speed) * period_s;
-        let count = whole(duration_s / period_s) + 5;
-        Reference::ViaPoints(ViaPoints {
-            period_s,
-            postures_rad: self.draw_postures(count, spec.reach, longest_s, draws),
-        })
-    }
-
-    /// Postures whose joints are at most as far from those before as they move in `longest_s` at
-    /// their largest speed.
-    fn draw_postures(
-        &self,
-        count: usize,
-        reach: f64,
-        longest_s: f64,
-        draws: &mut Draws,
-    ) -> Vec<Joints<f64>> {
-        let mut postures: Vec<Joints<f64>> = Vec::with_capacity(count);
-        for _ in 0..count {
-            let before = postures.last().copied();
-            let posture = self.limits.iter().enumerate().map(|(joint, limits)| {
-                let drawn = draws.uniform(limits.within(reach));
-                let Some(before) = before else { return drawn };
-                let furthest = longest_s * limits.speed;
-                before[joint] + (drawn - before[joint]).clamp(-furthest, furthest)
-            });
-            postures.push(posture.collect());
-        }
-        postures
-    }
-}
-
-/// The polynomial of degree 5 between two consecutive samples, in powers of the share of the
-/// sampling period that has passed. It has the states at both.
-pub(crate) fn polynomial(
-    period_s: f64,
-    joint: usize,
-    from: &ReferenceState,
-    to: &ReferenceState,
-) -> [f64; 6] {
-    let h = period_s;
-    let (v0, v1) = (h * from.rd[joint], h * to.rd[joint]);
-    let (a0, a1) = (0.5 * h * h * from.rdd[joint], 0.5 * h * h * to.rdd[joint]);
-    let change = to.r[joint] - from.r[joint];
-    [
-        from.r[joint],
-        v0,
-        a0,
-        10.0 * change - 6.0 * v0 - 4.0 * v1 - 3.0 * a0 + a1,
-        -15.0 * change + 8.0 * v0 + 7.0 * v1 + 3.0 * a0 - 2.0 * a1,
-        6.0 * change - 3.0 * v0 - 3.0 * v1 - a0 + a1,
-    ]
+    sums
 }
 
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
+    use spec::Range;
 
     use super::*;
-    use crate::draws::Purpose;
+    use crate::draws::{Draws, Purpose};
+    use crate::planner::polynomials;
+    use crate::room::{Limits, Room};
 
     fn room() -> Room {
         let limits = |joint: usize| Limits {
@@ -464,9 +339,9 @@ mod tests {
             for sample in 0..600 {
                 let [from, to] =
                     [sample, sample + 1].map(|sample| reference.at(f64::from(sample) * period_s));
+                let powers = polynomials(period_s, &from, &to);
                 for joint in 0..3 {
-                    let coefficients = polynomial(period_s, joint, &from, &to);
-                    let at = |s: f64| coefficients.iter().rev().fold(0.0, |sum, c| sum * s + c);
+                    let at = |s: f64| powers.iter().rev().fold(0.0, |sum, c| sum * s + c[joint]);
                     assert!((at(0.0) - from.r[joint]).abs() < 1e-12);
                     assert!((at(1.0) - to.r[joint]).abs() < 1e-12);
                     let exact = reference.at((f64::from(sample) + 0.5) * period_s);

@@ -12,7 +12,8 @@ use crate::hand::MOTION;
 use crate::hand_task::{HandTask, Moment};
 use crate::kernels::MassMatrixAndBias;
 use crate::model::Model;
-use crate::reference::{Reference, ReferenceState, polynomial};
+use crate::planner::Interpolate;
+use crate::reference::{Reference, ReferenceState};
 use crate::spatial::Turn;
 use crate::structure::Structure;
 use crate::{Joints, Robot, gravity, mass_matrix};
@@ -293,19 +294,14 @@ impl<'a, L: Lanes, const N: usize> Controllers<'a, L, N> {
     }
 
     /// Gives a lane its reference from one sample to the next.
-    #[inline(never)]
     pub(crate) fn set_reference(
         &mut self,
         lane: usize,
         from: &ReferenceState,
         to: &ReferenceState,
     ) {
-        for joint in 0..from.r.len() {
-            let coefficients = polynomial(self.sample_s, joint, from, to);
-            for (entry, value) in self.reference[joint].iter_mut().zip(coefficients) {
-                entry.set_lane(lane, value);
-            }
-        }
+        let (period_s, coefficients) = (self.sample_s, &mut self.reference);
+        L::run(Interpolate { lane, period_s, from, to, coefficients });
     }
 
     /// The positions that the controllers measured last, rad.
