@@ -32,7 +32,23 @@ impl<L: Lanes, const N: usize> Dynamics<L, N> {
     }
 }
 
-/// The motion of a link while no joint accelerates, in the link's axes.
+/// A mass matrix, factored from the last joint to the first.
+pub(crate) struct FactoredMass<L, const N: usize> {
+    /// `factors[pivot][column]`: the row of a pivot, divided by the pivot.
+    pub(crate) factors: [[L; N]; N],
+    pub(crate) inverse_pivots: [L; N],
+}
+
+/// The equation of motion at one state, with given accelerations of the joints.
+pub(crate) struct InverseDynamics<L, const N: usize> {
+    /// (M + A) q̈ + C q̇ + g.
+    pub(crate) torque: [L; N],
+    /// M + A.
+    pub(crate) mass: FactoredMass<L, N>,
+    pub(crate) last_link: Motion<L>,
+}
+
+/// The motion of a link, in the link's axes. Joints accelerate only where it says so.
 #[derive(Clone, Copy)]
 pub(crate) struct Motion<L> {
     pub(crate) angular_velocity: Vector<L>,
@@ -78,6 +94,40 @@ impl<L: Lanes> Motion<L> {
         Self::new(w, w_dot, turn.to_child::<J>(acceleration))
     }
 
+    /// This motion with an acceleration of the link's own joint.
+    #[inline(always)]
+    pub(crate) fn accelerated(mut self, qdd: L) -> Self {
+        self.angular_acceleration[2] = self.angular_acceleration[2] + qdd;
+        self.gradient[0][1] = self.gradient[0][1] - qdd;
+        self.gradient[1][0] = self.gradient[1][0] + qdd;
+        self
+    }
+
+    /// The third column of [ω̇] + [ω]².
+    #[inline(always)]
+    pub(crate) fn gradient_along_z(&self) -> Vector<L> {
+        let (w, w_dot) = (self.angular_velocity, self.angular_acceleration);
+        let minus_xx = w[0].neg_mul_add(w[0], L::splat(0.0));
+        [
+            w[0].mul_add(w[2], w_dot[1]),
+            w[1].mul_add(w[2], -w_dot[0]),
+            w[1].neg_mul_add(w[1], minus_xx),
+        ]
+    }
+
+    /// The acceleration of a point of the link, minus that of free fall.
+    #[inline(always)]
+    pub(crate) fn acceleration_at(&self, [x, y, z]: &Vector<L>) -> Vector<L> {
+        let third = self.gradient_along_z();
+        let mut acceleration = self.acceleration;
+        for row in 0..3 {
+            let [first, second] = self.gradient[row];
+            let along = second.mul_add(*y, first.mul_add(*x, acceleration[row]));
+            acceleration[row] = third[row].mul_add(*z, along);
+        }
+        acceleration
+    }
+
     /// The wrench about the frame's origin that causes this motion of `link` (Newton and Euler).
     #[inline(always)]
     pub(crate) fn wrench(&self, link: &Link<L>) -> Wrench<L> {
@@ -103,6 +153,14 @@ impl<L: Lanes> Motion<L> {
         ];
         Wrench { force, moment: add_cross(self.angular_velocity, angular_momentum, euler) }
     }
+}
+
+/// The moment of [`Motion::wrench`] of a link at rest, with the acceleration of its frame against
+/// free fall. Links have no mass, so there is no force.
+#[inline(always)]
+pub(crate) fn moment_at_rest<L: Lanes>(link: &Link<L>, [ax, ay, az]: Vector<L>) -> Vector<L> {
+    let [mx, my] = link.first_moment;
+    [my * az, -(mx * az), my.neg_mul_add(ax, mx * ay)]
 }
 
 /// A force and a moment about a frame's origin.

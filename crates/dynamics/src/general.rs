@@ -8,9 +8,12 @@
 use simd::Lanes;
 use spec::MAX_JOINTS;
 
-use crate::forward_dynamics::{Composite, Dynamics, Motion, Wrench};
+use crate::forward_dynamics::{
+    Composite, Dynamics, FactoredMass, InverseDynamics, Motion, Wrench, moment_at_rest,
+};
+use crate::hand::{Place, Tilt, Walker};
 use crate::model::Model;
-use crate::spatial::{Symmetric, Turn, Vector, add_cross};
+use crate::spatial::{Symmetric, Turn, Vector, add_cross, sum};
 use crate::structure::Structure;
 
 /// An arm of any structure. Arrays shorter than [`MAX_JOINTS`] are full. For them loops have a
@@ -23,6 +26,56 @@ pub(crate) struct General<const N: usize> {
 impl<const N: usize> General<N> {
     pub(crate) fn new(joints: usize) -> Self {
         Self { joints }
+    }
+
+    /// [`Structure::mass_matrix_and_bias`] with accelerations of the joints. Armature does not
+    /// count among their forces.
+    #[inline(always)]
+    fn equation_of_motion<L: Lanes>(
+        self,
+        model: &Model<L, N>,
+        turns: &[Turn<L>; N],
+        qd: &[L; N],
+        qdd: Option<&[L; N]>,
+        dynamics: &mut Dynamics<L, N>,
+    ) -> Motion<L> {
+        let joints = Structure::<N>::joints(self);
+        let mut wrenches = [Wrench::zero(); N];
+        let mut motion = Motion::of_base(model.base_acceleration);
+        for joint in 0..joints {
+            motion = motion.beyond(place(model, turns, joint), qd[joint]);
+            if let Some(qdd) = qdd {
+                motion = motion.accelerated(qdd[joint]);
+            }
+            wrenches[joint] = motion.wrench(&model.links[joint]);
+        }
+        let last_link = motion;
+
+        let mut columns = [Wrench::zero(); N];
+        let last = joints - 1;
+        let mut composite = Composite::of_last_link(&model.links[last]);
+        let mut wrench = wrenches[last];
+        let mut joint = last;
+        loop {
+            columns[joint] = composite.wrench_of_unit_acceleration();
+            dynamics.mass_matrix[joint][joint] = columns[joint].moment[2] + model.armature[joint];
+            dynamics.bias[joint] = wrench.moment[2];
+            if joint == 0 {
+                return last_link;
+            }
+            let place = place(model, turns, joint);
+            let parent = joint - 1;
+            for column in joint..joints {
+                columns[column] = place.wrench_to_parent(columns[column]);
+                dynamics.mass_matrix[column][parent] = columns[column].moment[2];
+            }
+            let first_moment = place.to_parent(composite.first_moment);
+            let inertia = place.symmetric_to_parent(composite.inertia);
+            let inertia = shifted(place.origin, first_moment, inertia);
+            composite = Composite { first_moment, inertia }.with_link(&model.links[parent]);
+            wrench = place.wrench_to_parent(wrench).plus(wrenches[parent]);
+            joint = parent;
+        }
     }
 }
 
@@ -126,22 +179,9 @@ impl<L: Lanes> Motion<L> {
     /// The motion of the link behind a joint, from that of the link before it.
     #[inline(always)]
     fn beyond(&self, place: JointPlacement<L>, qd: L) -> Self {
-        let [w, w_dot] = [self.angular_velocity, self.angular_acceleration];
-        let minus_xx = w[0].neg_mul_add(w[0], L::splat(0.0));
-        let third = [
-            w[0].mul_add(w[2], w_dot[1]),
-            w[1].mul_add(w[2], -w_dot[0]),
-            w[1].neg_mul_add(w[1], minus_xx),
-        ];
-        let [x, y, z] = place.origin;
-        let mut acceleration = self.acceleration;
-        for row in 0..3 {
-            let [first, second] = self.gradient[row];
-            let along = second.mul_add(y, first.mul_add(x, acceleration[row]));
-            acceleration[row] = third[row].mul_add(z, along);
-        }
-        let mut w = place.to_child(w);
-        let mut w_dot = place.to_child(w_dot);
+        let acceleration = self.acceleration_at(&place.origin);
+        let mut w = place.to_child(self.angular_velocity);
+        let mut w_dot = place.to_child(self.angular_acceleration);
         w_dot[0] = w[1].mul_add(qd, w_dot[0]);
         w_dot[1] = w[0].neg_mul_add(qd, w_dot[1]);
         w[2] = w[2] + qd;
@@ -167,6 +207,11 @@ impl<const N: usize> Structure<N> for General<N> {
     }
 
     #[inline(always)]
+    fn all_turns<L: Lanes>(self, model: &Model<L, N>, q: &[L; N], turns: &mut [Turn<L>; N]) {
+        self.turns(model, q, turns);
+    }
+
+    #[inline(always)]
     fn later_turns<L: Lanes>(
         self,
         start: &[Turn<L>; N],
@@ -186,38 +231,62 @@ impl<const N: usize> Structure<N> for General<N> {
         qd: &[L; N],
         dynamics: &mut Dynamics<L, N>,
     ) {
-        let joints = self.joints();
-        let mut wrenches = [Wrench::zero(); N];
-        let mut motion = Motion::of_base(model.base_acceleration);
-        for joint in 0..joints {
-            motion = motion.beyond(place(model, turns, joint), qd[joint]);
-            wrenches[joint] = motion.wrench(&model.links[joint]);
-        }
+        self.equation_of_motion(model, turns, qd, None, dynamics);
+    }
 
-        let mut columns = [Wrench::zero(); N];
-        let last = joints - 1;
-        let mut composite = Composite::of_last_link(&model.links[last]);
-        let mut wrench = wrenches[last];
-        let mut joint = last;
-        loop {
-            columns[joint] = composite.wrench_of_unit_acceleration();
-            dynamics.mass_matrix[joint][joint] = columns[joint].moment[2] + model.armature[joint];
-            dynamics.bias[joint] = wrench.moment[2];
-            if joint == 0 {
-                return;
+    #[inline(always)]
+    fn inverse_dynamics<L: Lanes>(
+        self,
+        model: &Model<L, N>,
+        turns: &[Turn<L>; N],
+        qd: &[L; N],
+        qdd: &[L; N],
+    ) -> InverseDynamics<L, N> {
+        let mut equation = Dynamics::zero();
+        let last_link = self.equation_of_motion(model, turns, qd, Some(qdd), &mut equation);
+        let mut torque = equation.bias;
+        for joint in 0..self.joints() {
+            torque[joint] = model.armature[joint].mul_add(qdd[joint], equation.bias[joint]);
+        }
+        let mut matrix = equation.mass_matrix;
+        let (mut factors, mut inverse_pivots) = (matrix, torque);
+        for pivot in (0..self.joints()).rev() {
+            inverse_pivots[pivot] = matrix[pivot][pivot].recip();
+            for row in 0..pivot {
+                let factor = matrix[pivot][row] * inverse_pivots[pivot];
+                for column in 0..=row {
+                    matrix[row][column] =
+                        factor.neg_mul_add(matrix[pivot][column], matrix[row][column]);
+                }
+                factors[pivot][row] = factor;
             }
-            let place = place(model, turns, joint);
-            let parent = joint - 1;
-            for column in joint..joints {
-                columns[column] = place.wrench_to_parent(columns[column]);
-                dynamics.mass_matrix[column][parent] = columns[column].moment[2];
-            }
-            let first_moment = place.to_parent(composite.first_moment);
-            let inertia = place.symmetric_to_parent(composite.inertia);
-            let inertia = shifted(place.origin, first_moment, inertia);
-            composite = Composite { first_moment, inertia }.with_link(&model.links[parent]);
-            wrench = place.wrench_to_parent(wrench).plus(wrenches[parent]);
-            joint = parent;
+        }
+        InverseDynamics { torque, mass: FactoredMass { factors, inverse_pivots }, last_link }
+    }
+
+    #[inline(always)]
+    fn gravity<L: Lanes>(self, model: &Model<L, N>, turns: &[Turn<L>; N], gravity: &mut [L; N]) {
+        let joints = self.joints();
+        let mut moments = [[L::splat(0.0); 3]; N];
+        let mut acceleration = model.base_acceleration;
+        for joint in 0..joints {
+            acceleration = place(model, turns, joint).to_child(acceleration);
+            moments[joint] = moment_at_rest(&model.links[joint], acceleration);
+        }
+        let mut moment = moments[joints - 1];
+        for joint in (1..joints).rev() {
+            gravity[joint] = moment[2];
+            moment = place(model, turns, joint).to_parent(moment);
+            moment = sum(moment, moments[joint - 1]);
+        }
+        gravity[0] = moment[2];
+    }
+
+    #[inline(always)]
+    fn walk<L: Lanes>(self, model: &Model<L, N>, walker: &mut impl Walker<L>) {
+        for joint in 0..self.joints() {
+            let (origin, tilt) = (model.origins[joint], Tilt::By(model.twists[joint]));
+            walker.pass(joint, &Place { origin, shifted: [true; 3], tilt });
         }
     }
 

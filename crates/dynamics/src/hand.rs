@@ -1,57 +1,218 @@
-//! The motion of the hand: its pose, velocity, acceleration and Jacobian, and the torques of
-//! controllers whose task it is.
+//! The hand of the nominal arm: its pose, velocity, acceleration and Jacobian.
 //!
-//! Vectors are in the world's axes. A motion has the hand's velocity first and its turning second.
+//! Vectors are in the world's axes, and positions are from the first joint. A motion has the
+//! hand's velocity first and its turning second. Only differences of two poses matter, and those do
+//! not depend on how the hand is turned in the last link.
 
-use simd::{Kernel, Lanes, align_stack};
-use spec::MAX_JOINTS;
+use simd::{Kernel, Lanes};
 
+use crate::forward_dynamics::Motion;
 use crate::kinematics::Kinematics;
+use crate::model::Model;
 use crate::spatial::{Turn, Vector, add_cross, sum};
+use crate::structure::Structure;
 
 /// Numbers of the motion of a hand.
 pub(crate) const MOTION: usize = 6;
 
-/// A task is singular where a pivot of its matrix is below this share of the entry that it comes
-/// from: two directions in which the hand moves are almost one.
-const LEAST_PIVOT: f64 = 1e-4;
-
-/// The motion of a hand, one per lane.
+/// Where an arm is mounted, and where its hand is on the last link.
 #[derive(Clone, Copy)]
-pub(crate) struct Hand<L, const N: usize> {
-    /// m.
-    position: Vector<L>,
-    axes: [Vector<L>; 3],
-    /// m/s and rad/s.
-    pub(crate) velocity: [L; MOTION],
-    /// m/s² and rad/s².
-    pub(crate) acceleration: [L; MOTION],
-    /// A column per joint.
-    pub(crate) jacobian: [[L; MOTION]; N],
+pub(crate) struct Mount<L> {
+    /// The axes x, y and z of the frame before the first joint.
+    base: [Vector<L>; 3],
+    /// The hand's origin in the last link's frame, m.
+    hand: Vector<L>,
+    /// Acceleration of the base that is felt like gravity, m/s².
+    gravity: Vector<L>,
 }
 
-impl<L: Lanes, const N: usize> Hand<L, N> {
-    pub(crate) fn zero() -> Self {
-        let zero = [L::splat(0.0); 3];
-        let motion = [L::splat(0.0); MOTION];
-        Self {
-            position: zero,
-            axes: [zero; 3],
-            velocity: motion,
-            acceleration: motion,
-            jacobian: [motion; N],
+impl<L: Lanes> Mount<L> {
+    pub(crate) fn new(arm: &Kinematics, gravity: f64) -> Self {
+        let mut base = [[L::splat(0.0); 3]; 3];
+        for row in 0..3 {
+            for column in 0..3 {
+                base[column][row] = L::splat(arm.base.rotation[row][column]);
+            }
         }
+        let hand = arm.hand.origin().map(L::splat);
+        Self { base, hand, gravity: [0.0, 0.0, gravity].map(L::splat) }
+    }
+}
+
+/// The turn of a joint's frame about x of the frame before.
+#[derive(Clone, Copy)]
+pub(crate) enum Tilt<L> {
+    None,
+    /// +90°.
+    Quarter,
+    /// −90°.
+    MinusQuarter,
+    By(Turn<L>),
+}
+
+/// The place of a joint in the frame before it.
+#[derive(Clone, Copy)]
+pub(crate) struct Place<L> {
+    pub(crate) origin: Vector<L>,
+    /// Whether a coordinate of the origin may differ from 0.
+    pub(crate) shifted: [bool; 3],
+    pub(crate) tilt: Tilt<L>,
+}
+
+/// Something that moves along an arm, from the first joint to the last.
+pub(crate) trait Walker<L> {
+    fn pass(&mut self, joint: usize, place: &Place<L>);
+}
+
+/// The axes x, y and z of a frame.
+#[derive(Clone, Copy)]
+pub(crate) struct Axes<L>(pub(crate) [Vector<L>; 3]);
+
+impl<L: Lanes> Axes<L> {
+    /// A vector of the frame, in the world.
+    #[inline(always)]
+    fn in_world(&self, vector: &Vector<L>, used: [bool; 3]) -> Vector<L> {
+        let mut world = [L::splat(0.0); 3];
+        let mut empty = true;
+        for axis in 0..3 {
+            if used[axis] {
+                for coordinate in 0..3 {
+                    let part = self.0[axis][coordinate];
+                    world[coordinate] = if empty {
+                        vector[axis] * part
+                    } else {
+                        vector[axis].mul_add(part, world[coordinate])
+                    };
+                }
+                empty = false;
+            }
+        }
+        world
     }
 
-    /// The displacement and the small turn from this pose to `other`.
+    /// Turns the frame about its x axis.
     #[inline(always)]
-    pub(crate) fn error(&self, other: &Self) -> [L; MOTION] {
+    fn tilt(&mut self, tilt: Tilt<L>) {
+        let [x, y, z] = self.0;
+        self.0 = match tilt {
+            Tilt::None => [x, y, z],
+            Tilt::Quarter => [x, z, negative(y)],
+            Tilt::MinusQuarter => [x, negative(z), y],
+            Tilt::By(turn) => {
+                let (y, z) = turned(turn, y, z);
+                [x, y, z]
+            }
+        };
+    }
+
+    /// Turns the frame about its z axis.
+    #[inline(always)]
+    fn turn(&mut self, turn: Turn<L>) {
+        let [x, y, z] = self.0;
+        let (x, y) = turned(turn, x, y);
+        self.0 = [x, y, z];
+    }
+}
+
+/// Two orthogonal axes after a turn from the first to the second.
+#[inline(always)]
+fn turned<L: Lanes>(
+    Turn { sin, cos }: Turn<L>,
+    first: Vector<L>,
+    second: Vector<L>,
+) -> (Vector<L>, Vector<L>) {
+    let (mut new_first, mut new_second) = (first, second);
+    for coordinate in 0..3 {
+        new_first[coordinate] = sin.mul_add(second[coordinate], cos * first[coordinate]);
+        new_second[coordinate] = sin.neg_mul_add(first[coordinate], cos * second[coordinate]);
+    }
+    (new_first, new_second)
+}
+
+#[inline(always)]
+fn negative<L: Lanes>([x, y, z]: Vector<L>) -> Vector<L> {
+    [-x, -y, -z]
+}
+
+/// The hand's pose at given turns of the joints, and the axes of all joints.
+#[derive(Clone, Copy)]
+pub(crate) struct Posture<'a, L, const N: usize> {
+    turns: &'a [Turn<L>; N],
+    position: Vector<L>,
+    axes: Axes<L>,
+    origins: [Vector<L>; N],
+    joint_axes: [Vector<L>; N],
+}
+
+impl<L: Lanes, const N: usize> Walker<L> for Posture<'_, L, N> {
+    #[inline(always)]
+    fn pass(&mut self, joint: usize, place: &Place<L>) {
+        if joint > 0 {
+            self.position = sum(self.position, self.axes.in_world(&place.origin, place.shifted));
+        }
+        self.axes.tilt(place.tilt);
+        self.origins[joint] = self.position;
+        self.joint_axes[joint] = self.axes.0[2];
+        self.axes.turn(self.turns[joint]);
+    }
+}
+
+impl<'a, L: Lanes, const N: usize> Posture<'a, L, N> {
+    #[inline(always)]
+    pub(crate) fn of<S: Structure<N>>(
+        structure: S,
+        model: &Model<L, N>,
+        mount: &Mount<L>,
+        turns: &'a [Turn<L>; N],
+    ) -> Self {
+        let zero = [L::splat(0.0); 3];
+        let mut posture = Self {
+            turns,
+            position: zero,
+            axes: Axes(mount.base),
+            origins: [zero; N],
+            joint_axes: [zero; N],
+        };
+        structure.walk(model, &mut posture);
+        posture.position = sum(posture.position, posture.axes.in_world(&mount.hand, [true; 3]));
+        posture
+    }
+
+    /// A row per number of the task. The last three rows are multiplied by `turning`.
+    #[inline(always)]
+    pub(crate) fn jacobian(&self, joints: usize, turning: L) -> Jacobian<L, N> {
+        let mut rows = [[L::splat(0.0); N]; MOTION];
+        for joint in 0..joints {
+            let [x, y, z] = self.joint_axes[joint];
+            let mut arm = self.position;
+            for coordinate in 0..3 {
+                arm[coordinate] = arm[coordinate] - self.origins[joint][coordinate];
+            }
+            rows[0][joint] = z.neg_mul_add(arm[1], y * arm[2]);
+            rows[1][joint] = x.neg_mul_add(arm[2], z * arm[0]);
+            rows[2][joint] = y.neg_mul_add(arm[0], x * arm[1]);
+            rows[3][joint] = turning * x;
+            rows[4][joint] = turning * y;
+            rows[5][joint] = turning * z;
+        }
+        Jacobian { joints, rows }
+    }
+
+    /// The displacement and the small turn from this pose to that of `other`.
+    #[inline(always)]
+    pub(crate) fn error(&self, other: &HandMotion<'_, L, N>) -> [L; MOTION] {
+        self.error_to(&other.position, &other.axes)
+    }
+
+    /// The displacement and the small turn from this pose to another.
+    #[inline(always)]
+    pub(crate) fn error_to(&self, to: &Vector<L>, axes: &Axes<L>) -> [L; MOTION] {
+        let half = L::splat(0.5);
         let mut turn = [L::splat(0.0); 3];
         for axis in 0..3 {
-            turn = add_cross(self.axes[axis], other.axes[axis], turn);
+            turn = add_cross(self.axes.0[axis], axes.0[axis], turn);
         }
-        let half = L::splat(0.5);
-        let [from, to] = [self.position, other.position];
+        let from = self.position;
         [
             to[0] - from[0],
             to[1] - from[1],
@@ -61,299 +222,197 @@ impl<L: Lanes, const N: usize> Hand<L, N> {
             half * turn[2],
         ]
     }
-}
 
-/// The motion of the hand of `arm` at positions `q`, velocities `qd` and accelerations `qdd` of its
-/// joints.
-pub(crate) struct HandOf<'a, L, const N: usize> {
-    pub(crate) arm: &'a Kinematics,
-    pub(crate) q: &'a [L; N],
-    pub(crate) qd: &'a [L; N],
-    pub(crate) qdd: &'a [L; N],
-    pub(crate) hand: &'a mut Hand<L, N>,
-}
-
-impl<L: Lanes, const N: usize> Kernel<L> for HandOf<'_, L, N> {
-    type Output = ();
-
+    /// The acceleration of the hand on a last link with this motion.
     #[inline(always)]
-    fn run(self) {
-        align_stack();
-        let Self { arm, q, qd, qdd, hand } = self;
-        let zero = L::splat(0.0);
-        let mut frame = Frame::base(arm);
-        let mut origins = [[zero; 3]; MAX_JOINTS];
-        let mut joint_axes = [[zero; 3]; MAX_JOINTS];
-        for joint in 0..arm.joints.len() {
-            let row = &arm.joints[joint];
-            frame.shift(row.origin());
-            frame.twist(row.twist.sin, row.twist.cos);
-            origins[joint] = frame.position;
-            joint_axes[joint] = frame.axes[2];
-            let offset = Turn { sin: L::splat(row.offset.sin), cos: L::splat(row.offset.cos) };
-            frame.turn(Turn::by(q[joint]).and(offset));
-            frame.turn_on(qd[joint], qdd[joint]);
-        }
-        let row = &arm.hand;
-        frame.shift(row.origin());
-        frame.twist(row.twist.sin, row.twist.cos);
-        frame.turn(Turn { sin: L::splat(row.offset.sin), cos: L::splat(row.offset.cos) });
-
-        hand.position = frame.position;
-        hand.axes = frame.axes;
-        for axis in 0..3 {
-            hand.velocity[axis] = frame.velocity[axis];
-            hand.velocity[3 + axis] = frame.turning[axis];
-            hand.acceleration[axis] = frame.acceleration[axis];
-            hand.acceleration[3 + axis] = frame.turning_faster[axis];
-        }
-        for joint in 0..arm.joints.len() {
-            let [origin, axis] = [origins[joint], joint_axes[joint]];
-            let mut arm = frame.position;
-            for coordinate in 0..3 {
-                arm[coordinate] = arm[coordinate] - origin[coordinate];
-            }
-            let linear = add_cross(axis, arm, [zero; 3]);
-            hand.jacobian[joint] = [linear[0], linear[1], linear[2], axis[0], axis[1], axis[2]];
-        }
+    pub(crate) fn acceleration(&self, link: &Motion<L>, mount: &Mount<L>) -> [L; MOTION] {
+        let at_hand = link.acceleration_at(&mount.hand);
+        let linear = self.axes.in_world(&at_hand, [true; 3]);
+        let angular = self.axes.in_world(&link.angular_acceleration, [true; 3]);
+        let free = mount.gravity;
+        [
+            linear[0] - free[0],
+            linear[1] - free[1],
+            linear[2] - free[2],
+            angular[0],
+            angular[1],
+            angular[2],
+        ]
     }
 }
 
-/// A frame that moves, in the world.
-struct Frame<L> {
-    position: Vector<L>,
-    /// Its axes x, y and z.
-    axes: [Vector<L>; 3],
-    velocity: Vector<L>,
-    turning: Vector<L>,
-    acceleration: Vector<L>,
-    turning_faster: Vector<L>,
+/// The joints' motion that moves a hand.
+#[derive(Clone, Copy)]
+pub(crate) struct JointMotion<'a, L, const N: usize> {
+    pub(crate) turns: &'a [Turn<L>; N],
+    pub(crate) qd: &'a [L; N],
+    pub(crate) qdd: &'a [L; N],
 }
 
-impl<L: Lanes> Frame<L> {
+/// The pose of the hand, and how it moves.
+pub(crate) struct HandMotion<'a, L, const N: usize> {
+    joints: JointMotion<'a, L, N>,
+    position: Vector<L>,
+    axes: Axes<L>,
+    linear_velocity: Vector<L>,
+    angular_velocity: Vector<L>,
+    linear_acceleration: Vector<L>,
+    angular_acceleration: Vector<L>,
+}
+
+impl<L: Lanes, const N: usize> Walker<L> for HandMotion<'_, L, N> {
     #[inline(always)]
-    fn base(arm: &Kinematics) -> Self {
+    fn pass(&mut self, joint: usize, place: &Place<L>) {
+        // The first joint's frame stands still.
+        if joint > 0 {
+            self.shift(&place.origin, place.shifted);
+        }
+        self.axes.tilt(place.tilt);
+        self.accelerate(joint);
+        self.axes.turn(self.joints.turns[joint]);
+    }
+}
+
+impl<'a, L: Lanes, const N: usize> HandMotion<'a, L, N> {
+    #[inline(always)]
+    pub(crate) fn of<S: Structure<N>>(
+        structure: S,
+        model: &Model<L, N>,
+        mount: &Mount<L>,
+        joints: JointMotion<'a, L, N>,
+    ) -> Self {
         let zero = [L::splat(0.0); 3];
-        let mut axes = [zero; 3];
-        for row in 0..3 {
-            for column in 0..3 {
-                axes[column][row] = L::splat(arm.base.rotation[row][column]);
-            }
-        }
-        let mut position = zero;
-        for axis in 0..3 {
-            position[axis] = L::splat(arm.base.position_m[axis]);
-        }
-        Self {
-            position,
-            axes,
-            velocity: zero,
-            turning: zero,
-            acceleration: zero,
-            turning_faster: zero,
-        }
+        let mut hand = Self {
+            joints,
+            position: zero,
+            axes: Axes(mount.base),
+            linear_velocity: zero,
+            angular_velocity: zero,
+            linear_acceleration: zero,
+            angular_acceleration: zero,
+        };
+        structure.walk(model, &mut hand);
+        hand.shift(&mount.hand, [true; 3]);
+        hand
+    }
+
+    #[inline(always)]
+    pub(crate) fn velocity(&self) -> [L; MOTION] {
+        let ([x, y, z], [about_x, about_y, about_z]) =
+            (self.linear_velocity, self.angular_velocity);
+        [x, y, z, about_x, about_y, about_z]
+    }
+
+    #[inline(always)]
+    pub(crate) fn acceleration(&self) -> [L; MOTION] {
+        let ([x, y, z], [about_x, about_y, about_z]) =
+            (self.linear_acceleration, self.angular_acceleration);
+        [x, y, z, about_x, about_y, about_z]
     }
 
     /// Shifts the frame along its own axes.
     #[inline(always)]
-    fn shift(&mut self, origin: [f64; 3]) {
-        let zero = [L::splat(0.0); 3];
-        let mut shift = zero;
-        for axis in 0..3 {
-            if origin[axis] != 0.0 {
-                let length = L::splat(origin[axis]);
-                for coordinate in 0..3 {
-                    shift[coordinate] =
-                        length.mul_add(self.axes[axis][coordinate], shift[coordinate]);
-                }
-            }
-        }
-        let speed = add_cross(self.turning, shift, zero);
-        self.acceleration = add_cross(self.turning_faster, shift, self.acceleration);
-        self.acceleration = add_cross(self.turning, speed, self.acceleration);
-        self.velocity = sum(self.velocity, speed);
-        self.position = sum(self.position, shift);
-    }
-
-    /// Turns the frame about its x axis.
-    #[inline(always)]
-    fn twist(&mut self, sin: f64, cos: f64) {
-        if sin == 0.0 && cos == 1.0 {
+    fn shift(&mut self, origin: &Vector<L>, shifted: [bool; 3]) {
+        if shifted == [false; 3] {
             return;
         }
-        let (sin, cos) = (L::splat(sin), L::splat(cos));
-        let [_, y, z] = self.axes;
-        for coordinate in 0..3 {
-            self.axes[1][coordinate] = sin.mul_add(z[coordinate], cos * y[coordinate]);
-            self.axes[2][coordinate] = sin.neg_mul_add(y[coordinate], cos * z[coordinate]);
-        }
-    }
-
-    /// Turns the frame about its z axis.
-    #[inline(always)]
-    fn turn(&mut self, Turn { sin, cos }: Turn<L>) {
-        let [x, y, _] = self.axes;
-        for coordinate in 0..3 {
-            self.axes[0][coordinate] = sin.mul_add(y[coordinate], cos * x[coordinate]);
-            self.axes[1][coordinate] = sin.neg_mul_add(x[coordinate], cos * y[coordinate]);
-        }
+        let shift = self.axes.in_world(origin, shifted);
+        let speed = add_cross(self.angular_velocity, shift, [L::splat(0.0); 3]);
+        let linear = add_cross(self.angular_acceleration, shift, self.linear_acceleration);
+        self.linear_acceleration = add_cross(self.angular_velocity, speed, linear);
+        self.linear_velocity = sum(self.linear_velocity, speed);
+        self.position = sum(self.position, shift);
     }
 
     /// Lets the frame turn about its z axis, ever faster.
     #[inline(always)]
-    fn turn_on(&mut self, speed: L, acceleration: L) {
-        let mut turning = self.axes[2];
+    fn accelerate(&mut self, joint: usize) {
+        let (qd, qdd) = (self.joints.qd[joint], self.joints.qdd[joint]);
+        let axis = self.axes.0[2];
+        let [mut turning, mut faster] = [axis; 2];
         for coordinate in 0..3 {
-            self.turning_faster[coordinate] =
-                acceleration.mul_add(turning[coordinate], self.turning_faster[coordinate]);
-            turning[coordinate] = speed * turning[coordinate];
+            turning[coordinate] = qd * axis[coordinate];
+            faster[coordinate] =
+                qdd.mul_add(axis[coordinate], self.angular_acceleration[coordinate]);
         }
-        self.turning_faster = add_cross(self.turning, turning, self.turning_faster);
-        self.turning = sum(self.turning, turning);
+        if joint == 0 {
+            self.angular_velocity = turning;
+            self.angular_acceleration = faster;
+            return;
+        }
+        self.angular_acceleration = add_cross(self.angular_velocity, turning, faster);
+        self.angular_velocity = sum(self.angular_velocity, turning);
     }
 }
 
-/// Factors of a symmetric positive definite matrix: L D Lᵀ, with ones on the diagonal of L.
-#[derive(Clone, Copy)]
-pub(crate) struct Factors<L, const K: usize> {
-    lower: [[L; K]; K],
-    /// 1 / D.
-    inverse: [L; K],
-    /// Above 0 where the matrix is singular.
-    pub(crate) singular: L,
+/// The Jacobian of a hand.
+pub(crate) struct Jacobian<L, const N: usize> {
+    pub(crate) joints: usize,
+    pub(crate) rows: [[L; N]; MOTION],
 }
 
-impl<L: Lanes, const K: usize> Factors<L, K> {
-    /// The factors of the first `count` rows and columns of `matrix`, which is given on and below
-    /// the diagonal.
+impl<L: Lanes, const N: usize> Jacobian<L, N> {
+    /// J x: the hand's motion that velocities `x` of the joints give.
     #[inline(always)]
-    pub(crate) fn of(matrix: &[[L; K]; K], count: usize) -> Self {
-        let zero = L::splat(0.0);
-        let mut factors = Self { lower: *matrix, inverse: [zero; K], singular: L::splat(-1.0) };
-        let mut scaled = [[zero; K]; K];
-        for row in 0..count {
-            for column in 0..row {
-                let mut entry = factors.lower[row][column];
-                for earlier in 0..column {
-                    entry = scaled[row][earlier].neg_mul_add(factors.lower[column][earlier], entry);
-                }
-                scaled[row][column] = entry;
-                factors.lower[row][column] = entry * factors.inverse[column];
-            }
-            let mut pivot = factors.lower[row][row];
-            for earlier in 0..row {
-                pivot = scaled[row][earlier].neg_mul_add(factors.lower[row][earlier], pivot);
-            }
-            let least = matrix[row][row] * L::splat(LEAST_PIVOT);
-            factors.singular = factors.singular.max(least - pivot);
-            // A singular lane is noticed at the next sample. Until then its numbers stay finite.
-            factors.inverse[row] =
-                pivot.max(least.max(L::splat(f64::from(f32::MIN_POSITIVE)))).recip();
-        }
-        factors
-    }
-
-    /// `b` becomes L⁻¹ b.
-    #[inline(always)]
-    fn forward(&self, count: usize, b: &mut [L; K]) {
-        for row in 0..count {
-            for column in 0..row {
-                b[row] = self.lower[row][column].neg_mul_add(b[column], b[row]);
-            }
-        }
-    }
-
-    /// `b` becomes the solution of the equations with this matrix.
-    #[inline(always)]
-    pub(crate) fn solve(&self, count: usize, b: &mut [L; K]) {
-        self.forward(count, b);
-        for row in (0..count).rev() {
-            b[row] = b[row] * self.inverse[row];
-            for later in row + 1..count {
-                b[row] = self.lower[later][row].neg_mul_add(b[later], b[row]);
-            }
-        }
-    }
-}
-
-/// J M⁻¹ Jᵀ on and below the diagonal, of the first `dims` rows of the Jacobian: how much the hand
-/// gives way to a force. `mass` has M on and below the diagonal.
-#[inline(always)]
-pub(crate) fn compliance<L: Lanes, const N: usize>(
-    joints: usize,
-    dims: usize,
-    jacobian: &[[L; MOTION]; N],
-    mass: &[[L; N]; N],
-) -> [[L; MOTION]; MOTION] {
-    let zero = L::splat(0.0);
-    let factors = Factors::of(mass, joints);
-    let mut rows = [[zero; N]; MOTION];
-    for row in 0..dims {
-        for joint in 0..joints {
-            rows[row][joint] = jacobian[joint][row];
-        }
-        factors.forward(joints, &mut rows[row]);
-    }
-    let mut matrix = [[zero; MOTION]; MOTION];
-    for joint in 0..joints {
-        for row in 0..dims {
-            let weighted = rows[row][joint] * factors.inverse[joint];
-            for column in 0..=row {
-                matrix[row][column] = weighted.mul_add(rows[column][joint], matrix[row][column]);
-            }
-        }
-    }
-    matrix
-}
-
-/// J Jᵀ on and below the diagonal, of the first `dims` rows of the Jacobian.
-#[inline(always)]
-pub(crate) fn gram<L: Lanes, const N: usize>(
-    joints: usize,
-    dims: usize,
-    jacobian: &[[L; MOTION]; N],
-) -> [[L; MOTION]; MOTION] {
-    let mut matrix = [[L::splat(0.0); MOTION]; MOTION];
-    for joint in 0..joints {
-        let column_of_joint = &jacobian[joint];
-        for row in 0..dims {
-            for column in 0..=row {
-                matrix[row][column] =
-                    column_of_joint[row].mul_add(column_of_joint[column], matrix[row][column]);
-            }
-        }
-    }
-    matrix
-}
-
-/// J x: the hand's motion that velocities or accelerations `x` of the joints give.
-#[inline(always)]
-pub(crate) fn of_hand<L: Lanes, const N: usize>(
-    joints: usize,
-    jacobian: &[[L; MOTION]; N],
-    x: &[L; N],
-) -> [L; MOTION] {
-    let mut motion = [L::splat(0.0); MOTION];
-    for joint in 0..joints {
+    pub(crate) fn times(&self, x: &[L; N]) -> [L; MOTION] {
+        let mut motion = [L::splat(0.0); MOTION];
         for row in 0..MOTION {
-            motion[row] = jacobian[joint][row].mul_add(x[joint], motion[row]);
+            motion[row] = self.rows[row][0] * x[0];
+            for joint in 1..self.joints {
+                motion[row] = self.rows[row][joint].mul_add(x[joint], motion[row]);
+            }
+        }
+        motion
+    }
+
+    /// `sum` + Jᵀ f: the torques that hold a force `f` of the hand.
+    #[inline(always)]
+    pub(crate) fn add_force(&self, force: &[L; MOTION], sum: &mut [L; N]) {
+        for row in 0..MOTION {
+            for joint in 0..self.joints {
+                sum[joint] = self.rows[row][joint].mul_add(force[row], sum[joint]);
+            }
         }
     }
-    motion
 }
 
-/// `sum` + Jᵀ f: the torques that hold a force `f` of the hand, of its first `dims` numbers.
-#[inline(always)]
-pub(crate) fn add_force<L: Lanes, const N: usize>(
-    joints: usize,
-    dims: usize,
-    jacobian: &[[L; MOTION]; N],
-    force: &[L; MOTION],
-    sum: &mut [L; N],
-) {
-    for joint in 0..joints {
-        for row in 0..dims {
-            sum[joint] = jacobian[joint][row].mul_add(force[row], sum[joint]);
+/// Turns of joints at a moment, from which those of the next moments follow.
+pub(crate) struct NearTurns<L, const N: usize> {
+    q: [L; N],
+    turns: [Turn<L>; N],
+}
+
+impl<L: Lanes, const N: usize> NearTurns<L, N> {
+    pub(crate) fn none() -> Self {
+        Self { q: [L::splat(0.0); N], turns: [Turn::none(); N] }
+    }
+
+    /// The turns at `q`, a small change away.
+    #[inline(always)]
+    pub(crate) fn at(&self, joints: usize, q: &[L; N]) -> [Turn<L>; N] {
+        let mut turns = self.turns;
+        for joint in 0..joints {
+            turns[joint] = turns[joint].followed_by(q[joint] - self.q[joint]);
         }
+        turns
+    }
+}
+
+/// Makes `near` the turns at `q`.
+pub(crate) struct TurnsAt<'a, S, L, const N: usize> {
+    pub(crate) structure: S,
+    pub(crate) model: &'a Model<L, N>,
+    pub(crate) q: &'a [L; N],
+    pub(crate) near: &'a mut NearTurns<L, N>,
+}
+
+impl<L: Lanes, S: Structure<N>, const N: usize> Kernel<L> for TurnsAt<'_, S, L, N> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let Self { structure, model, q, near } = self;
+        near.q = *q;
+        structure.all_turns(model, q, &mut near.turns);
     }
 }

@@ -1,13 +1,24 @@
 //! The task of controllers of the hand: the torques that move it, or push it, along a reference.
 
-use simd::Lanes;
+use simd::{Kernel, Lanes, align_stack};
 
-use crate::forward_dynamics::Dynamics;
-use crate::hand::{self, Factors, Hand, HandOf, MOTION};
-use crate::kinematics::Kinematics;
+use crate::Robot;
+use crate::hand::{HandMotion, JointMotion, MOTION, Mount, NearTurns, Posture, TurnsAt};
+use crate::model::Model;
+use crate::reference::whole;
+use crate::structure::Structure;
+use crate::task_matrix::{Factors, TaskMatrix, compliance, gram};
 use crate::tracking::Gains;
 
-/// The gains of controllers of the hand, and what they see of it. One robot per lane.
+/// A task is singular where a pivot of its matrix is below this share of the entry that it comes
+/// from: two directions in which the hand moves are almost one.
+const LEAST_PIVOT: f64 = 1e-4;
+
+/// The longest time for which turns follow from earlier ones, s. Joints move by far less than half
+/// a radian in it.
+const NEAR_S: f64 = 0.02;
+
+/// The gains of controllers of the hand. One robot per lane.
 pub(crate) struct HandTask<L, const N: usize> {
     /// Numbers of the task: 6 with the hand's orientation, 3 without, and 0 of controllers of
     /// joints.
@@ -18,9 +29,14 @@ pub(crate) struct HandTask<L, const N: usize> {
     dn: L,
     /// Above 0 where the posture was singular since the last sample.
     singular: L,
-    /// The hand on the reference, and as it is measured.
-    wanted: Hand<L, N>,
-    hand: Hand<L, N>,
+    mount: Mount<L>,
+    /// 1 if the task has the hand's orientation, and 0 otherwise.
+    turning: L,
+    /// Turns of measured joints and of those on the reference.
+    measured: NearTurns<L, N>,
+    wanted: NearTurns<L, N>,
+    /// Control periods between two evaluations of these turns.
+    stride: usize,
 }
 
 /// The measurements and references that a controller knows in a control period.
@@ -35,7 +51,7 @@ pub(crate) struct Moment<'a, L, const N: usize> {
 }
 
 impl<L: Lanes, const N: usize> HandTask<L, N> {
-    pub(crate) fn new(dims: usize) -> Self {
+    pub(crate) fn new(dims: usize, arm: &Robot, period_s: f64) -> Self {
         let zero = L::splat(0.0);
         Self {
             dims,
@@ -44,8 +60,11 @@ impl<L: Lanes, const N: usize> HandTask<L, N> {
             kn: zero,
             dn: zero,
             singular: L::splat(-1.0),
-            wanted: Hand::zero(),
-            hand: Hand::zero(),
+            mount: Mount::new(&arm.kinematics, arm.gravity),
+            turning: L::splat(if dims == MOTION { 1.0 } else { 0.0 }),
+            measured: NearTurns::none(),
+            wanted: NearTurns::none(),
+            stride: whole(NEAR_S / period_s).max(1),
         }
     }
 
@@ -70,25 +89,45 @@ impl<L: Lanes, const N: usize> HandTask<L, N> {
         std::mem::replace(&mut self.singular, L::splat(-1.0))
     }
 
-    /// Sees the hand of the nominal `arm`.
+    /// Looks at the turns of all joints, often enough for the periods in between.
     #[inline(always)]
-    pub(crate) fn see(&mut self, arm: &Kinematics, moment: &Moment<'_, L, N>) {
-        let Moment { r, rd, rdd, q, v } = moment;
-        let still = [L::splat(0.0); N];
-        L::run(HandOf { arm, q: r, qd: rd, qdd: rdd, hand: &mut self.wanted });
-        L::run(HandOf { arm, q, qd: v, qdd: &still, hand: &mut self.hand });
+    pub(crate) fn look<S: Structure<N>>(
+        &mut self,
+        structure: S,
+        known: &Model<L, N>,
+        period: usize,
+        moment: &Moment<'_, L, N>,
+    ) {
+        if period.is_multiple_of(self.stride) {
+            let Self { measured, wanted, .. } = self;
+            for (q, near) in [(moment.q, measured), (moment.r, wanted)] {
+                L::run(TurnsAt { structure, model: known, q, near });
+            }
+        }
     }
 
     /// kp e + kd (ẋ_r − ẋ).
     #[inline(always)]
-    fn pull(&self) -> [L; MOTION] {
-        let Self { dims, kp, kd, wanted, hand, .. } = self;
-        let mut pull = hand.error(wanted);
-        for row in 0..*dims {
-            let slower = wanted.velocity[row] - hand.velocity[row];
-            pull[row] = kp[row].mul_add(pull[row], kd[row] * slower);
+    fn pull(
+        &self,
+        wanted: &HandMotion<'_, L, N>,
+        posture: &Posture<'_, L, N>,
+        velocity: &[L; MOTION],
+    ) -> [L; MOTION] {
+        let (error, wanted) = (posture.error(wanted), wanted.velocity());
+        let mut pull = error;
+        for row in 0..MOTION {
+            let slower = wanted[row] - velocity[row];
+            pull[row] = self.kp[row].mul_add(error[row], self.kd[row] * slower);
         }
         pull
+    }
+
+    #[inline(always)]
+    fn factors(&mut self, matrix: TaskMatrix<L>) -> Factors<L> {
+        let factors = Factors::of(matrix, self.turning, LEAST_PIVOT);
+        self.singular = self.singular.max(factors.singular);
+        factors
     }
 
     /// kn (r − q) + dn (ṙ − v) of each joint.
@@ -102,65 +141,89 @@ impl<L: Lanes, const N: usize> HandTask<L, N> {
         }
         kept
     }
+}
 
-    /// The torques of `operational-space`. `dynamics` has the nominal arm's M, and C v + g.
+/// The torques of `operational-space`.
+pub(crate) struct MoveHand<'a, S, L, const N: usize> {
+    pub(crate) structure: S,
+    pub(crate) task: &'a mut HandTask<L, N>,
+    /// The nominal arm.
+    pub(crate) known: &'a Model<L, N>,
+    pub(crate) moment: Moment<'a, L, N>,
+    pub(crate) command: &'a mut [L; N],
+}
+
+impl<L: Lanes, S: Structure<N>, const N: usize> Kernel<L> for MoveHand<'_, S, L, N> {
+    type Output = ();
+
     #[inline(always)]
-    pub(crate) fn move_hand(
-        &mut self,
-        joints: usize,
-        moment: &Moment<'_, L, N>,
-        dynamics: &Dynamics<L, N>,
-        command: &mut [L; N],
-    ) {
-        let mut kept = self.keep_posture(joints, moment);
+    fn run(self) {
+        align_stack();
+        let Self { structure, task, known, moment, command } = self;
+        let joints = structure.joints();
+        let mut kept = task.keep_posture(joints, &moment);
         for joint in 0..joints {
             kept[joint] = kept[joint] + moment.rdd[joint];
         }
-        let mut force = self.pull();
-        let Self { dims, singular, wanted, hand, .. } = self;
-        let given = hand::of_hand(joints, &hand.jacobian, &kept);
-        for row in 0..*dims {
-            let missing = wanted.acceleration[row] - hand.acceleration[row] - given[row];
-            force[row] = force[row] + missing;
-        }
-        let mass = &dynamics.mass_matrix;
-        let matrix = hand::compliance(joints, *dims, &hand.jacobian, mass);
-        let factors = Factors::of(&matrix, *dims);
-        *singular = singular.max(factors.singular);
-        factors.solve(*dims, &mut force);
-        for row in 0..joints {
-            let mut torque = dynamics.bias[row];
-            for column in 0..joints {
-                // Only entries on and below the diagonal are set.
-                let entry = mass[row.max(column)][row.min(column)];
-                torque = entry.mul_add(kept[column], torque);
-            }
-            command[row] = torque;
-        }
-        hand::add_force(joints, *dims, &hand.jacobian, &force, command);
-    }
+        let turns = task.measured.at(joints, moment.q);
+        let dynamics = structure.inverse_dynamics(known, &turns, moment.v, &kept);
+        let posture = Posture::of(structure, known, &task.mount, &turns);
+        let jacobian = posture.jacobian(joints, task.turning);
+        let factors = task.factors(compliance(&jacobian, &dynamics.mass));
 
-    /// The torques of `cartesian-impedance` without gravity.
+        let turns = task.wanted.at(joints, moment.r);
+        let wanted = JointMotion { turns: &turns, qd: moment.rd, qdd: moment.rdd };
+        let wanted = HandMotion::of(structure, known, &task.mount, wanted);
+        let mut force = task.pull(&wanted, &posture, &jacobian.times(moment.v));
+        let given = posture.acceleration(&dynamics.last_link, &task.mount);
+        let wanted = wanted.acceleration();
+        for row in 0..MOTION {
+            force[row] = force[row] + (wanted[row] - given[row]);
+        }
+        factors.solve(&mut force);
+        *command = dynamics.torque;
+        jacobian.add_force(&force, command);
+    }
+}
+
+/// The torques of `cartesian-impedance`.
+pub(crate) struct PushHand<'a, S, L, const N: usize> {
+    pub(crate) structure: S,
+    pub(crate) task: &'a mut HandTask<L, N>,
+    /// The nominal arm.
+    pub(crate) known: &'a Model<L, N>,
+    pub(crate) moment: Moment<'a, L, N>,
+    pub(crate) command: &'a mut [L; N],
+}
+
+impl<L: Lanes, S: Structure<N>, const N: usize> Kernel<L> for PushHand<'_, S, L, N> {
+    type Output = ();
+
     #[inline(always)]
-    pub(crate) fn push_hand(
-        &mut self,
-        joints: usize,
-        moment: &Moment<'_, L, N>,
-        command: &mut [L; N],
-    ) {
-        let mut force = self.pull();
-        *command = [L::splat(0.0); N];
-        if joints > self.dims {
-            *command = self.keep_posture(joints, moment);
-            let Self { dims, singular, hand, .. } = self;
-            let mut of_posture = hand::of_hand(joints, &hand.jacobian, command);
-            let factors = Factors::of(&hand::gram(joints, *dims, &hand.jacobian), *dims);
-            *singular = singular.max(factors.singular);
-            factors.solve(*dims, &mut of_posture);
-            for row in 0..*dims {
-                force[row] = force[row] - of_posture[row];
+    fn run(self) {
+        align_stack();
+        let Self { structure, task, known, moment, command } = self;
+        let joints = structure.joints();
+        let turns = task.measured.at(joints, moment.q);
+        let posture = Posture::of(structure, known, &task.mount, &turns);
+        let jacobian = posture.jacobian(joints, task.turning);
+        structure.gravity(known, &turns, command);
+
+        let turns = task.wanted.at(joints, moment.r);
+        let wanted = JointMotion { turns: &turns, qd: moment.rd, qdd: moment.rdd };
+        let wanted = HandMotion::of(structure, known, &task.mount, wanted);
+        let mut force = task.pull(&wanted, &posture, &jacobian.times(moment.v));
+        if joints > task.dims {
+            let kept = task.keep_posture(joints, &moment);
+            let mut pushed = jacobian.times(&kept);
+            task.factors(gram(&jacobian)).solve(&mut pushed);
+            for row in 0..MOTION {
+                force[row] = force[row] - pushed[row];
+            }
+            for joint in 0..joints {
+                command[joint] = command[joint] + kept[joint];
             }
         }
-        hand::add_force(joints, self.dims, &self.hand.jacobian, &force, command);
+        jacobian.add_force(&force, command);
     }
 }

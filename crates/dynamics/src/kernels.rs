@@ -33,6 +33,27 @@ impl<L: Lanes, S: Structure<N>, const N: usize> Kernel<L> for MassMatrixAndBias<
     }
 }
 
+/// See [`Structure::gravity`], at positions `q`.
+pub(crate) struct Gravity<'a, S, L, const N: usize> {
+    pub(crate) structure: S,
+    pub(crate) model: &'a Model<L, N>,
+    pub(crate) q: &'a [L; N],
+    pub(crate) gravity: &'a mut [L; N],
+}
+
+impl<L: Lanes, S: Structure<N>, const N: usize> Kernel<L> for Gravity<'_, S, L, N> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        align_stack();
+        let Self { structure, model, q, gravity } = self;
+        let mut turns = [Turn::none(); N];
+        structure.turns(model, q, &mut turns);
+        structure.gravity(model, &turns, gravity);
+    }
+}
+
 /// See [`Structure::accelerations_at`].
 pub(crate) struct AccelerationsAt<'a, S, L, const N: usize> {
     pub(crate) structure: S,

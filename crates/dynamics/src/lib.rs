@@ -63,6 +63,7 @@ mod single;
 mod spatial;
 mod structure;
 mod sweep;
+mod task_matrix;
 mod tracking;
 
 pub use angle::Angle;

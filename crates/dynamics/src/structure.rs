@@ -2,7 +2,8 @@
 
 use simd::Lanes;
 
-use crate::forward_dynamics::{Dynamics, accelerations};
+use crate::forward_dynamics::{Dynamics, InverseDynamics, accelerations};
+use crate::hand::Walker;
 use crate::model::Model;
 use crate::spatial::Turn;
 use crate::{Robot, compiled};
@@ -16,6 +17,9 @@ pub(crate) trait Structure<const N: usize>: Copy + Send + Sync {
     /// Sine and cosine of the angle of every joint whose turn matters, at positions `q` (rad).
     fn turns<L: Lanes>(self, model: &Model<L, N>, q: &[L; N], turns: &mut [Turn<L>; N]);
 
+    /// [`Structure::turns`], and those of joints whose turn does not matter for the dynamics.
+    fn all_turns<L: Lanes>(self, model: &Model<L, N>, q: &[L; N], turns: &mut [Turn<L>; N]);
+
     /// [`Structure::turns`] of angles that differ by a small `change` from others with known turns.
     fn later_turns<L: Lanes>(self, start: &[Turn<L>; N], change: &[L; N], turns: &mut [Turn<L>; N]);
 
@@ -27,6 +31,21 @@ pub(crate) trait Structure<const N: usize>: Copy + Send + Sync {
         qd: &[L; N],
         dynamics: &mut Dynamics<L, N>,
     );
+
+    /// g at the positions of `turns`: [`Structure::mass_matrix_and_bias`] at rest, bit for bit.
+    fn gravity<L: Lanes>(self, model: &Model<L, N>, turns: &[Turn<L>; N], gravity: &mut [L; N]);
+
+    /// The torques for accelerations `qdd` (rad/s²), and the factors of M + A.
+    fn inverse_dynamics<L: Lanes>(
+        self,
+        model: &Model<L, N>,
+        turns: &[Turn<L>; N],
+        qd: &[L; N],
+        qdd: &[L; N],
+    ) -> InverseDynamics<L, N>;
+
+    /// Leads `walker` past the places of all joints.
+    fn walk<L: Lanes>(self, model: &Model<L, N>, walker: &mut impl Walker<L>);
 
     /// [`Structure::mass_matrix_and_bias`] followed by [`accelerations`], bit for bit.
     #[inline(always)]
@@ -100,3 +119,83 @@ macro_rules! with_structure {
 }
 
 pub(crate) use with_structure;
+
+#[cfg(test)]
+mod tests {
+    use simd::F64Array;
+
+    use super::*;
+    use crate::compiled::Compiled;
+    use crate::forward_dynamics::FactoredMass;
+    use crate::general::General;
+
+    type Lane = F64Array<1>;
+
+    fn lanes(values: [f64; 7]) -> [Lane; 7] {
+        values.map(Lane::splat)
+    }
+
+    fn moving() -> [[Lane; 7]; 3] {
+        [
+            lanes([0.3, -0.7, 0.4, -1.9, 0.8, 1.7, -0.5]),
+            lanes([0.9, -0.4, 1.1, 0.2, -0.8, 0.6, 1.5]),
+            lanes([-2.0, 1.0, 0.5, -3.0, 2.5, 1.5, -0.7]),
+        ]
+    }
+
+    fn gravity_is_the_bias_at_rest<S: Structure<7>>(structure: S) {
+        let model = Model::<Lane, 7>::splat(structure, &Robot::panda());
+        let mut turns = [Turn::none(); 7];
+        structure.turns(&model, &moving()[0], &mut turns);
+        let mut dynamics = Dynamics::zero();
+        structure.mass_matrix_and_bias(&model, &turns, &lanes([0.0; 7]), &mut dynamics);
+        let mut gravity = lanes([f64::NAN; 7]);
+        structure.gravity(&model, &turns, &mut gravity);
+        for joint in 0..7 {
+            // The sign of a zero does not matter.
+            let [found, expected] =
+                [&gravity, &dynamics.bias].map(|torques| torques[joint].lane(0) + 0.0);
+            assert_eq!(found.to_bits(), expected.to_bits(), "joint {joint}");
+        }
+    }
+
+    #[test]
+    fn gravity_is_that_of_the_equation_of_motion_bit_for_bit() {
+        gravity_is_the_bias_at_rest(Compiled);
+        gravity_is_the_bias_at_rest(General::<7>::new(7));
+    }
+
+    fn inverse_dynamics_is_the_equation_of_motion<S: Structure<7>>(structure: S) {
+        let model = Model::<Lane, 7>::splat(structure, &Robot::panda());
+        let [q, qd, qdd] = moving();
+        let mut turns = [Turn::none(); 7];
+        structure.all_turns(&model, &q, &mut turns);
+        let mut dynamics = Dynamics::zero();
+        structure.mass_matrix_and_bias(&model, &turns, &qd, &mut dynamics);
+        let inverse = structure.inverse_dynamics(&model, &turns, &qd, &qdd);
+        let FactoredMass { factors, inverse_pivots } = inverse.mass;
+        for row in 0..7 {
+            let mut torque = dynamics.bias[row].lane(0);
+            for column in 0..7 {
+                let entry = dynamics.mass_matrix[row.max(column)][row.min(column)].lane(0);
+                torque += entry * qdd[column].lane(0);
+                // M = Σ f fᵀ d over the pivots d with their rows f.
+                let mut product = 0.0;
+                for pivot in row.max(column)..7 {
+                    let factor = |joint: usize| {
+                        if joint == pivot { 1.0 } else { factors[pivot][joint].lane(0) }
+                    };
+                    product += factor(row) * factor(column) / inverse_pivots[pivot].lane(0);
+                }
+                assert!((product - entry).abs() < 1e-13, "entry {row} {column}");
+            }
+            assert!((inverse.torque[row].lane(0) - torque).abs() < 1e-12, "joint {row}");
+        }
+    }
+
+    #[test]
+    fn inverse_dynamics_are_those_of_the_equation_of_motion() {
+        inverse_dynamics_is_the_equation_of_motion(Compiled);
+        inverse_dynamics_is_the_equation_of_motion(General::<7>::new(7));
+    }
+}

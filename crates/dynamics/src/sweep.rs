@@ -7,15 +7,28 @@
 
 use simd::Lanes;
 
-use crate::compiled::{Compiled, JOINTS};
-use crate::forward_dynamics::{Composite, Dynamics, Motion, Wrench};
+use crate::compiled::{Compiled, JOINTS, TWISTS, Twist, shifted};
+use crate::forward_dynamics::{
+    Composite, Dynamics, FactoredMass, InverseDynamics, Motion, Wrench, moment_at_rest,
+};
+use crate::hand::{Place, Tilt, Walker};
 use crate::model::Model;
-use crate::spatial::Turn;
+use crate::spatial::{Turn, sum};
 use crate::structure::Structure;
 
 /// A receiver of the equation of motion. The sweep gives it columns and bias forces joint by joint,
 /// from the last to the first.
 trait Equation<L> {
+    /// The accelerations of the joints, if they have any.
+    #[inline(always)]
+    fn joint_accelerations(&self) -> Option<&[L; JOINTS]> {
+        None
+    }
+
+    /// The motion of the last link.
+    #[inline(always)]
+    fn last_link(&mut self, _motion: &Motion<L>) {}
+
     /// `entries[J..]` are entries (J.., J) of M + A.
     fn column<const J: usize>(&mut self, entries: &[L; JOINTS]);
 
@@ -46,13 +59,17 @@ struct Elimination<'a, L> {
     qd: &'a [L; JOINTS],
     torque: &'a [L; JOINTS],
     friction: [L; JOINTS],
-    /// M + A + h D, with the share of eliminated joints subtracted.
-    matrix: [[L; JOINTS]; JOINTS],
-    /// `matrix[pivot][column]` divided by the pivot.
-    factors: [[L; JOINTS]; JOINTS],
-    inverse_pivots: [L; JOINTS],
-    /// The right side, reduced like `matrix`.
+    /// Those of M + A + h D.
+    reduction: Reduction<L>,
+    /// The right side, reduced like the matrix.
     right: [L; JOINTS],
+}
+
+/// A mass matrix, of which one joint after another is eliminated.
+struct Reduction<L> {
+    /// The matrix, with the share of eliminated joints subtracted.
+    matrix: [[L; JOINTS]; JOINTS],
+    factored: FactoredMass<L, JOINTS>,
 }
 
 /// Evaluates `$body` for each pivot beyond joint `$joint`, from the last.
@@ -66,6 +83,70 @@ macro_rules! for_each_pivot {
             $body
         }
     )*};
+}
+
+impl<L: Lanes> Reduction<L> {
+    #[inline(always)]
+    fn new() -> Self {
+        let zero = [L::splat(0.0); JOINTS];
+        let factored = FactoredMass { factors: [zero; JOINTS], inverse_pivots: zero };
+        Self { matrix: [zero; JOINTS], factored }
+    }
+
+    /// `entries[J..]` are entries (J.., J) of the matrix.
+    #[inline(always)]
+    fn column<const J: usize>(&mut self, entries: &[L; JOINTS]) {
+        let Self { matrix, factored: FactoredMass { factors, inverse_pivots } } = self;
+        for row in J..JOINTS {
+            matrix[row][J] = entries[row];
+        }
+        for_each_pivot!(PIVOT beyond J, {
+            for row in J + 1..PIVOT {
+                let change = factors[PIVOT][row];
+                matrix[row][J] = change.neg_mul_add(matrix[PIVOT][J], matrix[row][J]);
+            }
+            let factor = matrix[PIVOT][J] * inverse_pivots[PIVOT];
+            matrix[J][J] = factor.neg_mul_add(matrix[PIVOT][J], matrix[J][J]);
+            factors[PIVOT][J] = factor;
+        });
+        inverse_pivots[J] = matrix[J][J].recip();
+    }
+}
+
+/// The torques for given accelerations, and the factors of the mass matrix.
+struct Inversion<'a, L> {
+    model: &'a Model<L, JOINTS>,
+    qdd: &'a [L; JOINTS],
+    reduction: Reduction<L>,
+    torque: [L; JOINTS],
+    last_link: Motion<L>,
+}
+
+impl<L: Lanes> Equation<L> for Inversion<'_, L> {
+    #[inline(always)]
+    fn joint_accelerations(&self) -> Option<&[L; JOINTS]> {
+        Some(self.qdd)
+    }
+
+    #[inline(always)]
+    fn last_link(&mut self, motion: &Motion<L>) {
+        self.last_link = *motion;
+    }
+
+    #[inline(always)]
+    fn column<const J: usize>(&mut self, entries: &[L; JOINTS]) {
+        self.reduction.column::<J>(entries);
+    }
+
+    #[inline(always)]
+    fn bias<const J: usize>(&mut self, bias: L) {
+        let mut inertia = self.model.armature[J];
+        if J == 0 {
+            // The first link's own inertia; its motion is not part of the sweep.
+            inertia = inertia + self.model.links[0].inertia[4];
+        }
+        self.torque[J] = inertia.mul_add(self.qdd[J], bias);
+    }
 }
 
 impl<'a, L: Lanes> Elimination<'a, L> {
@@ -85,9 +166,7 @@ impl<'a, L: Lanes> Elimination<'a, L> {
                 friction[joint] = sigmoids.torque(joint, qd[joint]);
             }
         }
-        let (matrix, factors) = ([zero; JOINTS], [zero; JOINTS]);
-        let (inverse_pivots, right) = (zero, zero);
-        Self { model, step, qd, torque, friction, matrix, factors, inverse_pivots, right }
+        Self { model, step, qd, torque, friction, reduction: Reduction::new(), right: zero }
     }
 
     /// The accelerations, after every column and every bias force.
@@ -96,9 +175,9 @@ impl<'a, L: Lanes> Elimination<'a, L> {
         for joint in 0..JOINTS {
             let mut rest = self.right[joint];
             for inner in 0..joint {
-                rest = self.matrix[joint][inner].neg_mul_add(qdd[inner], rest);
+                rest = self.reduction.matrix[joint][inner].neg_mul_add(qdd[inner], rest);
             }
-            qdd[joint] = rest * self.inverse_pivots[joint];
+            qdd[joint] = rest * self.reduction.factored.inverse_pivots[joint];
         }
     }
 }
@@ -106,26 +185,15 @@ impl<'a, L: Lanes> Elimination<'a, L> {
 impl<L: Lanes> Equation<L> for Elimination<'_, L> {
     #[inline(always)]
     fn column<const J: usize>(&mut self, entries: &[L; JOINTS]) {
-        let Self { model, step, matrix, factors, inverse_pivots, .. } = self;
-        for row in J..JOINTS {
-            matrix[row][J] = entries[row];
-        }
-        matrix[J][J] = step.mul_add(model.damping[J], matrix[J][J]);
-        for_each_pivot!(PIVOT beyond J, {
-            for row in J + 1..PIVOT {
-                let change = factors[PIVOT][row];
-                matrix[row][J] = change.neg_mul_add(matrix[PIVOT][J], matrix[row][J]);
-            }
-            let factor = matrix[PIVOT][J] * inverse_pivots[PIVOT];
-            matrix[J][J] = factor.neg_mul_add(matrix[PIVOT][J], matrix[J][J]);
-            factors[PIVOT][J] = factor;
-        });
-        inverse_pivots[J] = matrix[J][J].recip();
+        let mut damped = *entries;
+        damped[J] = self.step.mul_add(self.model.damping[J], entries[J]);
+        self.reduction.column::<J>(&damped);
     }
 
     #[inline(always)]
     fn bias<const J: usize>(&mut self, bias: L) {
-        let Self { model, qd, torque, friction, factors, right, .. } = self;
+        let Self { model, qd, torque, friction, reduction, right, .. } = self;
+        let factors = &reduction.factored.factors;
         right[J] = model.damping[J].neg_mul_add(qd[J], torque[J] - bias) - friction[J];
         for_each_pivot!(PIVOT beyond J, {
             right[J] = factors[PIVOT][J].neg_mul_add(right[PIVOT], right[J]);
@@ -150,6 +218,9 @@ fn sweep<L: Lanes>(
         ($motion:ident over $joint:literal) => {{
             let origin = &origins[$joint];
             $motion = $motion.child::<$joint>(origin, turns[$joint], qd[$joint]);
+            if let Some(qdd) = equation.joint_accelerations() {
+                $motion = $motion.accelerated(qdd[$joint]);
+            }
             $motion.wrench(&links[$joint])
         }};
     }
@@ -183,6 +254,12 @@ fn sweep<L: Lanes>(
     }
 
     let mut motion = Motion::of_second_link(model.base_acceleration[2], turns[1], qd);
+    if let Some(qdd) = equation.joint_accelerations() {
+        let carried = turns[1].axis_to_child::<1>(qdd[0]);
+        let turning = sum(motion.angular_acceleration, carried);
+        motion = Motion::new(motion.angular_velocity, turning, motion.acceleration);
+        motion = motion.accelerated(qdd[1]);
+    }
     let wrench1 = motion.wrench(&links[1]);
     let mut composite = Composite::of_last_link(&links[6]);
     let mut entries = zero;
@@ -197,6 +274,7 @@ fn sweep<L: Lanes>(
     let wrench5 = outwards!(motion over 5);
     inwards!(composite over 2 to 1);
     let mut wrench = outwards!(motion over 6);
+    equation.last_link(&motion);
     // Only the first link's inertia about the vertical matters; its own wrench has no moment there.
     inwards!(composite over 1 to 0);
 
@@ -224,6 +302,17 @@ impl Structure<JOINTS> for Compiled {
     }
 
     #[inline(always)]
+    fn all_turns<L: Lanes>(
+        self,
+        model: &Model<L, JOINTS>,
+        q: &[L; JOINTS],
+        turns: &mut [Turn<L>; JOINTS],
+    ) {
+        self.turns(model, q, turns);
+        turns[0] = Turn::by(q[0]);
+    }
+
+    #[inline(always)]
     fn later_turns<L: Lanes>(
         self,
         start: &[Turn<L>; JOINTS],
@@ -244,6 +333,70 @@ impl Structure<JOINTS> for Compiled {
         dynamics: &mut Dynamics<L, JOINTS>,
     ) {
         sweep(model, turns, qd, dynamics);
+    }
+
+    #[inline(always)]
+    fn inverse_dynamics<L: Lanes>(
+        self,
+        model: &Model<L, JOINTS>,
+        turns: &[Turn<L>; JOINTS],
+        qd: &[L; JOINTS],
+        qdd: &[L; JOINTS],
+    ) -> InverseDynamics<L, JOINTS> {
+        let (reduction, torque) = (Reduction::new(), [L::splat(0.0); JOINTS]);
+        let still = [L::splat(0.0); 3];
+        let last_link = Motion::new(still, still, still);
+        let mut inversion = Inversion { model, qdd, reduction, torque, last_link };
+        sweep(model, turns, qd, &mut inversion);
+        let Inversion { reduction, torque, last_link, .. } = inversion;
+        InverseDynamics { torque, mass: reduction.factored, last_link }
+    }
+
+    #[inline(always)]
+    fn gravity<L: Lanes>(
+        self,
+        model: &Model<L, JOINTS>,
+        turns: &[Turn<L>; JOINTS],
+        gravity: &mut [L; JOINTS],
+    ) {
+        let up = turns[1].axis_to_child::<1>(model.base_acceleration[2]);
+        let mut moments = [moment_at_rest(&model.links[1], up); JOINTS];
+        let mut acceleration = up;
+        macro_rules! outwards {
+            ($($joint:literal)*) => {$(
+                acceleration = turns[$joint].to_child::<$joint>(acceleration);
+                moments[$joint] = moment_at_rest(&model.links[$joint], acceleration);
+            )*};
+        }
+        outwards!(2 3 4 5 6);
+        let mut moment = moments[6];
+        macro_rules! inwards {
+            ($($joint:literal to $parent:literal)*) => {$(
+                gravity[$joint] = moment[2];
+                moment = sum(turns[$joint].to_parent::<$joint>(moment), moments[$parent]);
+            )*};
+        }
+        inwards!(6 to 5 5 to 4 4 to 3 3 to 2 2 to 1);
+        gravity[1] = moment[2];
+        gravity[0] = turns[1].to_parent::<1>(moment)[2];
+    }
+
+    #[inline(always)]
+    fn walk<L: Lanes>(self, model: &Model<L, JOINTS>, walker: &mut impl Walker<L>) {
+        macro_rules! pass {
+            ($($joint:literal)*) => {$(
+                let along = const {
+                    [shifted::<$joint>(0), shifted::<$joint>(1), shifted::<$joint>(2)]
+                };
+                let tilt = match const { TWISTS[$joint] } {
+                    Twist::None => Tilt::None,
+                    Twist::Quarter => Tilt::Quarter,
+                    Twist::MinusQuarter => Tilt::MinusQuarter,
+                };
+                walker.pass($joint, &Place { origin: model.origins[$joint], shifted: along, tilt });
+            )*};
+        }
+        pass!(0 1 2 3 4 5 6);
     }
 
     #[inline(always)]

@@ -9,8 +9,8 @@ use spec::{ControlLaw, Controller, MAX_DELAY_PERIODS, Range, SimulateSpec};
 use crate::draws::Draws;
 use crate::forward_dynamics::Dynamics;
 use crate::hand::MOTION;
-use crate::hand_task::{HandTask, Moment};
-use crate::kernels::MassMatrixAndBias;
+use crate::hand_task::{HandTask, Moment, MoveHand, PushHand};
+use crate::kernels::{Gravity, MassMatrixAndBias};
 use crate::model::Model;
 use crate::planner::Interpolate;
 use crate::reference::{Reference, ReferenceState};
@@ -265,7 +265,7 @@ impl<'a, L: Lanes, const N: usize> Controllers<'a, L, N> {
             velocity: zero,
             sum: zero,
             commands: [zero; DELAYS],
-            task: HandTask::new(dims(controller, known.arm.joints())),
+            task: HandTask::new(dims(controller, known.arm.joints()), &known.arm, period_s),
         }
     }
 
@@ -380,9 +380,11 @@ impl<'a, L: Lanes, const N: usize> Controllers<'a, L, N> {
         match self.law {
             ControlLaw::JointPd(_) => {
                 if self.has_gravity {
-                    self.evaluate(structure, &[zero; N]);
+                    let mut gravity = [zero; N];
+                    let (model, q) = (&self.known, &self.measured);
+                    L::run(Gravity { structure, model, q, gravity: &mut gravity });
                     for joint in 0..joints {
-                        command[joint] = command[joint] + self.dynamics.bias[joint];
+                        command[joint] = command[joint] + gravity[joint];
                     }
                 }
             }
@@ -403,23 +405,15 @@ impl<'a, L: Lanes, const N: usize> Controllers<'a, L, N> {
                     command[row] = torque;
                 }
             }
-            ControlLaw::OperationalSpace(_) => {
-                let (q, v) = (self.measured, self.velocity);
-                self.evaluate(structure, &v);
-                let moment = Moment { r: &position, rd: &speed, rdd: &acceleration, q: &q, v: &v };
-                self.task.see(&self.known_arm.kinematics, &moment);
-                self.task.move_hand(joints, &moment, &self.dynamics, &mut command);
-            }
-            ControlLaw::CartesianImpedance(_) => {
-                let (q, v) = (self.measured, self.velocity);
-                let moment = Moment { r: &position, rd: &speed, rdd: &acceleration, q: &q, v: &v };
-                self.task.see(&self.known_arm.kinematics, &moment);
-                self.task.push_hand(joints, &moment, &mut command);
-                if self.has_gravity {
-                    self.evaluate(structure, &[zero; N]);
-                    for joint in 0..joints {
-                        command[joint] = command[joint] + self.dynamics.bias[joint];
-                    }
+            ControlLaw::OperationalSpace(_) | ControlLaw::CartesianImpedance(_) => {
+                let Self { measured: q, velocity: v, known, task, .. } = self;
+                let moment = Moment { r: &position, rd: &speed, rdd: &acceleration, q, v };
+                task.look(structure, known, period, &moment);
+                let command = &mut command;
+                if matches!(self.law, ControlLaw::OperationalSpace(_)) {
+                    L::run(MoveHand { structure, task, known, moment, command });
+                } else {
+                    L::run(PushHand { structure, task, known, moment, command });
                 }
             }
         }
