@@ -1,14 +1,13 @@
 //! Paths of the hand, and the joint motions that follow from them.
 //!
-//! The joints follow by differential inverse kinematics of the nominal arm, q̇ = J⁺ (ẋ + K e) +
-//! (1 − J⁺ J) (q_start − q) k, which is integrated when a path is drawn. Between the steps of the
-//! integration they follow the polynomial of degree 5 with the same positions, velocities and
-//! accelerations.
+//! The joints' motion is integrated when a path is drawn, see [`crate::inverse_kinematics`]. Between
+//! the steps of the integration they follow the polynomial of degree 5 with the same positions,
+//! velocities and accelerations.
 
 use std::f64::consts::TAU;
 use std::fmt;
 
-use nalgebra::{Matrix3, Matrix6, OMatrix, U6, U8, Vector3, Vector6};
+use nalgebra::{Matrix3, Vector3};
 use serde::Serialize;
 use spec::{HandPaths, MAX_JOINTS, PathShape, Range};
 
@@ -17,7 +16,7 @@ use crate::draws::Draws;
 use crate::kinematics::{Kinematics, Row};
 use crate::planner::polynomials;
 use crate::reference::{ReferenceState, sin_cos, whole};
-use crate::room::Room;
+use crate::room::Limits;
 
 /// A path of the hand: p = center + ρ (cos 2πft e₁ + sin 2πft e₂). A line lacks the second part.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -80,16 +79,10 @@ impl fmt::Display for PathEnd {
 /// Steps of the integration per second at least, and per turn of a path.
 const STEPS_PER_SECOND: f64 = 20.0;
 const STEPS_PER_TURN: f64 = 40.0;
-/// K, 1/s.
-const FEEDBACK_PER_S: f64 = 10.0;
-/// k, 1/s.
-const POSTURE_PER_S: f64 = 1.0;
 /// Turns of a spiral until its radius is that of the start again.
-const SPIRAL_TURNS: f64 = 5.0;
+pub(crate) const SPIRAL_TURNS: f64 = 5.0;
 /// The smallest radius of a spiral, as a share of the largest.
-const SPIRAL_LEAST: f64 = 0.2;
-/// A pivot of J Jᵀ below this share of the entry that it comes from makes a posture singular.
-const LEAST_PIVOT: f64 = 1e-6;
+pub(crate) const SPIRAL_LEAST: f64 = 0.2;
 
 impl HandPath {
     /// The reference at time `t` from the start of the motion, s.
@@ -140,50 +133,15 @@ impl HandPath {
         (position, std::array::from_fn(|axis| sum(1, axis)))
     }
 
-    /// Lets the joints follow the path for `duration_s`, as far as they can.
-    fn follow(&mut self, arm: &Kinematics, room: &Room, speed: f64, duration_s: f64) {
-        self.step_s = 1.0 / STEPS_PER_SECOND.max(STEPS_PER_TURN * self.frequency_hz);
-        let orientation = Place::of(arm, &self.start_rad).rotation;
-        let steps = whole(duration_s / self.step_s) + 2;
-        let joints = self.start_rad.len();
-        let zero = Joints::splat(joints, 0.0);
-        self.states = Vec::with_capacity(steps);
-        self.lost = None;
-        let mut q = self.start_rad;
-        for step in 0..steps {
-            let h = self.step_s;
-            let t = step as f64 * h;
-            let moved = |by: f64, qd: &Joints<f64>| Joints::from_fn(joints, |j| q[j] + by * qd[j]);
-            let slope = |q: &Joints<f64>, t: f64| self.velocity(arm, &orientation, q, t);
-            let stages = slope(&q, t).and_then(|k1| {
-                let k2 = slope(&moved(0.5 * h, &k1), t + 0.5 * h)?;
-                let k3 = slope(&moved(0.5 * h, &k2), t + 0.5 * h)?;
-                let k4 = slope(&moved(h, &k3), t + h)?;
-                Some([k1, k2, k3, k4])
-            });
-            let end = match &stages {
-                None => Some(PathEnd::Singular),
-                Some([qd, ..]) => room.limits.iter().enumerate().find_map(|(joint, limits)| {
-                    if !(limits.least..=limits.most).contains(&q[joint]) {
-                        Some(PathEnd::Limit(joint + 1))
-                    } else if qd[joint].abs() > speed * limits.speed {
-                        Some(PathEnd::Speed(joint + 1))
-                    } else {
-                        None
-                    }
-                }),
-            };
-            let (Some([k1, k2, k3, k4]), None) = (stages, end) else {
-                self.lost = end.map(|end| LostPath { end, time_s: t });
-                break;
-            };
-            self.states.push(ReferenceState { r: q, rd: k1, rdd: zero });
-            q = Joints::from_fn(joints, |j| {
-                q[j] + h / 6.0 * (k1[j] + 2.0 * (k2[j] + k3[j]) + k4[j])
-            });
-        }
+    /// Duration of a step of the integration, s.
+    pub(crate) fn step_s(&self) -> f64 {
+        self.step_s
+    }
+
+    fn finish(&mut self) {
         if self.states.len() < 2 {
             // A path that is lost at once is never followed.
+            let zero = Joints::splat(self.start_rad.len(), 0.0);
             self.states = vec![ReferenceState { r: self.start_rad, rd: zero, rdd: zero }; 2];
         }
         self.set_accelerations();
@@ -211,115 +169,31 @@ impl HandPath {
             }
         }
     }
-
-    /// q̇ of the differential inverse kinematics; `None` in a singular posture.
-    fn velocity(
-        &self,
-        arm: &Kinematics,
-        orientation: &Matrix3<f64>,
-        q: &Joints<f64>,
-        t: f64,
-    ) -> Option<Joints<f64>> {
-        let joints = q.len();
-        let dims = if self.keeps_orientation { 6 } else { 3 };
-        let hand = Place::of(arm, q);
-        let jacobian = hand.jacobian(joints);
-        let (position, velocity) = self.hand_at(t);
-        let mut turn = Vector3::zeros();
-        for axis in 0..3 {
-            turn += 0.5 * hand.rotation.column(axis).cross(&orientation.column(axis));
-        }
-        let away = Vector3::from(position) - hand.position;
-        let mut wanted = Vector6::zeros();
-        for axis in 0..3 {
-            wanted[axis] = velocity[axis] + FEEDBACK_PER_S * away[axis];
-            wanted[3 + axis] = FEEDBACK_PER_S * turn[axis];
-        }
-        let mut qd = Joints::splat(joints, 0.0);
-        if joints > dims {
-            for joint in 0..joints {
-                qd[joint] = POSTURE_PER_S * (self.start_rad[joint] - q[joint]);
-                for row in 0..dims {
-                    wanted[row] -= jacobian[(row, joint)] * qd[joint];
-                }
-            }
-        }
-        let force = solve_gram(&jacobian, joints, dims, &wanted)?;
-        for joint in 0..joints {
-            for row in 0..dims {
-                qd[joint] += jacobian[(row, joint)] * force[row];
-            }
-        }
-        Some(qd)
-    }
 }
 
-type Jacobian = OMatrix<f64, U6, U8>;
-
-/// Solves J Jᵀ x = b for the first `dims` rows. `None` where it is singular.
-fn solve_gram(
-    jacobian: &Jacobian,
-    joints: usize,
-    dims: usize,
-    b: &Vector6<f64>,
-) -> Option<Vector6<f64>> {
-    let mut lower = Matrix6::zeros();
-    let mut x = *b;
-    for row in 0..dims {
-        for column in 0..=row {
-            let mut entry = 0.0;
-            for joint in 0..joints {
-                entry += jacobian[(row, joint)] * jacobian[(column, joint)];
-            }
-            let whole = entry;
-            for earlier in 0..column {
-                entry -= lower[(row, earlier)] * lower[(column, earlier)];
-            }
-            if row > column {
-                lower[(row, column)] = entry / lower[(column, column)];
-            } else if entry > LEAST_PIVOT * whole {
-                lower[(row, row)] = entry.sqrt();
-            } else {
-                return None;
-            }
-        }
-        for earlier in 0..row {
-            x[row] -= lower[(row, earlier)] * x[earlier];
-        }
-        x[row] /= lower[(row, row)];
-    }
-    for row in (0..dims).rev() {
-        for later in row + 1..dims {
-            x[row] -= lower[(later, row)] * x[later];
-        }
-        x[row] /= lower[(row, row)];
-    }
-    Some(x)
-}
-
-/// The hand of an arm in a posture, and what its joints turn about, in the world.
-struct Place {
+/// The hand of an arm in a posture, in the world.
+#[derive(Clone, Copy)]
+pub(crate) struct Place {
     position: Vector3<f64>,
     rotation: Matrix3<f64>,
-    origins: [Vector3<f64>; MAX_JOINTS],
-    axes: [Vector3<f64>; MAX_JOINTS],
+    /// Axes of the last link.
+    pub(crate) link: Matrix3<f64>,
+    /// The origin of the first joint.
+    pub(crate) first_joint: Vector3<f64>,
 }
 
 impl Place {
     fn of(arm: &Kinematics, q: &Joints<f64>) -> Self {
-        let base = &arm.base;
-        let zero = Vector3::zeros();
-        let mut place = Self {
-            position: base.position_m.into(),
-            rotation: Matrix3::from_fn(|row, column| base.rotation[row][column]),
-            origins: [zero; MAX_JOINTS],
-            axes: [zero; MAX_JOINTS],
-        };
+        let rotation = Matrix3::from_fn(|row, column| arm.base.rotation[row][column]);
+        let position = arm.base.position_m.into();
+        let mut place = Self { position, rotation, link: rotation, first_joint: position };
         for (joint, row) in arm.joints.iter().enumerate() {
             place.enter(row, q[joint]);
-            place.origins[joint] = place.position;
-            place.axes[joint] = place.rotation.column(2).into();
+            if joint == 0 {
+                place.first_joint = place.position;
+            }
         }
+        place.link = place.rotation;
         place.enter(&arm.hand, 0.0);
         place
     }
@@ -328,66 +202,109 @@ impl Place {
         self.position += self.rotation * Vector3::from(row.origin());
         self.rotation *= row.turn_by(sin_cos(q)).matrix();
     }
-
-    fn jacobian(&self, joints: usize) -> Jacobian {
-        let mut jacobian = Jacobian::zeros();
-        for joint in 0..joints {
-            let axis = self.axes[joint];
-            let linear = axis.cross(&(self.position - self.origins[joint]));
-            for row in 0..3 {
-                jacobian[(row, joint)] = linear[row];
-                jacobian[(3 + row, joint)] = axis[row];
-            }
-        }
-        jacobian
-    }
 }
 
-impl Room {
-    /// Draws a path, at other places and with half the radius as long as joints cannot follow it. If
-    /// they never can, the path says so.
-    pub(crate) fn draw_hand_path(
-        &self,
+/// A path that is being drawn: at other places and with half the radius as long as joints cannot
+/// follow it. If they never can, the path says so.
+pub(crate) struct Attempt<'a> {
+    pub(crate) path: HandPath,
+    /// The hand at the start.
+    pub(crate) place: Place,
+    spec: &'a HandPaths,
+    limits: &'a Joints<Limits>,
+    draws: Draws,
+    places: u32,
+    halvings: u32,
+    /// Steps until the path ends.
+    steps: usize,
+}
+
+impl<'a> Attempt<'a> {
+    pub(crate) fn new(
         arm: &Kinematics,
-        spec: &HandPaths,
+        limits: &'a Joints<Limits>,
+        spec: &'a HandPaths,
         frequency_hz: f64,
         duration_s: f64,
-        draws: &mut Draws,
-    ) -> HandPath {
-        const PLACES: u32 = 4;
-        const HALVINGS: u32 = 4;
-
-        let joints = self.limits.len();
+        mut draws: Draws,
+    ) -> Self {
+        let joints = limits.len();
         let shape = spec.shapes[whole(draws.unit() * spec.shapes.len() as f64)];
-        let mut path = HandPath {
+        let step_s = 1.0 / STEPS_PER_SECOND.max(STEPS_PER_TURN * frequency_hz);
+        let steps = whole(duration_s / step_s) + 2;
+        let start_rad = Joints::splat(joints, 0.0);
+        let path = HandPath {
             shape,
             frequency_hz,
             radius_m: 0.0,
             center_m: [0.0; 3],
             axes: [[0.0; 3]; 2],
             keeps_orientation: spec.keeps_orientation(joints),
-            start_rad: Joints::splat(joints, 0.0),
-            states: Vec::new(),
-            step_s: 0.0,
+            start_rad,
+            states: Vec::with_capacity(steps),
+            step_s,
             lost: None,
         };
-        for _ in 0..PLACES {
-            path.start_rad =
-                self.limits.iter().map(|limits| draws.uniform(limits.within(spec.reach))).collect();
-            path.axes = draw_axes(draws);
-            path.radius_m = draws.uniform(spec.radius_m);
-            let start = Place::of(arm, &path.start_rad).position;
-            for _ in 0..=HALVINGS {
-                let e1 = path.axes[0];
-                path.center_m = std::array::from_fn(|axis| start[axis] - path.radius_m * e1[axis]);
-                path.follow(arm, self, spec.speed, duration_s);
-                if path.lost.is_none() {
-                    return path;
-                }
-                path.radius_m *= 0.5;
-            }
+        let place = Place::of(arm, &start_rad);
+        let mut attempt = Self { path, place, spec, limits, draws, places: 0, halvings: 0, steps };
+        attempt.draw_place(arm);
+        attempt
+    }
+
+    pub(crate) fn joints(&self) -> usize {
+        self.path.start_rad.len()
+    }
+
+    /// Draws a start, directions and a radius.
+    fn draw_place(&mut self, arm: &Kinematics) {
+        let Self { path, draws, spec, limits, .. } = self;
+        path.start_rad =
+            limits.iter().map(|limits| draws.uniform(limits.within(spec.reach))).collect();
+        path.axes = draw_axes(draws);
+        path.radius_m = draws.uniform(spec.radius_m);
+        self.place = Place::of(arm, &path.start_rad);
+        self.places += 1;
+        self.halvings = 0;
+        self.put_center();
+    }
+
+    fn put_center(&mut self) {
+        let Self { path, place, .. } = self;
+        let e1 = path.axes[0];
+        path.center_m = std::array::from_fn(|axis| place.position[axis] - path.radius_m * e1[axis]);
+    }
+
+    /// Makes the path another one after it ended early. Returns whether it is to be followed.
+    pub(crate) fn retry(&mut self, arm: &Kinematics, end: PathEnd) -> bool {
+        const PLACES: u32 = 4;
+        const HALVINGS: u32 = 4;
+
+        let path = &mut self.path;
+        let time_s = path.states.len() as f64 * path.step_s;
+        path.radius_m *= 0.5;
+        if self.halvings == HALVINGS && self.places == PLACES {
+            path.lost = Some(LostPath { end, time_s });
+            path.finish();
+            return false;
         }
-        path
+        path.states.clear();
+        if self.halvings == HALVINGS {
+            self.draw_place(arm);
+        } else {
+            self.halvings += 1;
+            self.put_center();
+        }
+        true
+    }
+
+    /// Adds a state to the path. Returns whether it was the last one.
+    pub(crate) fn arrive(&mut self, state: ReferenceState) -> bool {
+        self.path.states.push(state);
+        let is_last = self.path.states.len() == self.steps;
+        if is_last {
+            self.path.finish();
+        }
+        is_last
     }
 }
 
@@ -409,14 +326,15 @@ fn draw_axes(draws: &mut Draws) -> [[f64; 3]; 2] {
 
 #[cfg(test)]
 mod tests {
+    use simd::InstructionSet;
     use spec::{Frequency, RobotSpec};
 
     use super::*;
     use crate::Robot;
     use crate::draws::Purpose;
-    use crate::room::Limits;
+    use crate::inverse_kinematics::Following;
 
-    fn arm() -> (Robot, Room) {
+    fn arm() -> (Robot, Joints<Limits>) {
         let spec = RobotSpec::default();
         let description = spec.description();
         let centers = &description.initial_state.center_rad;
@@ -426,11 +344,10 @@ mod tests {
             most: joint.position_rad.max,
             speed: joint.velocity_rad_s,
         });
-        (Robot::nominal(&spec), Room { limits: limits.collect() })
+        (Robot::nominal(&spec), limits.collect())
     }
 
     fn path(seed: u64, shape: PathShape, keeps_orientation: bool) -> HandPath {
-        let (robot, room) = arm();
         let spec = HandPaths {
             frequency_hz: Frequency::Fixed(0.4),
             shapes: vec![shape],
@@ -439,8 +356,55 @@ mod tests {
             speed: 0.6,
             orientation: Some(keeps_orientation),
         };
-        let mut draws = Draws::new(seed, 0, Purpose::Reference, 1);
-        room.draw_hand_path(&robot.kinematics, &spec, 0.4, 15.0, &mut draws)
+        drawn(&spec, 0.4, 15.0, seed)
+    }
+
+    fn drawn(spec: &HandPaths, frequency_hz: f64, duration_s: f64, seed: u64) -> HandPath {
+        let mut paths =
+            drawn_together(InstructionSet::best(), spec, frequency_hz, duration_s, [seed]);
+        paths.remove(0)
+    }
+
+    fn drawn_together(
+        instructions: InstructionSet,
+        spec: &HandPaths,
+        frequency_hz: f64,
+        duration_s: f64,
+        seeds: impl IntoIterator<Item = u64>,
+    ) -> Vec<HandPath> {
+        let (arm, limits) = arm();
+        let attempt = |seed: u64| {
+            let draws = Draws::new(seed, 0, Purpose::Reference, 1);
+            Attempt::new(&arm.kinematics, &limits, spec, frequency_hz, duration_s, draws)
+        };
+        let mut attempts: Vec<_> = seeds.into_iter().map(attempt).collect();
+        let keeps_orientation = spec.keeps_orientation(limits.len());
+        let following =
+            Following { arm: &arm, limits: &limits, speed: spec.speed, keeps_orientation };
+        following.follow(instructions, &mut attempts);
+        attempts.into_iter().map(|attempt| attempt.path).collect()
+    }
+
+    #[test]
+    fn instructions_and_neighbours_change_no_path() {
+        for orientation in [true, false] {
+            // Some of these paths are halved or moved, and some are lost.
+            let spec = HandPaths {
+                frequency_hz: Frequency::Fixed(0.5),
+                shapes: PathShape::ALL.to_vec(),
+                radius_m: Range::new(0.05, 2.0),
+                reach: 0.4,
+                speed: 0.1,
+                orientation: Some(orientation),
+            };
+            let alone: Vec<_> = (0..37).map(|seed| drawn(&spec, 0.5, 5.0, seed)).collect();
+            let lost = alone.iter().filter(|path| path.lost.is_some()).count();
+            assert!((1..37).contains(&lost), "{lost} of 37 paths are lost");
+            for instructions in InstructionSet::available() {
+                assert_eq!(drawn_together(instructions, &spec, 0.5, 5.0, 0..37), alone);
+                assert_eq!(drawn_together(instructions, &spec, 0.5, 5.0, 5..24), alone[5..24]);
+            }
+        }
     }
 
     #[test]
@@ -490,7 +454,6 @@ mod tests {
 
     #[test]
     fn a_path_that_no_joint_can_follow_says_why() {
-        let (robot, room) = arm();
         let spec = HandPaths {
             frequency_hz: Frequency::Fixed(0.5),
             shapes: vec![PathShape::Circle],
@@ -499,8 +462,7 @@ mod tests {
             speed: 0.02,
             orientation: None,
         };
-        let mut draws = Draws::new(1, 0, Purpose::Reference, 1);
-        let path = room.draw_hand_path(&robot.kinematics, &spec, 0.5, 5.0, &mut draws);
+        let path = drawn(&spec, 0.5, 5.0, 1);
         let lost = path.lost().expect("a circle of 25 cm at 2 % of the speeds");
         assert!(matches!(lost.end, PathEnd::Speed(_)), "{lost:?}");
         assert!(lost.end.to_string().contains("faster than"), "{}", lost.end);

@@ -41,6 +41,7 @@ mod hand_path;
 mod hand_task;
 mod inertia;
 mod integrators;
+mod inverse_kinematics;
 mod joints;
 mod kernels;
 mod kinematics;

@@ -1,9 +1,12 @@
 //! The random choices of each trajectory: robot, initial state, and torques or reference.
 
+use simd::InstructionSet;
 use spec::{Cell, Family, Frequency, InitialState, Range, SimulateSpec};
 
 use crate::draws::{Draws, Purpose};
 use crate::excitation::{Torques, draw_chirps, draw_multisines, draw_pulses, draw_steps};
+use crate::hand_path::{Attempt, HandPath};
+use crate::inverse_kinematics::Following;
 use crate::randomization::draw_robot;
 use crate::reference::{Reference, whole};
 use crate::robot::Nominal;
@@ -108,11 +111,59 @@ impl<'a> Scenarios<'a> {
     /// Indices beyond the spec's `trajectories` are allowed and continue the dataset. With a
     /// frequency grid they belong to the last cell.
     pub fn draw(&self, index: u64, draw: u32) -> Scenario {
+        let path = self.draw_hand_paths(index..index + 1, draw).pop();
+        self.draw_with_path(index, draw, path)
+    }
+
+    /// The scenarios of consecutive trajectories at their first draw. It takes less time to draw
+    /// paths of the hand together.
+    pub(crate) fn draw_all(&self, indices: std::ops::Range<u64>) -> Vec<Scenario> {
+        let mut paths = self.draw_hand_paths(indices.clone(), 1).into_iter();
+        indices
+            .map(|index| {
+                let path = self.follows_hand_path(index).then(|| paths.next()).flatten();
+                self.draw_with_path(index, 1, path)
+            })
+            .collect()
+    }
+
+    /// The paths of the hand of those trajectories that follow one, one after another.
+    fn draw_hand_paths(&self, indices: std::ops::Range<u64>, draw: u32) -> Vec<HandPath> {
+        let (Some(paths), Some(known)) = (&self.spec.excitation.hand_paths, &self.known) else {
+            return Vec::new();
+        };
+        let (arm, limits) = (&known.arm, &self.limits());
+        let mut attempts = Vec::new();
+        for index in indices {
+            let draws = |purpose, draw| Draws::new(self.spec.seed, index, purpose, draw);
+            let (Law::HandPaths, frequency_hz) = self.design(index, &mut draws(Purpose::Design, 0))
+            else {
+                continue;
+            };
+            let draws = draws(Purpose::Reference, draw);
+            let duration_s = self.duration_s();
+            let kinematics = &arm.kinematics;
+            let attempt = Attempt::new(kinematics, limits, paths, frequency_hz, duration_s, draws);
+            attempts.push(attempt);
+        }
+        let keeps_orientation = paths.keeps_orientation(limits.len());
+        Following { arm, limits, speed: paths.speed, keeps_orientation }
+            .follow(InstructionSet::best(), &mut attempts);
+        attempts.into_iter().map(|attempt| attempt.path).collect()
+    }
+
+    fn follows_hand_path(&self, index: u64) -> bool {
+        let mut draws = Draws::new(self.spec.seed, index, Purpose::Design, 0);
+        self.spec.excitation.hand_paths.is_some()
+            && matches!(self.design(index, &mut draws), (Law::HandPaths, _))
+    }
+
+    fn draw_with_path(&self, index: u64, draw: u32, path: Option<HandPath>) -> Scenario {
         let draws = |purpose, draw| Draws::new(self.spec.seed, index, purpose, draw);
         let (law, frequency_hz) = self.design(index, &mut draws(Purpose::Design, 0));
         let robot = draw_robot(&self.spec.robot, &self.parts, |purpose| draws(purpose, draw));
         let draws = |purpose| draws(purpose, draw);
-        let excitation = self.draw_excitation(&law, frequency_hz, draws);
+        let excitation = self.draw_excitation(&law, frequency_hz, path, draws);
         let (family, (q0, qd0)) = match &excitation {
             Excitation::OpenLoop(torques) => {
                 let joint1 = self.spec.robot.description().joints[0].position_rad;
@@ -132,6 +183,7 @@ impl<'a> Scenarios<'a> {
         &self,
         law: &Law<'_>,
         frequency_hz: f64,
+        path: Option<HandPath>,
         draws: impl Fn(Purpose) -> Draws,
     ) -> Excitation {
         let joints = self.spec.joints();
@@ -173,23 +225,19 @@ impl<'a> Scenarios<'a> {
                 self.duration_s(),
                 &mut draws(Purpose::Reference),
             )),
-            Law::HandPaths(paths) => {
-                let Some(known) = &self.known else {
-                    unreachable!("a checked spec with references has a controller")
-                };
-                reference(Reference::HandPath(Box::new(self.room().draw_hand_path(
-                    &known.arm.kinematics,
-                    paths,
-                    frequency_hz,
-                    self.duration_s(),
-                    &mut draws(Purpose::Reference),
-                ))))
+            Law::HandPaths => {
+                let Some(path) = path else { unreachable!("the path of the hand is drawn first") };
+                reference(Reference::HandPath(Box::new(path)))
             }
         }
     }
 
     /// The limits that references keep.
     fn room(&self) -> Room {
+        Room { limits: self.limits() }
+    }
+
+    fn limits(&self) -> Joints<Limits> {
         let joints = &self.spec.robot.description().joints;
         let margin = self.spec.rejection.position_margin_rad.unwrap_or_default();
         let limits = joints.iter().zip(&self.spec.initial_state.center_rad);
@@ -199,7 +247,7 @@ impl<'a> Scenarios<'a> {
             most: (joint.position_rad.max - margin).max(center),
             speed: joint.velocity_rad_s,
         });
-        Room { limits: limits.collect() }
+        limits.collect()
     }
 
     /// The time from the start of a motion to the sample after the last one, s.
@@ -255,7 +303,10 @@ impl<'a> Scenarios<'a> {
             Family::Fourier => Law::Fourier(excitation.fourier.as_deref()?),
             Family::PointToPoint => Law::PointToPoint(excitation.point_to_point.as_deref()?),
             Family::ViaPoints => Law::ViaPoints(excitation.via_points.as_deref()?),
-            Family::HandPaths => Law::HandPaths(excitation.hand_paths.as_deref()?),
+            Family::HandPaths => {
+                excitation.hand_paths.as_ref()?;
+                Law::HandPaths
+            }
         };
         Some((law, excitation.frequency_hz(family)?))
     }
@@ -269,7 +320,7 @@ enum Law<'a> {
     Fourier(&'a spec::FourierSeries),
     PointToPoint(&'a spec::PointToPointMoves),
     ViaPoints(&'a spec::ViaPoints),
-    HandPaths(&'a spec::HandPaths),
+    HandPaths,
 }
 
 /// Draws positions (rad) and velocities (rad/s) at t = 0 by the law of [`InitialState`]. `joint1`

@@ -14,6 +14,9 @@ use crate::kinematics::POSE;
 use crate::measurement::measure;
 use crate::{DynamicsError, Scenario, Scenarios};
 
+/// Trajectories that are drawn together: a multiple of all lanes.
+const DRAWN_TOGETHER: usize = 32;
+
 /// Simulated trajectories with consecutive indices.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Trajectories {
@@ -128,8 +131,15 @@ fn fill(
     trajectories.make_room(spec, &range)?;
     let source = Scenarios::new(spec);
     let count = trajectories.series.robots();
-    let drawn = (0..count).into_par_iter().map(|row| source.draw(range.start + row as u64, 1));
-    drawn.collect_into_vec(&mut trajectories.scenarios);
+    let parts = (0..count.div_ceil(DRAWN_TOGETHER)).into_par_iter();
+    let drawn: Vec<Vec<Scenario>> = parts
+        .map(|part| {
+            let start = range.start + (part * DRAWN_TOGETHER) as u64;
+            source.draw_all(start..range.end.min(start + DRAWN_TOGETHER as u64))
+        })
+        .collect();
+    trajectories.scenarios.clear();
+    trajectories.scenarios.extend(drawn.into_iter().flatten());
     move_scenarios(instructions, &source, range, progress, trajectories)
 }
 
