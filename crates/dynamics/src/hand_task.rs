@@ -7,7 +7,7 @@ use crate::hand::{HandMotion, JointMotion, MOTION, Mount, NearTurns, Posture, Tu
 use crate::model::Model;
 use crate::reference::whole;
 use crate::structure::Structure;
-use crate::task_matrix::{Factors, TaskMatrix, compliance, gram};
+use crate::task_matrix::{Factors, Scratch};
 use crate::tracking::Gains;
 
 /// A task is singular where a pivot of its matrix is below this share of the entry that it comes
@@ -37,6 +37,7 @@ pub(crate) struct HandTask<L, const N: usize> {
     wanted: NearTurns<L, N>,
     /// Control periods between two evaluations of these turns.
     stride: usize,
+    scratch: Scratch<L, N>,
 }
 
 /// The measurements and references that a controller knows in a control period.
@@ -65,6 +66,7 @@ impl<L: Lanes, const N: usize> HandTask<L, N> {
             measured: NearTurns::none(),
             wanted: NearTurns::none(),
             stride: whole(NEAR_S / period_s).max(1),
+            scratch: Scratch::new(),
         }
     }
 
@@ -123,13 +125,6 @@ impl<L: Lanes, const N: usize> HandTask<L, N> {
         pull
     }
 
-    #[inline(always)]
-    fn factors(&mut self, matrix: TaskMatrix<L>) -> Factors<L> {
-        let factors = Factors::of(matrix, self.turning, LEAST_PIVOT);
-        self.singular = self.singular.max(factors.singular);
-        factors
-    }
-
     /// kn (r − q) + dn (ṙ − v) of each joint.
     #[inline(always)]
     fn keep_posture(&self, joints: usize, moment: &Moment<'_, L, N>) -> [L; N] {
@@ -169,7 +164,9 @@ impl<L: Lanes, S: Structure<N>, const N: usize> Kernel<L> for MoveHand<'_, S, L,
         let dynamics = structure.inverse_dynamics(known, &turns, moment.v, &kept);
         let posture = Posture::of(structure, known, &task.mount, &turns);
         let jacobian = posture.jacobian(joints, task.turning);
-        let factors = task.factors(compliance(&jacobian, &dynamics.mass));
+        let matrix = task.scratch.compliance(&jacobian, &dynamics.mass);
+        let factors = Factors::of(matrix, task.turning, LEAST_PIVOT);
+        task.singular = task.singular.max(factors.singular);
 
         let turns = task.wanted.at(joints, moment.r);
         let wanted = JointMotion { turns: &turns, qd: moment.rd, qdd: moment.rdd };
@@ -216,7 +213,10 @@ impl<L: Lanes, S: Structure<N>, const N: usize> Kernel<L> for PushHand<'_, S, L,
         if joints > task.dims {
             let kept = task.keep_posture(joints, &moment);
             let mut pushed = jacobian.times(&kept);
-            task.factors(gram(&jacobian)).solve(&mut pushed);
+            let matrix = task.scratch.gram(&jacobian);
+            let factors = Factors::of(matrix, task.turning, LEAST_PIVOT);
+            task.singular = task.singular.max(factors.singular);
+            factors.solve(&mut pushed);
             for row in 0..MOTION {
                 force[row] = force[row] - pushed[row];
             }

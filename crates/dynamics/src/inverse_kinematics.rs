@@ -17,7 +17,7 @@ use crate::reference::ReferenceState;
 use crate::room::Limits;
 use crate::spatial::{Turn, Vector};
 use crate::structure::Structure;
-use crate::task_matrix::{Factors, gram};
+use crate::task_matrix::{Factors, Scratch};
 use crate::{Joints, Robot};
 
 /// K, 1/s.
@@ -156,6 +156,7 @@ struct Paths<L> {
     h: L,
     /// Steps so far.
     steps: L,
+    scratch: Scratch<L, MAX_JOINTS>,
 }
 
 impl<L: Lanes> Paths<L> {
@@ -181,6 +182,7 @@ impl<L: Lanes> Paths<L> {
             radii: [zero; 2],
             h: zero,
             steps: zero,
+            scratch: Scratch::new(),
         }
     }
 
@@ -249,7 +251,7 @@ impl<L: Lanes> Paths<L> {
 
     /// q̇ at time `t`, and above 0 where the posture is singular.
     #[inline(always)]
-    fn velocity(&self, t: L) -> ([L; MAX_JOINTS], L) {
+    fn velocity(&mut self, t: L) -> ([L; MAX_JOINTS], L) {
         let joints = self.structure.joints();
         let mut turns = [Turn::none(); MAX_JOINTS];
         self.structure.all_turns(&self.model, &self.q, &mut turns);
@@ -273,7 +275,7 @@ impl<L: Lanes> Paths<L> {
                 wanted[row] = wanted[row] - given[row];
             }
         }
-        let factors = Factors::of(gram(&jacobian), self.turning, LEAST_PIVOT);
+        let factors = Factors::of(self.scratch.gram(&jacobian), self.turning, LEAST_PIVOT);
         factors.solve(&mut wanted);
         jacobian.add_force(&wanted, &mut qd);
         (qd, factors.singular)

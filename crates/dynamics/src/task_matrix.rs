@@ -32,9 +32,10 @@ impl<L: Lanes> Factors<L> {
     /// is 0, the last three rows are made independent of the others. The matrix is singular where
     /// a pivot is below the share `least_pivot` of the entry that it comes from.
     #[inline(always)]
-    pub(crate) fn of(mut matrix: TaskMatrix<L>, turning: L, least_pivot: f64) -> Self {
+    pub(crate) fn of(matrix: &TaskMatrix<L>, turning: L, least_pivot: f64) -> Self {
         let zero = L::splat(0.0);
         let missing = L::splat(1.0) - turning;
+        let mut matrix = *matrix;
         for row in MOTION / 2..MOTION {
             matrix[row][row] = matrix[row][row] + missing;
         }
@@ -85,46 +86,61 @@ impl<L: Lanes> Factors<L> {
     }
 }
 
-/// J M⁻¹ Jᵀ: how much the hand gives way to a force.
-#[inline(always)]
-pub(crate) fn compliance<L: Lanes, const N: usize>(
-    jacobian: &Jacobian<L, N>,
-    mass: &FactoredMass<L, N>,
-) -> TaskMatrix<L> {
-    let joints = jacobian.joints;
-    let zero = L::splat(0.0);
-    let mut reduced = [[zero; N]; MOTION];
-    let mut matrix = [[L::splat(0.0); MOTION]; MOTION];
-    for_each_row!(row in 0 1 2 3 4 5, {
-        let mut entries = jacobian.rows[row];
-        for pivot in (1..joints).rev() {
-            for joint in 0..pivot {
-                let factor = mass.factors[pivot][joint];
-                entries[joint] = factor.neg_mul_add(entries[pivot], entries[joint]);
-            }
-        }
-        reduced[row] = entries;
-        for joint in 0..joints {
-            entries[joint] = entries[joint] * mass.inverse_pivots[joint];
-        }
-        for column in 0..=row {
-            matrix[row][column] = product(joints, &entries, &reduced[column]);
-        }
-    });
-    matrix
+/// Intermediate results of a task's matrix. A simulation allocates them once, because filling them
+/// with zeros takes time.
+pub(crate) struct Scratch<L, const N: usize> {
+    /// Rows of the Jacobian times the inverse of a factor of the mass matrix.
+    reduced: [[L; N]; MOTION],
+    matrix: TaskMatrix<L>,
 }
 
-/// J Jᵀ.
-#[inline(always)]
-pub(crate) fn gram<L: Lanes, const N: usize>(jacobian: &Jacobian<L, N>) -> TaskMatrix<L> {
-    let mut matrix = [[L::splat(0.0); MOTION]; MOTION];
-    for_each_row!(row in 0 1 2 3 4 5, {
-        for column in 0..=row {
-            let (a, b) = (&jacobian.rows[row], &jacobian.rows[column]);
-            matrix[row][column] = product(jacobian.joints, a, b);
+impl<L: Lanes, const N: usize> Scratch<L, N> {
+    pub(crate) fn new() -> Self {
+        let zero = L::splat(0.0);
+        Self { reduced: [[zero; N]; MOTION], matrix: [[zero; MOTION]; MOTION] }
+    }
+
+    /// J M⁻¹ Jᵀ: how much the hand gives way to a force.
+    #[inline(always)]
+    pub(crate) fn compliance(
+        &mut self,
+        jacobian: &Jacobian<L, N>,
+        mass: &FactoredMass<L, N>,
+    ) -> &TaskMatrix<L> {
+        let Self { reduced, matrix } = self;
+        let joints = jacobian.joints;
+        // A loop, because copies for all rows do not fit into the instruction cache with the rest.
+        for row in 0..MOTION {
+            let mut entries = jacobian.rows[row];
+            for pivot in (1..joints).rev() {
+                for joint in 0..pivot {
+                    let factor = mass.factors[pivot][joint];
+                    entries[joint] = factor.neg_mul_add(entries[pivot], entries[joint]);
+                }
+            }
+            reduced[row] = entries;
+            for joint in 0..joints {
+                entries[joint] = entries[joint] * mass.inverse_pivots[joint];
+            }
+            for column in 0..=row {
+                matrix[row][column] = product(joints, &entries, &reduced[column]);
+            }
         }
-    });
-    matrix
+        matrix
+    }
+
+    /// J Jᵀ.
+    #[inline(always)]
+    pub(crate) fn gram(&mut self, jacobian: &Jacobian<L, N>) -> &TaskMatrix<L> {
+        let Self { matrix, .. } = self;
+        for row in 0..MOTION {
+            for column in 0..=row {
+                let (a, b) = (&jacobian.rows[row], &jacobian.rows[column]);
+                matrix[row][column] = product(jacobian.joints, a, b);
+            }
+        }
+        matrix
+    }
 }
 
 #[inline(always)]
