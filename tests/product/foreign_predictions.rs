@@ -165,7 +165,10 @@ fn findings(report: &Value, predictor: &str) -> Vec<Value> {
             let of_predictor = |row: &&Value| row["predictor"] == predictor;
             let mut one =
                 place[list].as_array().unwrap().iter().find(of_predictor).unwrap().clone();
-            one.as_object_mut().unwrap().remove("predictor");
+            let fields = one.as_object_mut().unwrap();
+            fields.remove("predictor");
+            // A file says positions alone, and `hold-last` a torque too.
+            fields.remove("torque_rmse_nm");
             found.push(one);
         }
     }

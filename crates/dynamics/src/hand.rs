@@ -6,7 +6,6 @@
 
 use simd::{Kernel, Lanes};
 
-use crate::forward_dynamics::Motion;
 use crate::kinematics::Kinematics;
 use crate::model::Model;
 use crate::spatial::{Turn, Vector, add_cross, sum};
@@ -21,7 +20,7 @@ pub(crate) struct Mount<L> {
     /// The axes x, y and z of the frame before the first joint.
     base: [Vector<L>; 3],
     /// The hand's origin in the last link's frame, m.
-    hand: Vector<L>,
+    pub(crate) hand: Vector<L>,
     /// Acceleration of the base that is felt like gravity, m/s².
     gravity: Vector<L>,
 }
@@ -223,12 +222,16 @@ impl<'a, L: Lanes, const N: usize> Posture<'a, L, N> {
         ]
     }
 
-    /// The acceleration of the hand on a last link with this motion.
+    /// The acceleration of the hand in the world, from those in the last link's axes: of the hand
+    /// minus that of free fall, and angular.
     #[inline(always)]
-    pub(crate) fn acceleration(&self, link: &Motion<L>, mount: &Mount<L>) -> [L; MOTION] {
-        let at_hand = link.acceleration_at(&mount.hand);
-        let linear = self.axes.in_world(&at_hand, [true; 3]);
-        let angular = self.axes.in_world(&link.angular_acceleration, [true; 3]);
+    pub(crate) fn acceleration(
+        &self,
+        [linear, angular]: [&Vector<L>; 2],
+        mount: &Mount<L>,
+    ) -> [L; MOTION] {
+        let linear = self.axes.in_world(linear, [true; 3]);
+        let angular = self.axes.in_world(angular, [true; 3]);
         let free = mount.gravity;
         [
             linear[0] - free[0],

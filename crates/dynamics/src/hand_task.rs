@@ -172,7 +172,9 @@ impl<L: Lanes, S: Structure<N>, const N: usize> Kernel<L> for MoveHand<'_, S, L,
         let wanted = JointMotion { turns: &turns, qd: moment.rd, qdd: moment.rdd };
         let wanted = HandMotion::of(structure, known, &task.mount, wanted);
         let mut force = task.pull(&wanted, &posture, &jacobian.times(moment.v));
-        let given = posture.acceleration(&dynamics.last_link, &task.mount);
+        let link = &dynamics.last_link;
+        let at_hand = link.acceleration_at(&task.mount.hand);
+        let given = posture.acceleration([&at_hand, &link.angular_acceleration], &task.mount);
         let wanted = wanted.acceleration();
         for row in 0..MOTION {
             force[row] = force[row] + (wanted[row] - given[row]);
