@@ -139,8 +139,8 @@ pub(super) fn scenarios(
     Ok(recorded)
 }
 
-/// What a simulation knows of a cell's first `count` scenarios. `None` unless a baseline needs it.
-/// They are simulated again, because a dataset need not have velocities.
+/// Simulates a cell's first `count` scenarios again, because a dataset need not have velocities. The
+/// result is `None` unless a baseline needs it.
 pub(super) fn simulated(
     attempt: &Attempt,
     data: &TrajectorySource,

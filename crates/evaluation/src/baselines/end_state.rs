@@ -53,10 +53,10 @@ pub(super) fn end_state(
     filter.with_slopes(filter.pass(&torque_nm)?)
 }
 
-/// What a pass over the window finds.
+/// A pass over the window ends with this.
 struct Passed {
     state: EndState,
-    /// Of positions, then velocities.
+    /// The rows and columns of positions come before those of velocities.
     covariance: DMatrix<f64>,
     /// How much larger the squares of each joint's innovations are than expected.
     factors: Vec<f64>,

@@ -28,8 +28,8 @@ use crate::{EvaluationError, Predictor};
 /// is set to the measured position at the end of the context and every [`STRETCH_S`] before it. It
 /// keeps its velocity if damping soon forgets it, and is otherwise set to the slope of the measured
 /// positions: an unknown load would drive the velocity of a lightly damped arm away. The horizon of
-/// such an arm begins at [`end_state`], if all of it was fitted: a wrong arm misleads that filter. This is
-/// multiple shooting. Over longer stretches, an arm that gravity makes unstable depends too sharply on its parameters to be
+/// such an arm begins at [`end_state`] if all of it was fitted, because a wrong arm misleads that
+/// filter. This is multiple shooting. Over longer stretches, an arm that gravity makes unstable depends too sharply on its parameters to be
 /// fitted. The assumed noise of the residuals is their current size, at least [`NOISE`], so that
 /// the prior keeps steps short far from the robot.
 ///

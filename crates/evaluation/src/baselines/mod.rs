@@ -72,7 +72,7 @@ impl NominalArm {
     }
 }
 
-/// What a simulation knows of the scenarios of a question, in order.
+/// A simulation knows this of the scenarios of a question, in order.
 #[derive(Clone, Debug)]
 pub struct Simulated {
     /// The spec that they were drawn by.
