@@ -89,9 +89,7 @@ fn ask(
     })?;
     let config = model.config();
     let mut warnings = context_warnings(&observed);
-    if let Some(ranges) = &config.ranges {
-        warnings.extend(ranges.warnings(&observed));
-    }
+    warnings.extend(model.warnings(&observed)?);
     let (robots, horizon) = (observed.robots(), observed.horizon());
     warnings.extend(limit_warnings(&positions, robots, horizon, &config.limits_rad));
     Ok(Predicted { positions, warnings })

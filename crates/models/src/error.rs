@@ -54,6 +54,9 @@ pub enum ModelError {
     #[error(transparent)]
     Spec(#[from] spec::SpecError),
 
+    #[error(transparent)]
+    Series(#[from] series::ShapeError),
+
     #[error("{file}: {reason}")]
     CheckpointFile { file: &'static str, reason: String },
 

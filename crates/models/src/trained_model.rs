@@ -1,8 +1,9 @@
 //! A model that predicts, from the files of a checkpoint.
 
 use kernels::Interrupt;
-use series::{MeasuredMotion, Observed, SeriesView};
+use series::{Decimated, MeasuredMotion, Observed, SeriesView};
 use spec::{Length, ModelSpec};
+use wire::Warning;
 
 use crate::architecture::Draw;
 use crate::checkpoint::{self, CheckpointConfig, CheckpointFiles};
@@ -103,6 +104,9 @@ impl TrainedModel {
         observed: &Observed<'_>,
         motions: &[MeasuredMotion],
     ) -> Result<Option<Vec<Vec<f32>>>, ModelError> {
+        if let Some(decimated) = self.decimated(observed)? {
+            return self.torques(&decimated.observed(), motions);
+        }
         let statistics = self.statistics(observed)?;
         let predictor = self.predictor(observed);
         let interrupt = Interrupt::current();
@@ -182,8 +186,36 @@ impl TrainedModel {
         sampling: &Sampling,
         draw: Draw,
     ) -> Result<Vec<f32>, ModelError> {
+        if let Some(decimated) = self.decimated(observed)? {
+            let answer = self.ask(&decimated.observed(), sampling, draw)?;
+            return Ok(decimated.restored(&answer));
+        }
         let statistics = self.statistics(observed)?;
         self.answer(observed, &statistics, sampling, draw)
+    }
+
+    /// Warnings about a question that is unlike the training, for a checkpoint that knows the ranges
+    /// of its training.
+    ///
+    /// # Errors
+    /// The series are too large.
+    pub fn warnings(&self, observed: &Observed<'_>) -> Result<Vec<Warning>, ModelError> {
+        let Some(ranges) = &self.config.ranges else { return Ok(Vec::new()) };
+        let decimated = self.decimated(observed)?;
+        Ok(match &decimated {
+            Some(decimated) => ranges.warnings(&decimated.observed()),
+            None => ranges.warnings(observed),
+        })
+    }
+
+    /// The question at the rate of the training, for a model that answers at multiples of it. `None`
+    /// if the question has that rate already.
+    ///
+    /// # Errors
+    /// The series are too large.
+    fn decimated(&self, observed: &Observed<'_>) -> Result<Option<Decimated>, ModelError> {
+        let multiple = self.config.model.multiple(self.rate_hz(), observed.rate_hz());
+        Ok(Decimated::new(observed, multiple.unwrap_or(1))?)
     }
 
     /// Checks a question, and gives what its series are normalized with.

@@ -11,7 +11,7 @@
 //! An [`Observed`] never has them.
 //!
 //! [`Smoother`] and [`LowPass`] remove the noise of measured positions, [`MeasuredMotion`] has their differences,
-//! and the quantiles here are those of every table.
+//! [`Decimated`] asks at a lower rate, and the quantiles here are those of every table.
 //!
 //! Values are copied twice between a decoded row group and a tensor. [`Series::gather`] takes the
 //! robots of a batch out of [`Columns`], and a model normalizes the batch into the tensor. Views
@@ -20,6 +20,7 @@
 #![warn(missing_docs)]
 
 mod columns;
+mod decimation;
 mod motion;
 mod noise;
 mod observed;
@@ -31,6 +32,7 @@ mod track;
 mod view;
 
 pub use columns::Columns;
+pub use decimation::Decimated;
 pub use motion::MeasuredMotion;
 pub use noise::MeasurementNoise;
 pub use observed::Observed;

@@ -223,9 +223,7 @@ impl Check for IdentifySpec {
 
 impl Check for IdentifyRobot {
     fn check(&self, violations: &mut Violations) {
-        if let RobotModel::Described(description) = &self.model {
-            violations.part("model", description.as_ref());
-        }
+        violations.part("model", &self.model);
     }
 }
 

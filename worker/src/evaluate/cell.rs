@@ -7,7 +7,7 @@ use evaluation::{
     CellResult, ErrorHorizon, PredictorErrors, Scoring, Simulated, evaluate_cell,
     measured_jitter_deg, measured_left_limits, within_torque_limits,
 };
-use models::context_warnings;
+use models::{ModelError, context_warnings};
 use serde::{Deserialize, Serialize};
 use series::{Observed, Series, SeriesView};
 use spec::{Baseline, DataSpec, EvaluateSpec, Given, Observations, ScenarioCell, SimulateSpec};
@@ -100,7 +100,7 @@ pub(super) fn cell(attempt: &Attempt, spec: &EvaluateSpec, index: usize) -> Resu
             // A controller has kept its own limits.
             Given::References => Vec::new(),
         },
-        warnings: warnings(&checkpoints, &scenarios.observed(pre_roll, context)),
+        warnings: warnings(&checkpoints, &scenarios.observed(pre_roll, context))?,
     };
     let seed = data.spec().simulation().map(|spec| spec.seed);
     let artifact = format!("cell-{index:03}.parquet");
@@ -112,14 +112,16 @@ pub(super) fn cell(attempt: &Attempt, spec: &EvaluateSpec, index: usize) -> Resu
 }
 
 /// Warnings of each checkpoint that knows the ranges of its training, for all contexts.
-fn warnings(checkpoints: &[LoadedCheckpoint], observed: &Observed<'_>) -> Vec<Warning> {
-    let of_checkpoint = |checkpoint: &LoadedCheckpoint| {
-        let ranges = checkpoint.model.config().ranges.as_ref();
-        let found = ranges.map(|ranges| ranges.warnings(observed)).unwrap_or_default();
-        found.into_iter().map(|warning| warning.of(&checkpoint.info.name)).collect::<Vec<_>>()
-    };
-    let of_checkpoints = checkpoints.iter().flat_map(of_checkpoint);
-    context_warnings(observed).into_iter().chain(of_checkpoints).collect()
+fn warnings(
+    checkpoints: &[LoadedCheckpoint],
+    observed: &Observed<'_>,
+) -> Result<Vec<Warning>, ModelError> {
+    let mut warnings = context_warnings(observed);
+    for checkpoint in checkpoints {
+        let found = checkpoint.model.warnings(observed)?;
+        warnings.extend(found.into_iter().map(|warning| warning.of(&checkpoint.info.name)));
+    }
+    Ok(warnings)
 }
 
 /// The trajectories of a cell, or as many as there are. The positions of their contexts have the

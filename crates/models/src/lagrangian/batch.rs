@@ -11,7 +11,7 @@ use super::features::Samples;
 use super::filtering::smoother;
 use super::law::JointLaw;
 use super::recorded::{Motion, Recorded};
-use super::regression::{Equation, Numbers, Posterior, Prior, Regression};
+use super::regression::{Equation, Numbers, OwnFactors, Posterior, Prior, Regression};
 use super::values;
 use crate::architecture::ModelInput;
 
@@ -70,6 +70,8 @@ pub(super) struct Points {
     joints: usize,
     /// The first joint whose angle the network sees.
     first: usize,
+    /// rad.
+    angles: Vec<f32>,
     /// Sines and then cosines of each sample's angles.
     pose: Vec<f32>,
     /// 1/s.
@@ -91,6 +93,7 @@ impl Points {
             robots,
             joints,
             first,
+            angles: room(),
             pose: Vec::with_capacity(points * 2 * joints),
             pose_rate: Vec::with_capacity(points * 2 * joints),
             velocity: room(),
@@ -109,6 +112,7 @@ impl Points {
             self.motions.push(motion);
         }
         self.velocity.extend(&velocities[..self.joints]);
+        self.angles.extend(&recorded.y[sample * self.joints..][..self.joints]);
         let angles = &recorded.y[sample * self.joints..][self.first..self.joints];
         let seen = &velocities[self.first..self.joints];
         self.pose.extend(angles.iter().map(|angle| angle.sin()));
@@ -156,6 +160,11 @@ impl Points {
         tensor(self.acceleration.clone(), shape, device)
     }
 
+    /// The angles, velocities and accelerations of all points, `[point, joint]`: rad, rad/s, rad/s².
+    pub fn states(&self) -> [&[f32]; 3] {
+        [&self.angles, &self.velocity, &self.acceleration]
+    }
+
     /// Fits the numbers of each robot. `equations` has the factor of each number and that of the
     /// force that acts on every robot, `[robot, point · joint, number + 1]`. `torques` has the
     /// right-hand sides, N·m.
@@ -179,11 +188,14 @@ impl Points {
                     equations.chunks_exact(width).zip(torques).enumerate()
                 {
                     let joint = row % self.joints;
+                    let mut own = OwnFactors::default();
+                    for (kind, factor) in own.iter_mut().enumerate().take(numbers.own()) {
+                        *factor = factors[numbers.shared().end + kind * self.joints + joint];
+                    }
                     regression.add(&Equation {
                         joint,
                         shared: &factors[numbers.shared()],
-                        velocity: factors[numbers.dampings()][joint],
-                        friction: factors[numbers.frictions()][joint],
+                        own,
                         torque: torque - factors[width - 1],
                     });
                 }

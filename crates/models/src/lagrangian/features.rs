@@ -46,8 +46,9 @@ impl Lagrangian {
             let torques = forces.forward(x.clone()) * FORCE_UNIT;
             torques.reshape([rows, 1 + self.numbers.forces, joints])
         });
-        let jacobian = self.particles.forward(x).reshape(shape);
-        let jacobian_rate = self.particles.forward_without_bias(tangent).reshape(shape);
+        let Some(network) = &self.particles else { unreachable!("the law has a network") };
+        let jacobian = network.forward(x).reshape(shape);
+        let jacobian_rate = network.forward_without_bias(tangent).reshape(shape);
         let along = |jacobian: &Tensor<3>, vector: &Tensor<3>| {
             (jacobian.clone() * vector.clone()).sum_dim(2)
         };

@@ -205,8 +205,11 @@ impl<L: Lanes, E: FnMut(&Equation<'_>)> Kernel<L> for ContextEquations<'_, E> {
                     (self.each)(&Equation {
                         joint,
                         shared: &equation,
-                        velocity: gathered[3][joint][lane],
-                        friction: friction[joint][lane],
+                        own: law.numbers.own_factors(
+                            gathered[3][joint][lane],
+                            friction[joint][lane],
+                            gathered[1][joint][lane],
+                        ),
                         torque: motion.torque_at(constants.share)
                             - inertia
                             - features[shared][joint][lane],

@@ -6,6 +6,7 @@
 
 use simd::Lanes;
 
+use super::kinematics::Kinematics;
 use super::linear_algebra::{Dense, tanh};
 use super::regression::{Numbers, Prior};
 
@@ -22,20 +23,33 @@ pub(super) const LEAST_PIVOT: f32 = 0.99;
 /// A trained law.
 #[derive(Debug)]
 pub(super) struct Law {
+    pub places: Places,
+    pub joints: Vec<JointLaw>,
+    pub prior: Prior,
+    pub calibration: Calibration,
+    pub numbers: Numbers,
+    /// The number of independent samples that a context counts as. The law's errors at neighbouring
+    /// samples are alike. Training uses this many samples and takes their errors as independent.
+    pub points: usize,
+}
+
+/// How the arm moves its particles.
+#[derive(Debug)]
+pub(super) enum Places {
+    Learned(Network),
+    Known(Kinematics),
+}
+
+/// A network that sees the pose.
+#[derive(Debug)]
+pub(super) struct Network {
     pub hidden: Vec<Dense>,
     /// Gives `[direction, particle, joint]`.
     pub particles: Dense,
     /// Gives `[1 + force, joint]`.
     pub forces: Option<Dense>,
-    pub joints: Vec<JointLaw>,
-    pub prior: Prior,
-    pub calibration: Calibration,
-    pub numbers: Numbers,
     /// The first joint whose angle the network sees.
     pub first: usize,
-    /// The number of independent samples that a context counts as. The law's errors at neighbouring
-    /// samples are alike. Training uses this many samples and takes their errors as independent.
-    pub points: usize,
 }
 
 /// The constants of a joint, alike on every robot.

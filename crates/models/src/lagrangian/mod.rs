@@ -15,7 +15,11 @@
 //! z, dampings D ≥ 0 and frictions F ≥ 0 belong to a robot. Over robots they are independent and
 //! normal. The mass matrix Σ w B Bᵀ + J is positive definite if all weights are positive. A robot
 //! may have negative weights. The system that is solved for accelerations is positive definite for
-//! all robots ([`linear_algebra`]).
+//! all robots ([`linear_algebra`]). If asked, the inertia of each rotor and an offset of each torque
+//! belong to a robot, too.
+//!
+//! A law that is told the arm has no network: its particles are at known places of the links
+//! ([`kinematics`]), and their weights carry the arm's weight. What it learns is how robots differ.
 //!
 //! The equation is linear in a robot's numbers. Given its torques they are normal, too, in closed
 //! form ([`regression`]). Training maximizes the likelihood of the context's torques by
@@ -29,6 +33,7 @@ mod draws;
 mod features;
 mod filtering;
 mod fitting;
+mod kinematics;
 mod law;
 mod linear_algebra;
 mod pose;
@@ -48,7 +53,8 @@ use simd::InstructionSet;
 use spec::{LagrangianSpec, MAX_JOINTS};
 
 use self::batch::{HostBatch, Points, Posteriors};
-use self::law::{Calibration, DIRECTIONS, JointLaw, Law};
+use self::kinematics::Kinematics;
+use self::law::{Calibration, DIRECTIONS, JointLaw, Law, Network, Places};
 use self::linear_algebra::Dense;
 use self::recorded::{Motion, Recorded};
 use self::regression::{Numbers, Prior};
@@ -86,8 +92,12 @@ const INITIAL_SLOPE: f32 = 4.0;
 const INITIAL_SHARED_SPREAD: f32 = 0.1;
 /// Initial spread of dampings, N·m·s/rad.
 const INITIAL_DAMPING_SPREAD: f32 = 1.0;
-/// Initial spread of friction, N·m.
+/// Initial spread of friction, and of offsets, N·m.
 const INITIAL_FRICTION_SPREAD: f32 = 0.1;
+/// Initial mean of rotor inertias, and their spread, kg m².
+const INITIAL_ROTOR: f32 = 0.1;
+/// Initial inertia that all robots have beside that of their rotors, kg m².
+const LEAST_ROTOR: f32 = 0.005;
 /// Initial deviation of the logarithm of a draw's scale.
 const INITIAL_SCALE_SPREAD: f32 = 0.3;
 /// The shortest context in samples: one sample with one before it and one after it.
@@ -108,39 +118,60 @@ impl Architecture for LagrangianSpec {
         within("forces", self.forces, 0, MOST_PARTS)?;
         within("context", context, LEAST_CONTEXT, MOST_SAMPLES)?;
         let joints_of = |count: usize| u32::try_from(count).unwrap_or(u32::MAX);
-        let fewest = u32::from(self.turns_freely) + 1;
-        within("joints", joints_of(joints), fewest, joints_of(MAX_JOINTS))?;
-        let first = usize::from(self.turns_freely);
+        let kinematics = self.robot.as_ref().map(Kinematics::new);
+        let (fewest, most) = match &self.robot {
+            Some(robot) => <[usize; 2]>::into([robot.model.description().joints.len(); 2]),
+            None => (usize::from(self.turns_freely) + 1, MAX_JOINTS),
+        };
+        within("joints", joints_of(joints), joints_of(fewest), joints_of(most))?;
+        let first = usize::from(self.turns_freely && kinematics.is_none());
         let width = self.width as usize;
-        let [particles, forces] = [self.particles, self.forces].map(|count| count as usize);
-        let numbers = Numbers { particles, forces, joints };
+        let [particles, forces] = match &kinematics {
+            Some(kinematics) => [kinematics.particles(), 0],
+            None => [self.particles, self.forces].map(|count| count as usize),
+        };
+        let Self { rotor_inertia: rotors, torque_offset: offsets, .. } = *self;
+        let numbers = Numbers { particles, forces, joints, rotors, offsets };
         let inputs = |layer: u32| if layer == 0 { 2 * (joints - first) } else { width };
         let bound = INITIAL_HEAD / (width as f32).sqrt();
         let paced = |value: f32| value.ln() / PACE;
+        let load = kinematics.as_ref().map_or(particles, Kinematics::load)..particles;
         let spreads = (0..numbers.count()).map(|number| {
-            paced(if numbers.dampings().contains(&number) {
+            paced(if numbers.dampings().contains(&number) || load.contains(&number) {
                 INITIAL_DAMPING_SPREAD
-            } else if numbers.frictions().contains(&number) {
+            } else if numbers.rotors().contains(&number) {
+                INITIAL_ROTOR
+            } else if numbers.frictions().contains(&number) || numbers.offsets().contains(&number) {
                 INITIAL_FRICTION_SPREAD
             } else {
                 INITIAL_SHARED_SPREAD
             })
         });
-        let hidden = (0..self.layers).map(|layer| {
+        let layers = if kinematics.is_none() { self.layers } else { 0 };
+        let hidden = (0..layers).map(|layer| {
             let bound = (6.0 / (inputs(layer) + width) as f32).sqrt();
             Linear::near(&vec![0.0; width], inputs(layer), bound, weights)
         });
         let hidden = hidden.collect();
-        let jacobians = DIRECTIONS * particles * joints;
-        let columns = (DIRECTIONS * particles) as f32;
-        let biases = weights.draws(jacobians, INITIAL_JACOBIAN / columns.sqrt());
+        let learned = kinematics.is_none().then(|| {
+            let jacobians = DIRECTIONS * particles * joints;
+            let columns = (DIRECTIONS * particles) as f32;
+            let biases = weights.draws(jacobians, INITIAL_JACOBIAN / columns.sqrt());
+            Linear::near(&biases, width, bound, weights)
+        });
+        let armature = if rotors { LEAST_ROTOR } else { INITIAL_ARMATURE };
         Ok(Lagrangian {
             hidden,
-            particles: Linear::near(&biases, width, bound, weights),
+            particles: learned,
             forces: (forces > 0)
                 .then(|| Linear::near(&vec![0.0; (1 + forces) * joints], width, bound, weights)),
             share: weights.constant([joints], 0.0),
-            armature: weights.constant([joints], paced(INITIAL_ARMATURE)),
+            armature: weights.constant([joints], paced(armature)),
+            masses: kinematics.is_some().then(|| {
+                let means = (0..particles).map(|particle| u8::from(!load.contains(&particle)));
+                weights.given([particles], means.map(|mean| f32::from(mean) / PACE))
+            }),
+            rotor: rotors.then(|| weights.constant([joints], paced(INITIAL_ROTOR))),
             damping: weights.constant([joints], 0.0),
             friction: weights.constant([joints], 0.0),
             friction_slope: weights.constant([joints], paced(INITIAL_SLOPE)),
@@ -150,6 +181,7 @@ impl Architecture for LagrangianSpec {
             doubt: weights.given([3], [0.0, INITIAL_SCALE_SPREAD / CALIBRATION_PACE, 0.0]),
             first,
             numbers,
+            kinematics,
             points: self.points.min(context - 2) as usize,
         })
     }
@@ -159,8 +191,8 @@ impl Architecture for LagrangianSpec {
 #[derive(Module, Debug)]
 pub(crate) struct Lagrangian {
     hidden: Vec<Linear>,
-    /// Jacobians, `[direction, particle, joint]`, √kg m.
-    particles: Linear,
+    /// Jacobians, `[direction, particle, joint]`, √kg m. `None` where the arm is told.
+    particles: Option<Linear>,
     /// `[1 + force, joint]`, in [`law::FORCE_UNIT`]. The first force acts on every robot.
     forces: Option<Linear>,
     /// Logit of each joint's share of the newer value, as a position between [`LEAST_SHARE`] and 1,
@@ -168,6 +200,10 @@ pub(crate) struct Lagrangian {
     share: Param<Tensor<1>>,
     /// Logarithm of each joint's inertia that no pose changes, kg m², over [`PACE`].
     armature: Param<Tensor<1>>,
+    /// Mean of each particle's weight over robots, over [`PACE`], where the arm is told.
+    masses: Option<Param<Tensor<1>>>,
+    /// Logarithm of the mean of each rotor inertia over robots, kg m², over [`PACE`].
+    rotor: Option<Param<Tensor<1>>>,
     /// Logarithm of the mean of each joint's damping over robots, N·m·s/rad, over [`PACE`].
     damping: Param<Tensor<1>>,
     /// Mean of each joint's friction over robots, N·m, over [`PACE`].
@@ -189,6 +225,9 @@ pub(crate) struct Lagrangian {
     first: usize,
     #[module(skip)]
     numbers: Numbers,
+    /// The arm that the law is told.
+    #[module(skip)]
+    kinematics: Option<Kinematics>,
     /// Samples of each trajectory in a training step.
     #[module(skip)]
     points: usize,
@@ -210,10 +249,27 @@ impl Lagrangian {
         let rows = [robots * count, joints, 1];
         let each = Tensor::<2>::eye(joints, device).unsqueeze::<3>();
         let own = |factor: Tensor<3>| factor.reshape(rows) * each.clone();
-        let [shared, common] = self.features(points.samples(device));
+        let acceleration = points.acceleration(device);
+        let [shared, common] = match &self.kinematics {
+            Some(_) => {
+                let known = self.law().torques_of_points(InstructionSet::best(), points);
+                let known = TensorData::new(known, [rows[0], joints, self.numbers.particles]);
+                let none = Tensor::zeros([rows[0], joints, 1], device);
+                [Tensor::from_data(known, device), none]
+            }
+            None => self.features(points.samples(device)),
+        };
         let friction = self.friction(velocity.clone());
-        let factors = Tensor::cat(vec![shared, own(velocity), own(friction), common], 2);
-        let inertia = points.acceleration(device) * self.paced(&self.armature).exp();
+        let mut factors = vec![shared, own(velocity), own(friction)];
+        if self.numbers.rotors {
+            factors.push(own(acceleration.clone()));
+        }
+        if self.numbers.offsets {
+            factors.push(own(acceleration.ones_like()));
+        }
+        factors.push(common);
+        let factors = Tensor::cat(factors, 2);
+        let inertia = acceleration * self.paced(&self.armature).exp();
         let width = self.numbers.count() + 1;
         [factors.reshape([robots, count * joints, width]), (torque - inertia).reshape(shape)]
     }
@@ -247,11 +303,18 @@ impl Lagrangian {
         let constant = |value: f32, count: usize| {
             Tensor::<3>::from_data(TensorData::new(vec![value; count], [1, 1, count]), &device)
         };
-        let mut means = vec![constant(1.0, particles)];
+        let mut means = vec![match &self.masses {
+            Some(masses) => self.paced(masses),
+            None => constant(1.0, particles),
+        }];
         if forces > 0 {
             means.push(constant(0.0, forces));
         }
         means.extend([self.paced(&self.damping).exp(), self.paced(&self.friction)]);
+        means.extend(self.rotor.as_ref().map(|rotor| self.paced(rotor).exp()));
+        if self.numbers.offsets {
+            means.push(constant(0.0, self.numbers.joints));
+        }
         let log_spread = self.paced(&self.spread);
         let off = posteriors.mean(&device) - Tensor::cat(means, 2);
         let squares = off.square() + posteriors.variance(&device);
@@ -286,12 +349,16 @@ impl Lagrangian {
     fn prior(&self) -> Prior {
         let [damping, friction, spread] = [&self.damping, &self.friction, &self.spread]
             .map(|param| values(param.val() * PACE).into_iter().map(f64::from));
-        let shared = std::iter::repeat_n(1.0, self.numbers.particles)
-            .chain(std::iter::repeat_n(0.0, self.numbers.forces));
-        Prior {
-            mean: shared.chain(damping.map(f64::exp)).chain(friction).collect(),
-            spread: spread.map(f64::exp).collect(),
-        }
+        let paced = |param: &Param<Tensor<1>>| values(param.val() * PACE).into_iter().map(f64::from);
+        let mut mean = match &self.masses {
+            Some(masses) => paced(masses).collect(),
+            None => vec![1.0; self.numbers.particles],
+        };
+        mean.extend(std::iter::repeat_n(0.0, self.numbers.forces));
+        mean.extend(damping.map(f64::exp).chain(friction));
+        mean.extend(self.rotor.iter().flat_map(paced).map(f64::exp));
+        mean.resize(self.numbers.count(), 0.0);
+        Prior { mean, spread: spread.map(f64::exp).collect() }
     }
 
     fn calibration(&self) -> Calibration {
@@ -305,15 +372,22 @@ impl Lagrangian {
             let (weight, bias) = layer.parameters();
             Dense::new(&values(weight), &values(bias))
         };
+        let places = match (&self.kinematics, &self.particles) {
+            (Some(kinematics), _) => Places::Known(kinematics.clone()),
+            (None, Some(particles)) => Places::Learned(Network {
+                hidden: self.hidden.iter().map(dense).collect(),
+                particles: dense(particles),
+                forces: self.forces.as_ref().map(dense),
+                first: self.first,
+            }),
+            (None, None) => unreachable!("a law that is told no arm has a network"),
+        };
         Law {
-            hidden: self.hidden.iter().map(dense).collect(),
-            particles: dense(&self.particles),
-            forces: self.forces.as_ref().map(dense),
+            places,
             joints: self.joint_laws(),
             prior: self.prior(),
             calibration: self.calibration(),
             numbers: self.numbers,
-            first: self.first,
             points: self.points,
         }
     }
@@ -375,7 +449,8 @@ impl Model for Lagrangian {
         // The combinations of a fit, the torques of each of them, which the loss squares, and arrays
         // in the shape of the torques.
         let of_loss = width * width + points * extents.joints * (width + KEPT_BY_LOSS);
-        self.kept_by_features(points) + of_loss
+        let of_features = self.kinematics.is_none().then(|| self.kept_by_features(points));
+        of_features.unwrap_or_default() + of_loss
     }
 
     fn is_generative(&self) -> bool {

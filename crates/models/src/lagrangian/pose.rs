@@ -8,7 +8,7 @@
 use simd::Lanes;
 use spec::MAX_JOINTS;
 
-use super::law::{DIRECTIONS, FORCE_UNIT, Law};
+use super::law::{DIRECTIONS, FORCE_UNIT, Law, Network, Places};
 use super::linear_algebra::{Dense, TILE, tanh};
 
 /// Buffers for the network's values in every lane, and the results for the latest pose.
@@ -30,33 +30,62 @@ impl<L: Lanes> Pose<L> {
     #[inline(always)]
     pub fn new(law: &Law) -> Self {
         let outputs = |layer: &Dense| layer.outputs.next_multiple_of(TILE);
-        let seen = 2 * (law.numbers.joints - law.first);
-        let widest = law.hidden.iter().map(outputs).max().unwrap_or(0).max(seen);
+        let rows = DIRECTIONS * law.numbers.particles;
+        let (widest, jacobians, forces) = match &law.places {
+            Places::Learned(network) => {
+                let seen = 2 * (law.numbers.joints - network.first);
+                let widest = network.hidden.iter().map(outputs).max().unwrap_or(0).max(seen);
+                let forces = network.forces.as_ref().map_or(0, outputs);
+                (widest, outputs(&network.particles), forces)
+            }
+            Places::Known(_) => (0, rows * law.numbers.joints, 0),
+        };
         let room = |count: usize| vec![L::splat(0.0); count];
         let hidden = || [room(widest), room(widest)];
         Self {
             values: hidden(),
             rates: hidden(),
-            jacobians: room(outputs(&law.particles)),
-            jacobian_rates: room(outputs(&law.particles)),
-            forces: room(law.forces.as_ref().map_or(0, outputs)),
-            bias_accelerations: room(DIRECTIONS * law.numbers.particles),
+            jacobians: room(jacobians),
+            jacobian_rates: room(jacobians),
+            forces: room(forces),
+            bias_accelerations: room(rows),
         }
     }
 
     /// Computes the pose at the angles `q`, rad, which change at `velocity`, rad/s.
     #[inline(always)]
     pub fn update(&mut self, law: &Law, q: &[L; MAX_JOINTS], velocity: &[L; MAX_JOINTS]) {
-        let seen = law.numbers.joints - law.first;
+        match &law.places {
+            Places::Learned(network) => self.update_learned(law, network, q, velocity),
+            Places::Known(kinematics) => kinematics.update(
+                q,
+                velocity,
+                &mut self.jacobians,
+                &mut self.jacobian_rates,
+                &mut self.bias_accelerations,
+            ),
+        }
+    }
+
+    #[inline(always)]
+    fn update_learned(
+        &mut self,
+        law: &Law,
+        network: &Network,
+        q: &[L; MAX_JOINTS],
+        velocity: &[L; MAX_JOINTS],
+    ) {
+        let first = network.first;
+        let seen = law.numbers.joints - first;
         for input in 0..seen {
-            let (sin, cos) = q[law.first + input].sin_cos();
+            let (sin, cos) = q[first + input].sin_cos();
             self.values[0][input] = sin;
             self.values[0][seen + input] = cos;
-            self.rates[0][input] = cos * velocity[law.first + input];
-            self.rates[0][seen + input] = -(sin * velocity[law.first + input]);
+            self.rates[0][input] = cos * velocity[first + input];
+            self.rates[0][seen + input] = -(sin * velocity[first + input]);
         }
         let mut last = 0;
-        for layer in &law.hidden {
+        for layer in &network.hidden {
             let [even, odd] = &mut self.values;
             let (x, y) = if last == 0 { (even, odd) } else { (odd, even) };
             let [even, odd] = &mut self.rates;
@@ -71,15 +100,20 @@ impl<L: Lanes> Pose<L> {
             last = 1 - last;
         }
         let (x, rate) = (&self.values[last], &self.rates[last]);
-        law.particles.apply_moving([x, rate], [&mut self.jacobians, &mut self.jacobian_rates]);
-        if let Some(forces) = &law.forces {
+        network.particles.apply_moving([x, rate], [&mut self.jacobians, &mut self.jacobian_rates]);
+        if let Some(forces) = &network.forces {
             forces.apply(x, &mut self.forces);
         }
-        self.update_bias_accelerations(law, velocity);
+        self.update_bias_accelerations(law, first, velocity);
     }
 
     #[inline(always)]
-    fn update_bias_accelerations(&mut self, law: &Law, velocity: &[L; MAX_JOINTS]) {
+    fn update_bias_accelerations(
+        &mut self,
+        law: &Law,
+        first: usize,
+        velocity: &[L; MAX_JOINTS],
+    ) {
         let (particles, joints) = (law.numbers.particles, law.numbers.joints);
         for row in 0..DIRECTIONS * particles {
             let rates = &self.jacobian_rates[row * joints..][..joints];
@@ -89,7 +123,7 @@ impl<L: Lanes> Pose<L> {
             }
             self.bias_accelerations[row] = sum;
         }
-        if law.first == 0 {
+        if first == 0 {
             return;
         }
         for particle in 0..particles {
@@ -142,8 +176,8 @@ impl<L: Lanes> Pose<L> {
         torques
     }
 
-    /// The torques of all particles and forces that do not depend on the acceleration, N·m, for the
-    /// `numbers` of every lane.
+    /// The torques of all particles, forces and offsets that do not depend on the acceleration, N·m,
+    /// for the `numbers` of every lane.
     #[inline(always)]
     pub fn bias_torques(&self, law: &Law, numbers: &[L]) -> [L; MAX_JOINTS] {
         let joints = law.numbers.joints;
@@ -164,6 +198,9 @@ impl<L: Lanes> Pose<L> {
                 }
             }
         }
+        for (torque, &offset) in torques.iter_mut().zip(&numbers[law.numbers.offsets()]) {
+            *torque = *torque + offset;
+        }
         torques
     }
 
@@ -174,6 +211,9 @@ impl<L: Lanes> Pose<L> {
         let mut matrix = [[L::splat(0.0); MAX_JOINTS]; MAX_JOINTS];
         for joint in 0..joints {
             matrix[joint][joint] = L::splat(f64::from(law.joints[joint].armature));
+        }
+        for (joint, &rotor) in numbers[law.numbers.rotors()].iter().enumerate() {
+            matrix[joint][joint] = matrix[joint][joint] + rotor;
         }
         for direction in 0..DIRECTIONS {
             for (particle, &weight) in numbers[law.numbers.weights()].iter().enumerate() {

@@ -8,17 +8,39 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 const ROUNDS: usize = 8;
 
 /// The numbers that are fitted to one robot, in order: the weight of each particle, the strength of
-/// each force, the damping of each joint in N·m·s/rad, and its friction in N·m.
+/// each force, and of each joint its damping in N·m·s/rad, its friction in N·m, its rotor inertia in
+/// kg m², and the offset of its torque in N·m.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Numbers {
     pub particles: usize,
     pub forces: usize,
     pub joints: usize,
+    /// Whether rotor inertias are fitted.
+    pub rotors: bool,
+    /// Whether offsets are fitted.
+    pub offsets: bool,
 }
+
+/// The factors of a joint's own numbers in its equation, in the order of [`Numbers`].
+pub(super) type OwnFactors = [f32; 4];
 
 impl Numbers {
     pub fn count(self) -> usize {
-        self.frictions().end
+        self.offsets().end
+    }
+
+    /// Own numbers of a joint.
+    pub fn own(self) -> usize {
+        2 + usize::from(self.rotors) + usize::from(self.offsets)
+    }
+
+    /// The factors of a joint's own numbers that are fitted, first.
+    pub fn own_factors(self, velocity: f32, friction: f32, acceleration: f32) -> OwnFactors {
+        if self.rotors {
+            [velocity, friction, acceleration, 1.0]
+        } else {
+            [velocity, friction, 1.0, 0.0]
+        }
     }
 
     pub fn weights(self) -> Range<usize> {
@@ -44,11 +66,24 @@ impl Numbers {
         first..first + self.joints
     }
 
-    /// Whether a number must be at least 0. Forces have both signs.
+    /// Empty if none are fitted.
+    pub fn rotors(self) -> Range<usize> {
+        let first = self.frictions().end;
+        first..first + if self.rotors { self.joints } else { 0 }
+    }
+
+    /// Empty if none are fitted.
+    pub fn offsets(self) -> Range<usize> {
+        let first = self.rotors().end;
+        first..first + if self.offsets { self.joints } else { 0 }
+    }
+
+    /// Whether a number must be at least 0. Forces and offsets have both signs.
     pub fn is_bounded(self, number: usize, bounds: Bounds) -> bool {
+        let is_signed = self.strengths().contains(&number) || self.offsets().contains(&number);
         match bounds {
-            Bounds::Dissipation => !self.shared().contains(&number),
-            Bounds::DissipationAndMasses => !self.strengths().contains(&number),
+            Bounds::Dissipation => !is_signed && !self.weights().contains(&number),
+            Bounds::DissipationAndMasses => !is_signed,
         }
     }
 
@@ -65,8 +100,8 @@ impl Numbers {
 /// The numbers of a robot that must be at least 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Bounds {
-    /// Dampings and frictions. A particle is not a body of its own, so its mass may be negative and
-    /// correct that of the others.
+    /// Dampings, frictions and rotors. A particle is not a body of its own, so its mass may be
+    /// negative and correct that of the others.
     Dissipation,
     /// Masses, too.
     DissipationAndMasses,
@@ -108,10 +143,8 @@ pub(super) struct Equation<'a> {
     pub joint: usize,
     /// Torques of each particle of weight 1 and of each force of strength 1, N·m.
     pub shared: &'a [f32],
-    /// rad/s.
-    pub velocity: f32,
-    /// Friction of strength 1, N·m.
-    pub friction: f32,
+    /// Of the joint's own numbers.
+    pub own: OwnFactors,
     /// The torque on the right-hand side, N·m.
     pub torque: f32,
 }
@@ -122,9 +155,11 @@ impl Equation<'_> {
     pub fn residual_torque(&self, of: Numbers, numbers: &[f64]) -> f32 {
         let shared = self.shared.iter().zip(numbers);
         let expected: f64 = shared.map(|(&torque, number)| f64::from(torque) * number).sum();
-        let damping = numbers[of.dampings().start + self.joint] * f64::from(self.velocity);
-        let friction = numbers[of.frictions().start + self.joint] * f64::from(self.friction);
-        (f64::from(self.torque) - expected - damping - friction) as f32
+        let own = self.own.iter().take(of.own()).enumerate().map(|(kind, &factor)| {
+            let number = of.shared().end + kind * of.joints + self.joint;
+            numbers[number] * f64::from(factor)
+        });
+        own.fold(f64::from(self.torque) - expected, |left, torque| left - torque) as f32
     }
 }
 
@@ -133,8 +168,8 @@ impl Equation<'_> {
 pub(super) struct Equations {
     numbers: Numbers,
     shared: Vec<f32>,
-    /// Velocity, friction and torque.
-    own: Vec<[f32; 3]>,
+    /// The factors of a joint's own numbers, and the torque.
+    own: Vec<(OwnFactors, f32)>,
 }
 
 impl Equations {
@@ -145,7 +180,7 @@ impl Equations {
     /// Appends an equation. Joints take turns.
     pub fn push(&mut self, equation: &Equation<'_>) {
         self.shared.extend_from_slice(equation.shared);
-        self.own.push([equation.velocity, equation.friction, equation.torque]);
+        self.own.push((equation.own, equation.torque));
     }
 
     pub fn samples(&self) -> usize {
@@ -156,16 +191,16 @@ impl Equations {
     pub fn of(&self, samples: Range<usize>) -> impl Iterator<Item = Equation<'_>> {
         let (joints, width) = (self.numbers.joints, self.numbers.shared().len());
         (samples.start * joints..samples.end * joints).map(move |index| {
-            let [velocity, friction, torque] = self.own[index];
+            let (own, torque) = self.own[index];
             let shared = &self.shared[index * width..][..width];
-            Equation { joint: index % joints, shared, velocity, friction, torque }
+            Equation { joint: index % joints, shared, own, torque }
         })
     }
 }
 
 impl Regression {
     pub fn new(numbers: Numbers) -> Self {
-        let width = numbers.shared().len() + 2;
+        let width = numbers.shared().len() + numbers.own();
         let none = JointSums {
             squares: vec![0.0; width * width],
             products: vec![0.0; width],
@@ -176,9 +211,9 @@ impl Regression {
     }
 
     pub fn add(&mut self, equation: &Equation<'_>) {
-        let &Equation { joint, shared, velocity, friction, torque } = equation;
+        let &Equation { joint, shared, own, torque } = equation;
         let width = self.factors.len();
-        let each = shared.iter().chain([&velocity, &friction]);
+        let each = shared.iter().chain(&own);
         for (factor, &value) in self.factors.iter_mut().zip(each) {
             *factor = f64::from(value);
         }
@@ -208,10 +243,10 @@ impl Regression {
 
     /// The number whose factor is at `place` in the equations of a joint.
     fn number(&self, joint: usize, place: usize) -> usize {
-        match place.checked_sub(self.numbers.shared().len()) {
+        let shared = self.numbers.shared().end;
+        match place.checked_sub(shared) {
             None => place,
-            Some(0) => self.numbers.dampings().start + joint,
-            Some(_) => self.numbers.frictions().start + joint,
+            Some(kind) => shared + kind * self.numbers.joints + joint,
         }
     }
 

@@ -7,11 +7,12 @@ use series::{MeasuredMotion, MeasurementNoise};
 use simd::{InstructionSet, Kernel, Lanes, MAX_LANES, with_f32_lanes};
 use spec::MAX_JOINTS;
 
+use super::batch::Points;
 use super::law::{Law, narrow};
 use super::pose::Pose;
 use super::prediction::smoother_of;
 use super::recorded::Recorded;
-use super::regression::Bounds;
+use super::regression::{Bounds, Numbers};
 
 impl Law {
     /// The torques that the motion of each robot takes, `[instant, joint]`, N·m, of the most likely
@@ -37,6 +38,82 @@ impl Law {
     }
 }
 
+impl Law {
+    /// The torques of each particle of weight 1 at the points of a training step, `[point, joint,
+    /// particle]`, N·m.
+    pub fn torques_of_points(&self, instructions: InstructionSet, points: &Points) -> Vec<f32> {
+        let joints = self.numbers.joints;
+        let [q, velocity, acceleration] = points.states();
+        let groups = MAX_LANES * joints;
+        let each = q.par_chunks(groups).zip(velocity.par_chunks(groups));
+        let parts: Vec<Vec<f32>> = each
+            .zip(acceleration.par_chunks(groups))
+            .map(|((q, velocity), acceleration)| {
+                let states = [q, velocity, acceleration];
+                with_f32_lanes!(instructions, L => L::run(TorquesOfPoints { law: self, states }))
+            })
+            .collect();
+        parts.concat()
+    }
+}
+
+/// The torques of particles in a few states, `[state, joint]` each.
+struct TorquesOfPoints<'a> {
+    law: &'a Law,
+    states: [&'a [f32]; 3],
+}
+
+impl<L: Lanes> Kernel<L> for TorquesOfPoints<'_> {
+    type Output = Vec<f32>;
+
+    #[inline(always)]
+    fn run(self) -> Vec<f32> {
+        let Self { law, states } = self;
+        let Numbers { joints, particles, .. } = law.numbers;
+        let count = states[0].len() / joints;
+        let mut torques = vec![0.0; count * joints * particles];
+        let mut pose = Pose::<L>::new(law);
+        for first in (0..count).step_by(L::LANES) {
+            let lanes = L::LANES.min(count - first);
+            let [q, velocity, acceleration] = gathered(states, first, lanes, joints);
+            pose.update(law, &q, &velocity);
+            for particle in 0..particles {
+                let of_particle = pose.particle(law, particle, &acceleration);
+                for joint in 0..joints {
+                    let mut of_lanes = [0.0; MAX_LANES];
+                    of_particle[joint].store(&mut of_lanes);
+                    for lane in 0..lanes {
+                        let row = (first + lane) * joints + joint;
+                        torques[row * particles + particle] = of_lanes[lane];
+                    }
+                }
+            }
+        }
+        torques
+    }
+}
+
+/// Values of `lanes` states from `first` on, one state per lane.
+#[inline(always)]
+fn gathered<L: Lanes>(
+    states: [&[f32]; 3],
+    first: usize,
+    lanes: usize,
+    joints: usize,
+) -> [[L; MAX_JOINTS]; 3] {
+    let mut values = [[[0.0; MAX_LANES]; MAX_JOINTS]; 3];
+    let mut loaded = [[L::splat(0.0); MAX_JOINTS]; 3];
+    for kind in 0..3 {
+        for joint in 0..joints {
+            for lane in 0..lanes {
+                values[kind][joint][lane] = states[kind][(first + lane) * joints + joint];
+            }
+            loaded[kind][joint] = L::load(&values[kind][joint]);
+        }
+    }
+    loaded
+}
+
 /// The torques of the motion of one robot.
 struct TorquesOfMotion<'a> {
     law: &'a Law,
@@ -59,20 +136,8 @@ impl<L: Lanes> Kernel<L> for TorquesOfMotion<'_> {
         let mut pose = Pose::<L>::new(law);
         for first in (0..instants).step_by(L::LANES) {
             let lanes = L::LANES.min(instants - first);
-            let mut gathered = [[[0.0; MAX_LANES]; MAX_JOINTS]; 3];
-            for lane in 0..lanes {
-                for joint in 0..joints {
-                    for kind in 0..3 {
-                        gathered[kind][joint][lane] = series[kind][(first + lane) * joints + joint];
-                    }
-                }
-            }
-            let [mut q, mut velocity, mut acceleration] = [[L::splat(0.0); MAX_JOINTS]; 3];
-            for joint in 0..joints {
-                q[joint] = L::load(&gathered[0][joint]);
-                velocity[joint] = L::load(&gathered[1][joint]);
-                acceleration[joint] = L::load(&gathered[2][joint]);
-            }
+            let states = series.each_ref().map(Vec::as_slice);
+            let [q, velocity, acceleration] = gathered(states, first, lanes, joints);
             pose.update(law, &q, &velocity);
             let bias = pose.bias_torques(law, &numbers);
             // Symmetric, and only its lower triangle is there.

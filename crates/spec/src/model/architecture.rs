@@ -1,4 +1,5 @@
 use super::diffusion::SamplerSpec;
+use super::lagrangian::KnownRobot;
 use super::lengths::Lengths;
 use super::residual::Residual;
 use super::sampling::Generation;
@@ -25,6 +26,11 @@ pub(super) trait ArchitectureSpec: Check {
     /// Whether it computes in N·m and rad, so nothing is normalized.
     fn is_physical(&self) -> bool {
         false
+    }
+
+    /// The arm that it is told.
+    fn robot(&self) -> Option<&KnownRobot> {
+        None
     }
 
     /// The contexts and horizons that one training supports.

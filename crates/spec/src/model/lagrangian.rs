@@ -5,6 +5,7 @@ use super::architecture::ArchitectureSpec;
 use super::lengths::Lengths;
 use super::residual::Residual;
 use crate::check::{Check, Violations};
+use crate::{Gravity, RobotModel};
 
 /// The equations of motion of an arm with joints, learned from many robots. The masses, forces,
 /// damping and friction of each robot are fitted to its own context (after deep Lagrangian
@@ -33,6 +34,30 @@ pub struct LagrangianSpec {
     /// change the inertia.
     #[serde(default = "defaults::turns_freely")]
     pub turns_freely: bool,
+    /// The arm whose lengths and axes the law is told. Its inertia is then that of particles at
+    /// known places of its links, and their masses are all that is fitted of it: there is no
+    /// network, and the sizes above but `points` have no effect. `null` if the law is told nothing.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub robot: Option<KnownRobot>,
+    /// Whether the rotor inertia of each joint is fitted to each robot. Otherwise all robots have the
+    /// same.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub rotor_inertia: bool,
+    /// Whether a constant torque of each joint is fitted to each robot, such as the offset of a
+    /// sensor.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub torque_offset: bool,
+}
+
+/// What a law is told of the arm.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct KnownRobot {
+    /// The robot.
+    pub model: RobotModel,
+    /// Whether the torques carry the arm's weight: not with `off`.
+    #[serde(default = "defaults::gravity")]
+    pub gravity: Gravity,
 }
 
 mod defaults {
@@ -54,6 +79,9 @@ mod defaults {
     pub const fn turns_freely() -> bool {
         true
     }
+    pub const fn gravity() -> super::Gravity {
+        super::Gravity::On
+    }
 }
 
 impl Check for LagrangianSpec {
@@ -63,6 +91,15 @@ impl Check for LagrangianSpec {
         violations.within("points", self.points, 1..=1000);
         violations.within("particles", self.particles, 1..=64);
         violations.within("forces", self.forces, 0..=64);
+        if let Some(robot) = &self.robot {
+            violations.part("robot", robot);
+        }
+    }
+}
+
+impl Check for KnownRobot {
+    fn check(&self, violations: &mut Violations) {
+        violations.part("model", &self.model);
     }
 }
 
@@ -74,6 +111,8 @@ impl ArchitectureSpec for LagrangianSpec {
             "forces",
             "share",
             "armature",
+            "masses",
+            "rotor",
             "damping",
             "friction",
             "friction_slope",
@@ -94,5 +133,9 @@ impl ArchitectureSpec for LagrangianSpec {
 
     fn lengths(&self) -> Lengths {
         Lengths::Any
+    }
+
+    fn robot(&self) -> Option<&KnownRobot> {
+        self.robot.as_ref()
     }
 }

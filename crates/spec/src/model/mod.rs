@@ -29,7 +29,7 @@ pub use diffusion::{
     DiffusionSpec, LossMean, NoiseSchedule, Prediction, SamplerKind, SamplerSpec, Spacing,
 };
 pub use flow::{FLOW_LEVELS, FLOW_STEPS, FlowPrediction, FlowSpec};
-pub use lagrangian::LagrangianSpec;
+pub use lagrangian::{KnownRobot, LagrangianSpec};
 pub use lengths::{Length, Lengths};
 pub use loss::PointLoss;
 pub use matmul_precision::MatmulPrecision;
@@ -115,9 +115,29 @@ impl ModelSpec {
         self.spec().is_physical()
     }
 
+    /// The arm that it is told.
+    pub fn robot(&self) -> Option<&KnownRobot> {
+        self.spec().robot()
+    }
+
     /// The contexts and horizons that one training supports.
     pub fn lengths(&self) -> Lengths {
         self.spec().lengths()
+    }
+
+    /// How many times the rate of its training it is asked at, if it can answer: 1, or any whole
+    /// number for a model that integrates equations.
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a ratio of rates, at least 1 and below 1e6"
+    )]
+    pub fn multiple(&self, trained_hz: f64, asked_hz: f64) -> Option<usize> {
+        let ratio = asked_hz / trained_hz;
+        let most = if self.lengths() == Lengths::Any { 1e6 } else { 1.0 };
+        let whole = ratio.round();
+        let is_whole = (ratio - whole).abs() <= 1e-9 * whole && (1.0..=most).contains(&whole);
+        is_whole.then_some(whole as usize)
     }
 
     /// How predictions are generated; `None` for a model that predicts in one pass.

@@ -5,7 +5,7 @@ use super::description::{
 };
 use super::description::{MAX_JOINTS, Randomization, RobotDescription};
 use super::initial_state::InitialState;
-use crate::SpecError;
+use crate::{RobotModel, SpecError};
 use crate::check::{Check, Violations};
 
 const LENGTH_M: std::ops::RangeInclusive<f64> = -10.0..=10.0;
@@ -22,6 +22,14 @@ impl RobotDescription {
         let mut violations = Violations::default();
         self.check(&mut violations);
         violations.finish()
+    }
+}
+
+impl Check for RobotModel {
+    fn check(&self, violations: &mut Violations) {
+        if let Self::Described(description) = self {
+            description.check(violations);
+        }
     }
 }
 

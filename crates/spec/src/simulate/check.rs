@@ -4,7 +4,6 @@ use super::excitation::{Chirp, Excitation, Family, Frequency, Multisine, Pulses,
 use super::integrator::{Integrator, MAX_SUBSTEPS};
 use super::robot_spec::{Friction, Payload, RobotSpec};
 use super::spec::{MAX_TRAJECTORIES, Rejection, SimulateSpec};
-use crate::RobotModel;
 use crate::check::{Check, Violations};
 
 /// The largest number of frequencies of a grid.
@@ -274,9 +273,7 @@ impl Check for Pulses {
 
 impl Check for RobotSpec {
     fn check(&self, violations: &mut Violations) {
-        if let RobotModel::Described(description) = &self.model {
-            violations.part("model", description.as_ref());
-        }
+        violations.part("model", &self.model);
         let joints = self.joints();
         violations.one_per_joint("damping_nm_s_rad", &self.damping_nm_s_rad, joints);
         violations.one_per_joint("armature_kg_m2", &self.armature_kg_m2, joints);

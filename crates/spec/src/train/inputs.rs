@@ -42,6 +42,13 @@ impl TrainSpec {
         if let Some(weights) = &self.loss_weights {
             violations.one_per_joint("loss_weights", weights, data.joints());
         }
+        if let Some(robot) = self.model.robot() {
+            let told = robot.model.description().joints.len();
+            if told != data.joints() {
+                let allowed = format!("an arm of {} joints, as the data has", data.joints());
+                violations.add("model.robot.model", format!("an arm of {told} joints"), allowed);
+            }
+        }
         let samples = data.samples();
         if self.context >= samples {
             violations.add(
