@@ -207,6 +207,8 @@ mod tests {
             ("cdt", transformer),
             ("prefix-transformer", json!({"d_model": 48, "heads": 4, "layers": 3, "patch": 8})),
             ("lagrangian", json!({"width": 20, "layers": 3, "forces": 0, "turns_freely": false})),
+            ("lagrangian", json!({"rotor_inertia": true, "torque_offset": true})),
+            ("lagrangian", json!({"robot": {"model": "panda"}, "rotor_inertia": true})),
         ];
         let plain = ModelSpec::ARCHITECTURES.iter().map(|name| (*name, json!({})));
         let all = plain.chain(options);

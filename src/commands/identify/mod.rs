@@ -120,6 +120,16 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         return Ok(ExitCode::SUCCESS);
     }
     print!("{}", reports::identification::text(&report));
+    if let Some(given) = &arguments.columns.gains
+        && settings.gain_deviation > 0.0
+    {
+        let each = given.iter().zip(found.arm.gains());
+        let gains: Vec<String> = each.map(|(given, found)| format!("{:.4}", given / found)).collect();
+        println!(
+            "\nThe gains that give this arm's torques, for `columns.gains` of an import: {}.",
+            gains.join(", ")
+        );
+    }
     println!(
         "\nThe identified arm is in {}: use it as `robot.model`, and look at parameters.csv.",
         arguments.out.display()

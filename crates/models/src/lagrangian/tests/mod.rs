@@ -11,7 +11,7 @@ use spec::LagrangianSpec;
 
 use super::batch::Points;
 use super::features::Samples;
-use super::law::{Calibration, DIRECTIONS, JointLaw, Law};
+use super::law::{Calibration, DIRECTIONS, JointLaw, Law, Network, Places};
 use super::linear_algebra::Dense;
 use super::recorded::Recorded;
 use super::regression::{Bounds, Numbers, Prior};
@@ -21,13 +21,24 @@ use crate::initialization::InitialWeights;
 
 mod draws;
 mod paths;
+mod told;
 
 const CONTEXT: usize = 60;
 const SAMPLES: usize = 90;
 const RATE_HZ: f32 = 60.0;
 
 fn spec() -> LagrangianSpec {
-    LagrangianSpec { width: 20, layers: 2, points: 24, particles: 5, forces: 3, turns_freely: true }
+    LagrangianSpec {
+        width: 20,
+        layers: 2,
+        points: 24,
+        particles: 5,
+        forces: 3,
+        turns_freely: true,
+        robot: None,
+        rotor_inertia: false,
+        torque_offset: false,
+    }
 }
 
 fn model(joints: usize) -> Lagrangian {
@@ -225,7 +236,8 @@ fn a_particle_gains_the_energy_that_the_joints_give_it() {
 /// Uncoupled joints: m (v' - v) / h + d v' = u. Each has a particle of its own.
 fn separate(masses: &[f32], joint: JointLaw, damping: [f64; 2]) -> Law {
     let joints = masses.len();
-    let numbers = Numbers { particles: joints, forces: 0, joints };
+    let numbers =
+        Numbers { particles: joints, forces: 0, joints, rotors: false, offsets: false };
     let mut bias = vec![0.0; DIRECTIONS * joints * joints];
     for (particle, mass) in masses.iter().enumerate() {
         bias[particle * (joints + 1)] = (mass - joint.armature).sqrt();
@@ -237,14 +249,16 @@ fn separate(masses: &[f32], joint: JointLaw, damping: [f64; 2]) -> Law {
     prior.mean.extend(vec![0.0; joints]);
     prior.spread[numbers.dampings()].fill(spread);
     Law {
-        hidden: Vec::new(),
-        particles: Dense::new(&weight, &bias),
-        forces: None,
+        places: Places::Learned(Network {
+            hidden: Vec::new(),
+            particles: Dense::new(&weight, &bias),
+            forces: None,
+            first: 0,
+        }),
         joints: vec![joint; joints],
         prior,
         calibration: Calibration { log_median: 0.0, log_spread: 0.0, log_torque: 0.0 },
         numbers,
-        first: 0,
         points: 1000,
     }
 }

@@ -3,7 +3,7 @@
 use simd::InstructionSet;
 
 use super::{EXACT, JOINT, NOISE, RATE_HZ, predict, separate};
-use crate::lagrangian::law::{JointLaw, Law};
+use crate::lagrangian::law::{JointLaw, Law, Places};
 use crate::lagrangian::linear_algebra::Dense;
 use crate::lagrangian::recorded::Recorded;
 use crate::lagrangian::regression::Bounds;
@@ -18,7 +18,8 @@ fn law() -> Law {
     let joint = JointLaw { armature: 0.5, ..JOINT };
     let mut law = separate(&[0.5], joint, [3.0, 1e-3]);
     // The Jacobian's inputs are sine and cosine. The second and third direction do not move.
-    law.particles = Dense::new(&[2.0, 0.0, 0.0, 0.0, 0.0, 0.0], &[0.0; 3]);
+    let Places::Learned(network) = &mut law.places else { panic!("the arm is not told") };
+    network.particles = Dense::new(&[2.0, 0.0, 0.0, 0.0, 0.0, 0.0], &[0.0; 3]);
     law.prior.mean[0] = -0.5;
     law
 }
