@@ -149,13 +149,7 @@ fn positions(y: Track<'_>, first: usize, factor: usize, joints: usize) -> Vec<f3
 }
 
 /// The mean torque from each of `knots` knots to the next, `[knot, joint]`. The last torque is held.
-fn torques(
-    u: Track<'_>,
-    first: usize,
-    factor: usize,
-    knots: usize,
-    joints: usize,
-) -> Vec<f32> {
+fn torques(u: Track<'_>, first: usize, factor: usize, knots: usize, joints: usize) -> Vec<f32> {
     let last = u.samples() - 1;
     let mean = |knot: usize, joint: usize| {
         // A knot is in the middle of a period, or between two if the factor is odd.
@@ -247,7 +241,8 @@ mod tests {
     #[test]
     fn a_context_without_two_blocks_has_no_lower_rate() {
         let (u, y) = recording(20, 1000.0);
-        let series = Series::new(Shape { robots: 1, samples: 20, joints: 2 }, 1000.0, u, y).unwrap();
+        let series =
+            Series::new(Shape { robots: 1, samples: 20, joints: 2 }, 1000.0, u, y).unwrap();
         assert!(Decimated::new(&series.observed(9), 5).unwrap().is_none());
         assert!(Decimated::new(&series.observed(9), 1).unwrap().is_none());
         assert!(Decimated::new(&series.observed(10), 5).unwrap().is_some());

@@ -124,7 +124,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         && settings.gain_deviation > 0.0
     {
         let each = given.iter().zip(found.arm.gains());
-        let gains: Vec<String> = each.map(|(given, found)| format!("{:.4}", given / found)).collect();
+        let gains: Vec<String> =
+            each.map(|(given, found)| format!("{:.4}", given / found)).collect();
         println!(
             "\nThe gains that give this arm's torques, for `columns.gains` of an import: {}.",
             gains.join(", ")

@@ -18,7 +18,10 @@ use super::regression::{Bounds, Equation, Equations, Posterior, Regression};
 /// The stride in samples where only poses matter: an eighth of a second at 60 Hz.
 const EVERY: usize = 8;
 /// Rounds in which the noise of a context is estimated again from the residuals of the last fit.
-const NOISE_ROUNDS: usize = 3;
+pub(super) const NOISE_ROUNDS: usize = 3;
+
+/// Times that moments are moved half-way to those that robots have in the mean.
+const HALVINGS: usize = 8;
 
 /// Values of up to [`MAX_LANES`] samples, `[joint, lane]`.
 type Gathered = [[f32; MAX_LANES]; MAX_JOINTS];
@@ -61,7 +64,8 @@ impl Law {
 
     /// The distribution of a robot's numbers given its context. `bounds` decides whether masses may
     /// be negative. If negative masses leave some pose of the context too little inertia, the robot
-    /// is fitted again with masses of 0 or more.
+    /// is fitted again with masses of 0 or more. Moments move half-way to those that robots have in
+    /// the mean instead, and again until the inertia suffices.
     pub fn fit(
         &self,
         instructions: InstructionSet,
@@ -71,10 +75,24 @@ impl Law {
         let (law, mut regression) = (self, Regression::new(self.numbers));
         let each = |equation: &Equation<'_>| regression.add(equation);
         with_f32_lanes!(instructions, L => L::run(ContextEquations { law, recorded, each }));
-        let found = self.fit_with(&regression, recorded, bounds);
-        if bounds == Bounds::DissipationAndMasses
-            || self.has_enough_inertia(instructions, recorded, &narrow(&found.mean))
-        {
+        let mut found = self.fit_with(&regression, recorded, bounds);
+        if std::env::var("TQ_STRETCHES").is_ok() {
+            found = self.fit_stretches(instructions, recorded, found, bounds);
+        }
+        let masses = bounds == Bounds::DissipationAndMasses;
+        if self.numbers.moments {
+            if masses {
+                found.halve(&self.prior, self.numbers);
+            }
+            for _ in 0..HALVINGS {
+                if self.has_enough_inertia(instructions, recorded, &narrow(&found.mean)) {
+                    break;
+                }
+                found.halve(&self.prior, self.numbers);
+            }
+            return found;
+        }
+        if masses || self.has_enough_inertia(instructions, recorded, &narrow(&found.mean)) {
             return found;
         }
         self.fit_with(&regression, recorded, Bounds::DissipationAndMasses)
@@ -200,6 +218,7 @@ impl<L: Lanes, E: FnMut(&Equation<'_>)> Kernel<L> for ContextEquations<'_, E> {
                     for (number, place) in equation.iter_mut().zip(&features) {
                         *number = place[joint][lane];
                     }
+                    law.gather(&mut equation);
                     let motion = recorded.motion(sample + lane, joint);
                     let inertia = constants.armature * gathered[1][joint][lane];
                     (self.each)(&Equation {
@@ -237,6 +256,7 @@ impl<L: Lanes> Kernel<L> for LeastPivot<'_> {
         let Self { law, recorded, numbers } = self;
         let joints = law.numbers.joints;
         let mut pose = Pose::<L>::new(law);
+        let numbers = law.weighed(numbers);
         let numbers: Vec<L> = numbers.iter().map(|&number| L::splat(f64::from(number))).collect();
         let mut armatures = [L::splat(0.0); MAX_JOINTS];
         for joint in 0..joints {

@@ -4,6 +4,10 @@
 //! and in general position: they have its mass, its three first moments and its six second moments.
 //! So ten particles per link, and ten more in the hand for a load, describe every arm with these
 //! lengths and axes. With weights of 1 those of the links are the arm of the description.
+//!
+//! A robot's numbers are not the weights of single particles, which depend on each other over robots,
+//! but ten *moments* of a body ([`MOMENTS`]): how many times its mass it has with the same shape, how
+//! far its centre is off along each principal axis, and how it is stretched and turned.
 
 #![expect(
     clippy::needless_range_loop,
@@ -30,6 +34,22 @@ const DIRECTIONS: [[f64; 3]; PER_BODY] = [
     [-1.0, 1.0, -1.0],
     [-1.0, -1.0, 1.0],
 ];
+/// The weight of each particle at a moment of 1: of the body as it is; of a centre that is off along
+/// the first, the second and the third axis; of a body that is stretched along the first and along the
+/// second axis, and made larger; of one that is turned about each axis. All but the first leave the
+/// mass as it is, and the last six leave the centre.
+const MOMENTS: [[f32; PER_BODY]; PER_BODY] = [
+    [1.0; PER_BODY],
+    [1.0, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+    [0.0, 0.0, 1.0, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+    [0.0, 0.0, 0.0, 0.0, 1.0, -1.0, 0.0, 0.0, 0.0, 0.0],
+    [1.0, 1.0, -0.5, -0.5, -0.5, -0.5, 0.0, 0.0, 0.0, 0.0],
+    [-0.5, -0.5, 1.0, 1.0, -0.5, -0.5, 0.0, 0.0, 0.0, 0.0],
+    [-0.5, -0.5, -0.5, -0.5, -0.5, -0.5, 0.75, 0.75, 0.75, 0.75],
+    [-1.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.5, 0.5, -0.5, -0.5],
+    [0.0, 0.0, -1.0, 1.0, 0.0, 0.0, 0.5, -0.5, 0.5, -0.5],
+    [0.0, 0.0, 0.0, 0.0, -1.0, 1.0, 0.5, -0.5, -0.5, 0.5],
+];
 /// Particles of a body.
 const PER_BODY: usize = 10;
 /// The sum over [`DIRECTIONS`] of the square of one coordinate.
@@ -39,7 +59,7 @@ const LEAST_EXTENT_M: f64 = 0.03;
 /// The least mass of a body, kg, so that its particles can have more.
 const LEAST_MASS_KG: f64 = 0.1;
 /// Mass of the load whose particles have weights of 1, kg.
-const LOAD_KG: f64 = 1.0;
+const LOAD_KG: f64 = 2.0;
 /// Extent of the particles of the load, and how far its centre is along the hand's z, m.
 const LOAD_EXTENT_M: f64 = 0.1;
 
@@ -98,9 +118,38 @@ impl Kinematics {
         self.particles.len()
     }
 
-    /// The first particle of the load.
+    /// The first particle, and the first moment, of the load.
     pub fn load(&self) -> usize {
         self.particles.len() - PER_BODY
+    }
+
+    /// The moments of the arm of the description, without a load.
+    pub fn described(&self) -> impl Iterator<Item = f32> {
+        let load = self.load();
+        (0..self.particles.len())
+            .map(move |moment| f32::from(u8::from(moment < load && moment % PER_BODY == 0)))
+    }
+
+    /// Turns moments into the weights of particles.
+    pub fn weigh(&self, moments: &mut [f32]) {
+        for body in moments.as_chunks_mut::<PER_BODY>().0 {
+            let mut weights = [0.0; PER_BODY];
+            for (moment, of_particles) in body.iter().zip(&MOMENTS) {
+                for (weight, of_particle) in weights.iter_mut().zip(of_particles) {
+                    *weight += moment * of_particle;
+                }
+            }
+            *body = weights;
+        }
+    }
+
+    /// Turns the torques of particles of weight 1 into those of moments of 1.
+    pub fn gather(&self, torques: &mut [f32]) {
+        for body in torques.as_chunks_mut::<PER_BODY>().0 {
+            *body = MOMENTS.map(|of_particles| {
+                of_particles.iter().zip(&*body).map(|(weight, torque)| weight * torque).sum()
+            });
+        }
     }
 
     /// Computes the Jacobians of all particles and their rates of change, `[direction, particle,

@@ -33,6 +33,24 @@ pub(super) struct Law {
     pub points: usize,
 }
 
+impl Law {
+    /// The numbers with the weights of particles in the place of moments, where the arm is told.
+    pub fn weighed(&self, numbers: &[f32]) -> Vec<f32> {
+        let mut weighed = numbers.to_vec();
+        if let Places::Known(kinematics) = &self.places {
+            kinematics.weigh(&mut weighed[self.numbers.weights()]);
+        }
+        weighed
+    }
+
+    /// The torques of numbers of 1, from those of particles of weight 1.
+    pub fn gather(&self, torques: &mut [f32]) {
+        if let Places::Known(kinematics) = &self.places {
+            kinematics.gather(&mut torques[self.numbers.weights()]);
+        }
+    }
+}
+
 /// How the arm moves its particles.
 #[derive(Debug)]
 pub(super) enum Places {

@@ -18,8 +18,9 @@
 //! all robots ([`linear_algebra`]). If asked, the inertia of each rotor and an offset of each torque
 //! belong to a robot, too.
 //!
-//! A law that is told the arm has no network: its particles are at known places of the links
-//! ([`kinematics`]), and their weights carry the arm's weight. What it learns is how robots differ.
+//! A law that is told the arm has no network: its particles are at known places of the links and
+//! have weight in gravity ([`kinematics`]). Moments of the links take the place of the weights, and
+//! what it learns is how robots differ.
 //!
 //! The equation is linear in a robot's numbers. Given its torques they are normal, too, in closed
 //! form ([`regression`]). Training maximizes the likelihood of the context's torques by
@@ -36,12 +37,14 @@ mod fitting;
 mod kinematics;
 mod law;
 mod linear_algebra;
+mod nominal;
 mod pose;
 mod prediction;
 mod recorded;
 mod regression;
 mod rollout;
 mod scoring;
+mod stretches;
 #[cfg(test)]
 mod tests;
 mod torques;
@@ -56,6 +59,7 @@ use self::batch::{HostBatch, Points, Posteriors};
 use self::kinematics::Kinematics;
 use self::law::{Calibration, DIRECTIONS, JointLaw, Law, Network, Places};
 use self::linear_algebra::Dense;
+use self::nominal::NominalJoint;
 use self::recorded::{Motion, Recorded};
 use self::regression::{Numbers, Prior};
 use crate::ModelError;
@@ -79,25 +83,18 @@ const MOST_PARTS: u32 = 64;
 const INITIAL_JACOBIAN: f32 = 0.9;
 /// Largest initial weight of the heads, times √width.
 const INITIAL_HEAD: f32 = 0.35;
-/// Initial inertia of a joint, kg m².
-const INITIAL_ARMATURE: f32 = 0.1;
 /// Initial standard deviation of the residual torque, N·m.
 const INITIAL_NOISE: f32 = 0.3;
 /// Least share of the newer value. With a smaller share, the steps of a joint without inertia would
 /// oscillate with growing amplitude.
 const LEAST_SHARE: f32 = 0.5;
-/// Initial slope of friction at rest, s/rad.
-const INITIAL_SLOPE: f32 = 4.0;
 /// Initial spread of weights and strengths over robots.
 const INITIAL_SHARED_SPREAD: f32 = 0.1;
-/// Initial spread of dampings, N·m·s/rad.
-const INITIAL_DAMPING_SPREAD: f32 = 1.0;
-/// Initial spread of friction, and of offsets, N·m.
-const INITIAL_FRICTION_SPREAD: f32 = 0.1;
-/// Initial mean of rotor inertias, and their spread, kg m².
-const INITIAL_ROTOR: f32 = 0.1;
-/// Initial inertia that all robots have beside that of their rotors, kg m².
-const LEAST_ROTOR: f32 = 0.005;
+/// Initial spread of the moments of a load.
+const INITIAL_LOAD_SPREAD: f32 = 1.0;
+/// Initial inertia that all robots have in common, as a share of their rotors', where these are
+/// fitted.
+const LEAST_SHARE_OF_ROTOR: f32 = 0.05;
 /// Initial deviation of the logarithm of a draw's scale.
 const INITIAL_SCALE_SPREAD: f32 = 0.3;
 /// The shortest context in samples: one sample with one before it and one after it.
@@ -131,22 +128,31 @@ impl Architecture for LagrangianSpec {
             None => [self.particles, self.forces].map(|count| count as usize),
         };
         let Self { rotor_inertia: rotors, torque_offset: offsets, .. } = *self;
-        let numbers = Numbers { particles, forces, joints, rotors, offsets };
+        let moments = kinematics.is_some();
+        let numbers = Numbers { particles, forces, joints, moments, rotors, offsets };
         let inputs = |layer: u32| if layer == 0 { 2 * (joints - first) } else { width };
         let bound = INITIAL_HEAD / (width as f32).sqrt();
         let paced = |value: f32| value.ln() / PACE;
+        let nominal = match &self.robot {
+            Some(robot) => nominal::of(robot.model.description()),
+            None => nominal::unknown(joints),
+        };
         let load = kinematics.as_ref().map_or(particles, Kinematics::load)..particles;
         let spreads = (0..numbers.count()).map(|number| {
-            paced(if numbers.dampings().contains(&number) || load.contains(&number) {
-                INITIAL_DAMPING_SPREAD
-            } else if numbers.rotors().contains(&number) {
-                INITIAL_ROTOR
-            } else if numbers.frictions().contains(&number) || numbers.offsets().contains(&number) {
-                INITIAL_FRICTION_SPREAD
-            } else {
+            let joint = number.saturating_sub(particles + forces) % joints;
+            paced(if load.contains(&number) {
+                INITIAL_LOAD_SPREAD
+            } else if numbers.shared().contains(&number) {
                 INITIAL_SHARED_SPREAD
+            } else if numbers.dampings().contains(&number) {
+                nominal[joint].damping_spread
+            } else if numbers.rotors().contains(&number) {
+                nominal[joint].rotor
+            } else {
+                nominal[joint].friction_spread
             })
         });
+        let each = |value: fn(&NominalJoint) -> f32| nominal.iter().map(value).map(paced);
         let layers = if kinematics.is_none() { self.layers } else { 0 };
         let hidden = (0..layers).map(|layer| {
             let bound = (6.0 / (inputs(layer) + width) as f32).sqrt();
@@ -159,28 +165,29 @@ impl Architecture for LagrangianSpec {
             let biases = weights.draws(jacobians, INITIAL_JACOBIAN / columns.sqrt());
             Linear::near(&biases, width, bound, weights)
         });
-        let armature = if rotors { LEAST_ROTOR } else { INITIAL_ARMATURE };
+        let armature = |joint: &NominalJoint| joint.rotor;
+        let least = |joint: &NominalJoint| joint.rotor * LEAST_SHARE_OF_ROTOR;
         Ok(Lagrangian {
             hidden,
             particles: learned,
             forces: (forces > 0)
                 .then(|| Linear::near(&vec![0.0; (1 + forces) * joints], width, bound, weights)),
             share: weights.constant([joints], 0.0),
-            armature: weights.constant([joints], paced(armature)),
-            masses: kinematics.is_some().then(|| {
-                let means = (0..particles).map(|particle| u8::from(!load.contains(&particle)));
-                weights.given([particles], means.map(|mean| f32::from(mean) / PACE))
-            }),
-            rotor: rotors.then(|| weights.constant([joints], paced(INITIAL_ROTOR))),
-            damping: weights.constant([joints], 0.0),
-            friction: weights.constant([joints], 0.0),
-            friction_slope: weights.constant([joints], paced(INITIAL_SLOPE)),
+            armature: weights.given([joints], each(if rotors { least } else { armature })),
+            masses: kinematics
+                .as_ref()
+                .map(|kinematics| weights.given([particles], kinematics.described())),
+            rotor: rotors.then(|| weights.given([joints], each(|joint| joint.rotor))),
+            damping: weights.given([joints], each(|joint| joint.damping)),
+            friction: weights.given([joints], nominal.iter().map(|joint| joint.friction / PACE)),
+            friction_slope: weights.given([joints], each(|joint| joint.slope)),
             friction_shift: weights.constant([joints], 0.0),
             spread: weights.given([numbers.count()], spreads),
             noise: weights.constant([joints], paced(INITIAL_NOISE)),
             doubt: weights.given([3], [0.0, INITIAL_SCALE_SPREAD / CALIBRATION_PACE, 0.0]),
             first,
             numbers,
+            friction_units: nominal.iter().map(|joint| joint.friction_unit).collect(),
             kinematics,
             points: self.points.min(context - 2) as usize,
         })
@@ -200,13 +207,13 @@ pub(crate) struct Lagrangian {
     share: Param<Tensor<1>>,
     /// Logarithm of each joint's inertia that no pose changes, kg m², over [`PACE`].
     armature: Param<Tensor<1>>,
-    /// Mean of each particle's weight over robots, over [`PACE`], where the arm is told.
+    /// Mean of each moment of a body over robots, where the arm is told.
     masses: Option<Param<Tensor<1>>>,
     /// Logarithm of the mean of each rotor inertia over robots, kg m², over [`PACE`].
     rotor: Option<Param<Tensor<1>>>,
     /// Logarithm of the mean of each joint's damping over robots, N·m·s/rad, over [`PACE`].
     damping: Param<Tensor<1>>,
-    /// Mean of each joint's friction over robots, N·m, over [`PACE`].
+    /// Mean of each joint's friction over robots, in its unit, over [`PACE`].
     friction: Param<Tensor<1>>,
     /// Logarithm of the slope of each joint's friction at its steepest, s/rad, over [`PACE`].
     friction_slope: Param<Tensor<1>>,
@@ -225,6 +232,9 @@ pub(crate) struct Lagrangian {
     first: usize,
     #[module(skip)]
     numbers: Numbers,
+    /// The unit of each joint's mean friction, N·m.
+    #[module(skip)]
+    friction_units: Vec<f32>,
     /// The arm that the law is told.
     #[module(skip)]
     kinematics: Option<Kinematics>,
@@ -304,13 +314,15 @@ impl Lagrangian {
             Tensor::<3>::from_data(TensorData::new(vec![value; count], [1, 1, count]), &device)
         };
         let mut means = vec![match &self.masses {
-            Some(masses) => self.paced(masses),
+            Some(masses) => masses.val().unsqueeze(),
             None => constant(1.0, particles),
         }];
         if forces > 0 {
             means.push(constant(0.0, forces));
         }
-        means.extend([self.paced(&self.damping).exp(), self.paced(&self.friction)]);
+        let units = TensorData::new(self.friction_units.clone(), [1, 1, self.numbers.joints]);
+        let friction = self.paced(&self.friction) * Tensor::from_data(units, &device);
+        means.extend([self.paced(&self.damping).exp(), friction]);
         means.extend(self.rotor.as_ref().map(|rotor| self.paced(rotor).exp()));
         if self.numbers.offsets {
             means.push(constant(0.0, self.numbers.joints));
@@ -349,13 +361,16 @@ impl Lagrangian {
     fn prior(&self) -> Prior {
         let [damping, friction, spread] = [&self.damping, &self.friction, &self.spread]
             .map(|param| values(param.val() * PACE).into_iter().map(f64::from));
-        let paced = |param: &Param<Tensor<1>>| values(param.val() * PACE).into_iter().map(f64::from);
+        let paced =
+            |param: &Param<Tensor<1>>| values(param.val() * PACE).into_iter().map(f64::from);
         let mut mean = match &self.masses {
-            Some(masses) => paced(masses).collect(),
+            Some(masses) => values(masses.val()).into_iter().map(f64::from).collect(),
             None => vec![1.0; self.numbers.particles],
         };
         mean.extend(std::iter::repeat_n(0.0, self.numbers.forces));
-        mean.extend(damping.map(f64::exp).chain(friction));
+        let units = self.friction_units.iter().copied().map(f64::from);
+        mean.extend(damping.map(f64::exp));
+        mean.extend(friction.zip(units).map(|(friction, unit)| friction * unit));
         mean.extend(self.rotor.iter().flat_map(paced).map(f64::exp));
         mean.resize(self.numbers.count(), 0.0);
         Prior { mean, spread: spread.map(f64::exp).collect() }

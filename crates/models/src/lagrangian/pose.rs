@@ -108,12 +108,7 @@ impl<L: Lanes> Pose<L> {
     }
 
     #[inline(always)]
-    fn update_bias_accelerations(
-        &mut self,
-        law: &Law,
-        first: usize,
-        velocity: &[L; MAX_JOINTS],
-    ) {
+    fn update_bias_accelerations(&mut self, law: &Law, first: usize, velocity: &[L; MAX_JOINTS]) {
         let (particles, joints) = (law.numbers.particles, law.numbers.joints);
         for row in 0..DIRECTIONS * particles {
             let rates = &self.jacobian_rates[row * joints..][..joints];

@@ -7,14 +7,16 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 /// Rounds in which numbers below their bound are held at it and the others are fitted again.
 const ROUNDS: usize = 8;
 
-/// The numbers that are fitted to one robot, in order: the weight of each particle, the strength of
-/// each force, and of each joint its damping in N·m·s/rad, its friction in N·m, its rotor inertia in
+/// The numbers that are fitted to one robot, in order: the weight of each particle (or as many moments
+/// of the links, where the arm is told), the strength of each force, and of each joint its damping in N·m·s/rad, its friction in N·m, its rotor inertia in
 /// kg m², and the offset of its torque in N·m.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Numbers {
     pub particles: usize,
     pub forces: usize,
     pub joints: usize,
+    /// Whether moments take the place of weights.
+    pub moments: bool,
     /// Whether rotor inertias are fitted.
     pub rotors: bool,
     /// Whether offsets are fitted.
@@ -78,9 +80,11 @@ impl Numbers {
         first..first + if self.offsets { self.joints } else { 0 }
     }
 
-    /// Whether a number must be at least 0. Forces and offsets have both signs.
+    /// Whether a number must be at least 0. Forces, moments and offsets have both signs.
     pub fn is_bounded(self, number: usize, bounds: Bounds) -> bool {
-        let is_signed = self.strengths().contains(&number) || self.offsets().contains(&number);
+        let is_moment = self.moments && self.weights().contains(&number);
+        let is_signed =
+            is_moment || self.strengths().contains(&number) || self.offsets().contains(&number);
         match bounds {
             Bounds::Dissipation => !is_signed && !self.weights().contains(&number),
             Bounds::DissipationAndMasses => !is_signed,
@@ -103,7 +107,7 @@ pub(super) enum Bounds {
     /// Dampings, frictions and rotors. A particle is not a body of its own, so its mass may be
     /// negative and correct that of the others.
     Dissipation,
-    /// Masses, too.
+    /// Masses, too. Moments are nearer to those that robots have in the mean.
     DissipationAndMasses,
 }
 
@@ -150,6 +154,18 @@ pub(super) struct Equation<'a> {
 }
 
 impl Equation<'_> {
+    /// Writes the factor of each number, and then the torque.
+    pub fn write(&self, of: Numbers, row: &mut [f64]) {
+        row.fill(0.0);
+        for (entry, &factor) in row.iter_mut().zip(self.shared) {
+            *entry = f64::from(factor);
+        }
+        for (kind, &factor) in self.own.iter().enumerate().take(of.own()) {
+            row[of.shared().end + kind * of.joints + self.joint] = f64::from(factor);
+        }
+        row[of.count()] = f64::from(self.torque);
+    }
+
     /// The residual torque with these numbers, N·m.
     #[expect(clippy::cast_possible_truncation, reason = "torques are in f32")]
     pub fn residual_torque(&self, of: Numbers, numbers: &[f64]) -> f32 {
@@ -253,30 +269,12 @@ impl Regression {
     /// The distribution of the numbers given these sums. `noise` has the standard deviation of each
     /// joint's torques, N·m.
     pub fn posterior(&self, prior: &Prior, noise: &[f64]) -> Option<Posterior> {
-        self.solve(prior, noise, &vec![false; self.numbers.count()])
+        self.normal_equations(noise).solve(prior, &vec![false; self.numbers.count()])
     }
 
-    /// [`Regression::posterior`] within bounds. Numbers below their bound are held at it and the
-    /// others are fitted again.
+    /// [`Regression::posterior`] within bounds.
     pub fn bounded_posterior(&self, prior: &Prior, noise: &[f64], bounds: Bounds) -> Posterior {
-        let mut held = vec![false; self.numbers.count()];
-        let mut found = Posterior::from_prior(prior);
-        for _ in 0..ROUNDS {
-            let Some(posterior) = self.solve(prior, noise, &held) else { break };
-            found = posterior;
-            let mut any = false;
-            for (number, value) in found.mean.iter().enumerate() {
-                if *value < 0.0 && self.numbers.is_bounded(number, bounds) {
-                    (held[number], any) = (true, true);
-                }
-            }
-            if !any {
-                break;
-            }
-        }
-        self.numbers.keep_bounds(&mut found.mean, bounds);
-        found.bounds = bounds;
-        found
+        self.normal_equations(noise).bounded_posterior(self.numbers, prior, bounds)
     }
 
     /// The root mean square of a joint's residual torque with `numbers`, N·m.
@@ -296,8 +294,7 @@ impl Regression {
         (squares.max(0.0) / sums.samples.max(1.0)).sqrt()
     }
 
-    /// The lower triangle of Σ x xᵀ / σ² and Σ x u / σ² over all joints.
-    fn sums(&self, noise: &[f64]) -> (DMatrix<f64>, Vec<f64>) {
+    fn normal_equations(&self, noise: &[f64]) -> NormalEquations {
         let count = self.numbers.count();
         let mut squares = DMatrix::zeros(count, count);
         let mut products = vec![0.0; count];
@@ -313,14 +310,48 @@ impl Regression {
                 }
             }
         }
-        (squares, products)
+        NormalEquations { squares, products }
+    }
+}
+
+/// Sums over equations with noise of deviation 1.
+#[derive(Clone, Debug)]
+pub(super) struct NormalEquations {
+    /// Σ x xᵀ, the lower triangle.
+    pub squares: DMatrix<f64>,
+    /// Σ x u.
+    pub products: Vec<f64>,
+}
+
+impl NormalEquations {
+    /// The distribution of the numbers given these sums, within bounds. Numbers below their bound
+    /// are held at it and the others are fitted again.
+    pub fn bounded_posterior(&self, numbers: Numbers, prior: &Prior, bounds: Bounds) -> Posterior {
+        let mut held = vec![false; numbers.count()];
+        let mut found = Posterior::from_prior(prior);
+        for _ in 0..ROUNDS {
+            let Some(posterior) = self.solve(prior, &held) else { break };
+            found = posterior;
+            let mut any = false;
+            for (number, value) in found.mean.iter().enumerate() {
+                if *value < 0.0 && numbers.is_bounded(number, bounds) {
+                    (held[number], any) = (true, true);
+                }
+            }
+            if !any {
+                break;
+            }
+        }
+        numbers.keep_bounds(&mut found.mean, bounds);
+        found.bounds = bounds;
+        found
     }
 
     /// Solves in units of the spreads, in which the prior variance is 1. Numbers that are `held`
     /// are 0.
-    fn solve(&self, prior: &Prior, noise: &[f64], held: &[bool]) -> Option<Posterior> {
-        let count = self.numbers.count();
-        let (squares, products) = self.sums(noise);
+    fn solve(&self, prior: &Prior, held: &[bool]) -> Option<Posterior> {
+        let Self { squares, products } = self;
+        let count = products.len();
         let spread = |number: usize| if held[number] { 0.0 } else { prior.spread[number] };
         let precision = DMatrix::from_fn(count, count, |row, column| {
             let (row, column) = (row.max(column), row.min(column));
@@ -356,6 +387,12 @@ pub(super) struct Posterior {
 }
 
 impl Posterior {
+    /// Moves the weights half-way to those of the prior.
+    pub fn halve(&mut self, prior: &Prior, numbers: Numbers) {
+        let each = self.mean[numbers.weights()].iter_mut().zip(&prior.mean);
+        each.for_each(|(number, mean)| *number = f64::midpoint(*number, *mean));
+    }
+
     /// The prior, for a robot without data.
     fn from_prior(prior: &Prior) -> Self {
         let count = prior.mean.len();

@@ -114,8 +114,8 @@ impl<L: Lanes> Kernel<L> for RollOut<'_> {
             let mut torques = vec![[[0.0; MAX_LANES]; MAX_JOINTS]; horizon + 1];
             let mut numbers = vec![[0.0; MAX_LANES]; law.numbers.count()];
             for (lane, Start { recorded, numbers: fitted }) in group.iter().enumerate() {
-                for (number, fitted) in numbers.iter_mut().zip(fitted.iter()) {
-                    number[lane] = *fitted;
+                for (number, fitted) in numbers.iter_mut().zip(law.weighed(fitted)) {
+                    number[lane] = fitted;
                 }
                 for joint in 0..joints {
                     starts[0][joint][lane] = recorded.y[(context - 1) * joints + joint];

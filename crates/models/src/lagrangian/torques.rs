@@ -39,8 +39,8 @@ impl Law {
 }
 
 impl Law {
-    /// The torques of each particle of weight 1 at the points of a training step, `[point, joint,
-    /// particle]`, N·m.
+    /// The torques of each moment of 1 at the points of a training step, `[point, joint, moment]`,
+    /// N·m, where the arm is told.
     pub fn torques_of_points(&self, instructions: InstructionSet, points: &Points) -> Vec<f32> {
         let joints = self.numbers.joints;
         let [q, velocity, acceleration] = points.states();
@@ -89,6 +89,7 @@ impl<L: Lanes> Kernel<L> for TorquesOfPoints<'_> {
                 }
             }
         }
+        torques.chunks_exact_mut(particles).for_each(|torques| law.gather(torques));
         torques
     }
 }
@@ -128,6 +129,7 @@ impl<L: Lanes> Kernel<L> for TorquesOfMotion<'_> {
     fn run(self) -> Vec<f32> {
         let Self { law, numbers, motion } = self;
         let (joints, instants) = (law.numbers.joints, motion.instants());
+        let numbers = law.weighed(numbers);
         let numbers: Vec<L> = numbers.iter().map(|&number| L::splat(f64::from(number))).collect();
         let dampings = &numbers[law.numbers.dampings()];
         let frictions = &numbers[law.numbers.frictions()];

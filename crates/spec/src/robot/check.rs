@@ -5,8 +5,8 @@ use super::description::{
 };
 use super::description::{MAX_JOINTS, Randomization, RobotDescription};
 use super::initial_state::InitialState;
-use crate::{RobotModel, SpecError};
 use crate::check::{Check, Violations};
+use crate::{RobotModel, SpecError};
 
 const LENGTH_M: std::ops::RangeInclusive<f64> = -10.0..=10.0;
 const ANGLE_DEG: std::ops::RangeInclusive<f64> = -360.0..=360.0;

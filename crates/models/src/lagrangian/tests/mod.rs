@@ -236,8 +236,14 @@ fn a_particle_gains_the_energy_that_the_joints_give_it() {
 /// Uncoupled joints: m (v' - v) / h + d v' = u. Each has a particle of its own.
 fn separate(masses: &[f32], joint: JointLaw, damping: [f64; 2]) -> Law {
     let joints = masses.len();
-    let numbers =
-        Numbers { particles: joints, forces: 0, joints, rotors: false, offsets: false };
+    let numbers = Numbers {
+        particles: joints,
+        forces: 0,
+        joints,
+        moments: false,
+        rotors: false,
+        offsets: false,
+    };
     let mut bias = vec![0.0; DIRECTIONS * joints * joints];
     for (particle, mass) in masses.iter().enumerate() {
         bias[particle * (joints + 1)] = (mass - joint.armature).sqrt();
