@@ -1,13 +1,13 @@
 //! Prints how fast this machine simulates, per instruction set and precision.
 //!
-//! `cargo run --release -p dynamics --example rates -- [--json] [SPEC] [SET] [THREADS ..]`
+//! `cargo run --release -p dynamics --example rates -- [--json] [SPEC] [SET] [PRECISION] [THREADS ..]`
 //!
 //! The rate of trajectories includes draws, excitation, rejection and output, into fresh memory and
 //! into memory used before. The rate of evaluations is that of Runge-Kutta. Each evaluation is
 //! complete: mass matrix, bias forces, factorization, solution, and the update of the state.
 //!
 //! SPEC is a file with a simulate job that replaces the default one. SET, such as `AVX2`, is the
-//! only instruction set to measure. `--json` measures the set in use, which is the fastest unless
+//! only instruction set to measure, and PRECISION, `f32` or `f64`, the only precision. `--json` measures the set in use, which is the fastest unless
 //! `TORQUED_INSTRUCTIONS` names another, and measures each rate only twice. `cargo xtask bench
 //! dynamics` uses it and lets this program and other simulators take turns.
 
@@ -36,6 +36,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut text = DEFAULT_SPEC.to_owned();
     let mut threads: Vec<usize> = Vec::new();
     let mut sets = InstructionSet::available();
+    let mut precisions = vec![Precision::F32, Precision::F64];
     for argument in std::env::args().skip(1) {
         if argument == "--json" {
             json = true;
@@ -43,6 +44,8 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             threads.push(count);
         } else if let Ok(set) = argument.parse() {
             sets = vec![set];
+        } else if let Ok(precision) = serde_json::from_value(json!(argument)) {
+            precisions = vec![precision];
         } else {
             text = std::fs::read_to_string(argument)?;
         }
@@ -54,7 +57,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         return Err("not a simulation".into());
     };
     if json {
-        let rates = measure(&spec, InstructionSet::best(), &threads, 2)?;
+        let rates = measure(&spec, InstructionSet::best(), &precisions, &threads, 2)?;
         println!("{}", Value::from_iter(rates.iter().map(Rates::json)));
         return Ok(());
     }
@@ -63,7 +66,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         "", "", "threads", "trajectories/s", "in used memory", "M evals/s"
     );
     for instructions in sets {
-        for rates in measure(&spec, instructions, &threads, 4)? {
+        for rates in measure(&spec, instructions, &precisions, &threads, 4)? {
             println!(
                 "{:<10} {:<4} {:>7} {:>16.0} {:>16.0} {:>12.1}",
                 rates.instructions.to_string(),
@@ -110,6 +113,7 @@ impl Rates {
 fn measure(
     spec: &SimulateSpec,
     instructions: InstructionSet,
+    precisions: &[Precision],
     threads: &[usize],
     repetitions: u32,
 ) -> Result<Vec<Rates>, Box<dyn std::error::Error>> {
@@ -123,7 +127,7 @@ fn measure(
     };
     let per_trajectory = f64::from((spec.samples - 1) * SUBSTEPS * EVALUATIONS);
     let mut all = Vec::new();
-    for precision in [Precision::F32, Precision::F64] {
+    for &precision in precisions {
         let spec = SimulateSpec { precision, ..spec.clone() };
         let integrator = Integrator::Rk4 { substeps: SUBSTEPS };
         let dense = SimulateSpec { integrator, ..spec.clone() };

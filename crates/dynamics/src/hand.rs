@@ -177,10 +177,10 @@ impl<'a, L: Lanes, const N: usize> Posture<'a, L, N> {
         posture
     }
 
-    /// A row per number of the task. The last three rows are multiplied by `turning`.
+    /// Writes the Jacobian of this posture. Its last three rows are multiplied by `turning`.
     #[inline(always)]
-    pub(crate) fn jacobian(&self, joints: usize, turning: L) -> Jacobian<L, N> {
-        let mut rows = [[L::splat(0.0); N]; MOTION];
+    pub(crate) fn write_jacobian(&self, joints: usize, turning: L, jacobian: &mut Jacobian<L, N>) {
+        let rows = &mut jacobian.rows;
         for joint in 0..joints {
             let [x, y, z] = self.joint_axes[joint];
             let mut arm = self.position;
@@ -194,7 +194,6 @@ impl<'a, L: Lanes, const N: usize> Posture<'a, L, N> {
             rows[4][joint] = turning * y;
             rows[5][joint] = turning * z;
         }
-        Jacobian { joints, rows }
     }
 
     /// The displacement and the small turn from this pose to that of `other`.
@@ -348,20 +347,24 @@ impl<'a, L: Lanes, const N: usize> HandMotion<'a, L, N> {
     }
 }
 
-/// The Jacobian of a hand.
+/// The Jacobian of a hand. Its number of joints is an argument of its methods, because a compiler that
+/// knows it unrolls their loops.
 pub(crate) struct Jacobian<L, const N: usize> {
-    pub(crate) joints: usize,
     pub(crate) rows: [[L; N]; MOTION],
 }
 
 impl<L: Lanes, const N: usize> Jacobian<L, N> {
+    pub(crate) fn zero() -> Self {
+        Self { rows: [[L::splat(0.0); N]; MOTION] }
+    }
+
     /// J x: the hand's motion that velocities `x` of the joints give.
     #[inline(always)]
-    pub(crate) fn times(&self, x: &[L; N]) -> [L; MOTION] {
+    pub(crate) fn times(&self, joints: usize, x: &[L; N]) -> [L; MOTION] {
         let mut motion = [L::splat(0.0); MOTION];
         for row in 0..MOTION {
             motion[row] = self.rows[row][0] * x[0];
-            for joint in 1..self.joints {
+            for joint in 1..joints {
                 motion[row] = self.rows[row][joint].mul_add(x[joint], motion[row]);
             }
         }
@@ -370,9 +373,9 @@ impl<L: Lanes, const N: usize> Jacobian<L, N> {
 
     /// `sum` + Jᵀ f: the torques that hold a force `f` of the hand.
     #[inline(always)]
-    pub(crate) fn add_force(&self, force: &[L; MOTION], sum: &mut [L; N]) {
+    pub(crate) fn add_force(&self, joints: usize, force: &[L; MOTION], sum: &mut [L; N]) {
         for row in 0..MOTION {
-            for joint in 0..self.joints {
+            for joint in 0..joints {
                 sum[joint] = self.rows[row][joint].mul_add(force[row], sum[joint]);
             }
         }

@@ -161,17 +161,18 @@ impl<L: Lanes, S: Structure<N>, const N: usize> Kernel<L> for MoveHand<'_, S, L,
             kept[joint] = kept[joint] + moment.rdd[joint];
         }
         let turns = task.measured.at(joints, moment.q);
-        let dynamics = structure.inverse_dynamics(known, &turns, moment.v, &kept);
         let posture = Posture::of(structure, known, &task.mount, &turns);
-        let jacobian = posture.jacobian(joints, task.turning);
-        let matrix = task.scratch.compliance(&jacobian, &dynamics.mass);
+        posture.write_jacobian(joints, task.turning, &mut task.scratch.jacobian);
+        let dynamics = structure.inverse_dynamics(known, &turns, moment.v, &kept);
+        let matrix = task.scratch.compliance(joints, &dynamics.mass);
         let factors = Factors::of(matrix, task.turning, LEAST_PIVOT);
         task.singular = task.singular.max(factors.singular);
 
         let turns = task.wanted.at(joints, moment.r);
         let wanted = JointMotion { turns: &turns, qd: moment.rd, qdd: moment.rdd };
         let wanted = HandMotion::of(structure, known, &task.mount, wanted);
-        let mut force = task.pull(&wanted, &posture, &jacobian.times(moment.v));
+        let mut force =
+            task.pull(&wanted, &posture, &task.scratch.jacobian.times(joints, moment.v));
         let link = &dynamics.last_link;
         let at_hand = link.acceleration_at(&task.mount.hand);
         let given = posture.acceleration([&at_hand, &link.angular_acceleration], &task.mount);
@@ -181,7 +182,7 @@ impl<L: Lanes, S: Structure<N>, const N: usize> Kernel<L> for MoveHand<'_, S, L,
         }
         factors.solve(&mut force);
         *command = dynamics.torque;
-        jacobian.add_force(&force, command);
+        task.scratch.jacobian.add_force(joints, &force, command);
     }
 }
 
@@ -205,17 +206,18 @@ impl<L: Lanes, S: Structure<N>, const N: usize> Kernel<L> for PushHand<'_, S, L,
         let joints = structure.joints();
         let turns = task.measured.at(joints, moment.q);
         let posture = Posture::of(structure, known, &task.mount, &turns);
-        let jacobian = posture.jacobian(joints, task.turning);
+        posture.write_jacobian(joints, task.turning, &mut task.scratch.jacobian);
         structure.gravity(known, &turns, command);
 
         let turns = task.wanted.at(joints, moment.r);
         let wanted = JointMotion { turns: &turns, qd: moment.rd, qdd: moment.rdd };
         let wanted = HandMotion::of(structure, known, &task.mount, wanted);
-        let mut force = task.pull(&wanted, &posture, &jacobian.times(moment.v));
+        let mut force =
+            task.pull(&wanted, &posture, &task.scratch.jacobian.times(joints, moment.v));
         if joints > task.dims {
             let kept = task.keep_posture(joints, &moment);
-            let mut pushed = jacobian.times(&kept);
-            let matrix = task.scratch.gram(&jacobian);
+            let mut pushed = task.scratch.jacobian.times(joints, &kept);
+            let matrix = task.scratch.gram(joints);
             let factors = Factors::of(matrix, task.turning, LEAST_PIVOT);
             task.singular = task.singular.max(factors.singular);
             factors.solve(&mut pushed);
@@ -226,6 +228,6 @@ impl<L: Lanes, S: Structure<N>, const N: usize> Kernel<L> for PushHand<'_, S, L,
                 command[joint] = command[joint] + kept[joint];
             }
         }
-        jacobian.add_force(&force, command);
+        task.scratch.jacobian.add_force(joints, &force, command);
     }
 }

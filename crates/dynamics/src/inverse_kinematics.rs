@@ -256,7 +256,7 @@ impl<L: Lanes> Paths<L> {
         let mut turns = [Turn::none(); MAX_JOINTS];
         self.structure.all_turns(&self.model, &self.q, &mut turns);
         let posture = Posture::of(self.structure, &self.model, &self.mount, &turns);
-        let jacobian = posture.jacobian(joints, self.turning);
+        posture.write_jacobian(joints, self.turning, &mut self.scratch.jacobian);
         let (position, velocity) = self.hand_at(t);
         let away = posture.error_to(&position, &self.axes);
         let feedback = L::splat(FEEDBACK_PER_S);
@@ -270,14 +270,14 @@ impl<L: Lanes> Paths<L> {
             for joint in 0..joints {
                 qd[joint] = L::splat(POSTURE_PER_S) * (self.start[joint] - self.q[joint]);
             }
-            let given = jacobian.times(&qd);
+            let given = self.scratch.jacobian.times(joints, &qd);
             for row in 0..MOTION {
                 wanted[row] = wanted[row] - given[row];
             }
         }
-        let factors = Factors::of(self.scratch.gram(&jacobian), self.turning, LEAST_PIVOT);
+        let factors = Factors::of(self.scratch.gram(joints), self.turning, LEAST_PIVOT);
         factors.solve(&mut wanted);
-        jacobian.add_force(&wanted, &mut qd);
+        self.scratch.jacobian.add_force(joints, &wanted, &mut qd);
         (qd, factors.singular)
     }
 

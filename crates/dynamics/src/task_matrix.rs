@@ -86,9 +86,11 @@ impl<L: Lanes> Factors<L> {
     }
 }
 
-/// Intermediate results of a task's matrix. A simulation allocates them once, because filling them
-/// with zeros takes time.
+/// The Jacobian of a task, and intermediate results of its matrix. A simulation allocates them once,
+/// because filling them with zeros takes time. So does copying a Jacobian that a function returns.
 pub(crate) struct Scratch<L, const N: usize> {
+    /// That of the hand at the present posture.
+    pub(crate) jacobian: Jacobian<L, N>,
     /// Rows of the Jacobian times the inverse of a factor of the mass matrix.
     reduced: [[L; N]; MOTION],
     matrix: TaskMatrix<L>,
@@ -97,18 +99,21 @@ pub(crate) struct Scratch<L, const N: usize> {
 impl<L: Lanes, const N: usize> Scratch<L, N> {
     pub(crate) fn new() -> Self {
         let zero = L::splat(0.0);
-        Self { reduced: [[zero; N]; MOTION], matrix: [[zero; MOTION]; MOTION] }
+        Self {
+            jacobian: Jacobian::zero(),
+            reduced: [[zero; N]; MOTION],
+            matrix: [[zero; MOTION]; MOTION],
+        }
     }
 
     /// J M⁻¹ Jᵀ: how much the hand gives way to a force.
     #[inline(always)]
     pub(crate) fn compliance(
         &mut self,
-        jacobian: &Jacobian<L, N>,
+        joints: usize,
         mass: &FactoredMass<L, N>,
     ) -> &TaskMatrix<L> {
-        let Self { reduced, matrix } = self;
-        let joints = jacobian.joints;
+        let Self { jacobian, reduced, matrix } = self;
         // A loop, because copies for all rows do not fit into the instruction cache with the rest.
         for row in 0..MOTION {
             let mut entries = jacobian.rows[row];
@@ -131,12 +136,12 @@ impl<L: Lanes, const N: usize> Scratch<L, N> {
 
     /// J Jᵀ.
     #[inline(always)]
-    pub(crate) fn gram(&mut self, jacobian: &Jacobian<L, N>) -> &TaskMatrix<L> {
-        let Self { matrix, .. } = self;
+    pub(crate) fn gram(&mut self, joints: usize) -> &TaskMatrix<L> {
+        let Self { jacobian, matrix, .. } = self;
         for row in 0..MOTION {
             for column in 0..=row {
                 let (a, b) = (&jacobian.rows[row], &jacobian.rows[column]);
-                matrix[row][column] = product(jacobian.joints, a, b);
+                matrix[row][column] = product(joints, a, b);
             }
         }
         matrix
