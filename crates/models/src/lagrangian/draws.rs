@@ -97,7 +97,7 @@ impl Law {
         let (of_scale, normals) = normals.split_at(1);
         let (of_torques, of_motion) = normals.split_at(STRETCH);
         let scale = self.calibration.scale(of_scale[0]);
-        let mut u = recorded.u[recorded.before()..].to_vec();
+        let mut u = posterior.disturbance.less(recorded);
         residuals.add(scale * self.calibration.log_torque.exp(), of_torques, &mut u);
         let mut state = State {
             numbers: self.draw_numbers(instructions, recorded, posterior, scale, of_numbers),

@@ -73,7 +73,14 @@ impl Law {
         let width = belief.mean.len();
         let motion = Some(root_of_block(&belief.covariance, width, 2 * robot.joints));
         let most_likely = filter.state(&belief);
-        RobotPosterior { most_likely, numbers: posterior, smoothed: Some(smoothed), motion }
+        let disturbance = self.disturbance(instructions, &path, &posterior.mean);
+        RobotPosterior {
+            most_likely,
+            numbers: posterior,
+            smoothed: Some(smoothed),
+            motion,
+            disturbance,
+        }
     }
 
     /// The steps from sample 1 to the last, each linearized around the path.

@@ -9,6 +9,7 @@ use nalgebra::DMatrix;
 use simd::{InstructionSet, Kernel, Lanes, MAX_LANES, with_f32_lanes};
 use spec::MAX_JOINTS;
 
+use super::disturbance::Disturbance;
 use super::law::{LEAST_PIVOT, Law, narrow};
 use super::linear_algebra::Factored;
 use super::pose::Pose;
@@ -18,7 +19,7 @@ use super::regression::{Bounds, Equation, Equations, Posterior, Regression};
 /// The stride in samples where only poses matter: an eighth of a second at 60 Hz.
 const EVERY: usize = 8;
 /// Rounds in which the noise of a context is estimated again from the residuals of the last fit.
-pub(super) const NOISE_ROUNDS: usize = 3;
+const NOISE_ROUNDS: usize = 3;
 
 /// Times that moments are moved half-way to those that robots have in the mean.
 const HALVINGS: usize = 8;
@@ -46,6 +47,8 @@ pub(super) struct RobotPosterior {
     /// A root of the covariance at the end of the context, `[row, column]`, where positions are
     /// filtered: the angles in rad, then the velocities in rad/s.
     pub motion: Option<DMatrix<f64>>,
+    /// The torque that the law does not explain, at the end of the context.
+    pub disturbance: Disturbance,
 }
 
 impl Law {
@@ -59,7 +62,8 @@ impl Law {
         let numbers = self.fit(instructions, recorded, bounds);
         let y = recorded.y[recorded.before()..].to_vec();
         let most_likely = State { y, numbers: narrow(&numbers.mean) };
-        RobotPosterior { most_likely, numbers, smoothed: None, motion: None }
+        let disturbance = self.disturbance(instructions, recorded, &numbers.mean);
+        RobotPosterior { most_likely, numbers, smoothed: None, motion: None, disturbance }
     }
 
     /// The distribution of a robot's numbers given its context. `bounds` decides whether masses may
@@ -76,9 +80,6 @@ impl Law {
         let each = |equation: &Equation<'_>| regression.add(equation);
         with_f32_lanes!(instructions, L => L::run(ContextEquations { law, recorded, each }));
         let mut found = self.fit_with(&regression, recorded, bounds);
-        if std::env::var("TQ_STRETCHES").is_ok() {
-            found = self.fit_stretches(instructions, recorded, found, bounds);
-        }
         let masses = bounds == Bounds::DissipationAndMasses;
         if self.numbers.moments {
             if masses {

@@ -9,11 +9,6 @@
 //! but ten *moments* of a body ([`MOMENTS`]): how many times its mass it has with the same shape, how
 //! far its centre is off along each principal axis, and how it is stretched and turned.
 
-#![expect(
-    clippy::needless_range_loop,
-    reason = "closures do not inline into functions compiled for other instructions; loops over indices do"
-)]
-
 use nalgebra::{Matrix3, Rotation3, SymmetricEigen, Vector3};
 use simd::Lanes;
 use spec::{BodyDescription, Gravity, KnownRobot, MAX_JOINTS, RobotDescription};

@@ -28,6 +28,8 @@ pub(super) struct Law {
     pub prior: Prior,
     pub calibration: Calibration,
     pub numbers: Numbers,
+    /// Whether residual torques go on over the horizon ([`super::disturbance`]).
+    pub disturbance: bool,
     /// The number of independent samples that a context counts as. The law's errors at neighbouring
     /// samples are alike. Training uses this many samples and takes their errors as independent.
     pub points: usize,

@@ -30,6 +30,7 @@
 //! ([`draws`], [`scoring`]).
 
 mod batch;
+mod disturbance;
 mod draws;
 mod features;
 mod filtering;
@@ -44,7 +45,6 @@ mod recorded;
 mod regression;
 mod rollout;
 mod scoring;
-mod stretches;
 #[cfg(test)]
 mod tests;
 mod torques;
@@ -188,6 +188,7 @@ impl Architecture for LagrangianSpec {
             first,
             numbers,
             friction_units: nominal.iter().map(|joint| joint.friction_unit).collect(),
+            disturbance: self.disturbance,
             kinematics,
             points: self.points.min(context - 2) as usize,
         })
@@ -235,6 +236,9 @@ pub(crate) struct Lagrangian {
     /// The unit of each joint's mean friction, N·m.
     #[module(skip)]
     friction_units: Vec<f32>,
+    /// Whether residual torques go on over the horizon.
+    #[module(skip)]
+    disturbance: bool,
     /// The arm that the law is told.
     #[module(skip)]
     kinematics: Option<Kinematics>,
@@ -403,6 +407,7 @@ impl Lagrangian {
             prior: self.prior(),
             calibration: self.calibration(),
             numbers: self.numbers,
+            disturbance: self.disturbance,
             points: self.points,
         }
     }

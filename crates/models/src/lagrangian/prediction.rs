@@ -92,9 +92,15 @@ impl Law {
         let places: Vec<usize> =
             asked.iter().enumerate().flat_map(|(place, same)| spread(place, same)).collect();
         if draws.is_empty() {
-            let starts = robots.iter().zip(&places).map(|(robot, &place)| {
-                Start::new(robot, &robot.u[robot.before()..], &posteriors[place].most_likely)
-            });
+            let torques: Vec<Vec<f32>> = robots
+                .iter()
+                .zip(&places)
+                .map(|(robot, &place)| posteriors[place].disturbance.less(robot))
+                .collect();
+            let starts =
+                robots.iter().zip(&places).zip(&torques).map(|((robot, &place), u)| {
+                    Start::new(robot, u, &posteriors[place].most_likely)
+                });
             return self.roll_out(instructions, &starts.collect::<Vec<_>>());
         }
         let residuals: Vec<ResidualTorques> = asked

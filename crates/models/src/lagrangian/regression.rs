@@ -154,18 +154,6 @@ pub(super) struct Equation<'a> {
 }
 
 impl Equation<'_> {
-    /// Writes the factor of each number, and then the torque.
-    pub fn write(&self, of: Numbers, row: &mut [f64]) {
-        row.fill(0.0);
-        for (entry, &factor) in row.iter_mut().zip(self.shared) {
-            *entry = f64::from(factor);
-        }
-        for (kind, &factor) in self.own.iter().enumerate().take(of.own()) {
-            row[of.shared().end + kind * of.joints + self.joint] = f64::from(factor);
-        }
-        row[of.count()] = f64::from(self.torque);
-    }
-
     /// The residual torque with these numbers, N·m.
     #[expect(clippy::cast_possible_truncation, reason = "torques are in f32")]
     pub fn residual_torque(&self, of: Numbers, numbers: &[f64]) -> f32 {

@@ -79,12 +79,12 @@ impl<L: Lanes> Kernel<L> for TorquesOfPoints<'_> {
             pose.update(law, &q, &velocity);
             for particle in 0..particles {
                 let of_particle = pose.particle(law, particle, &acceleration);
-                for joint in 0..joints {
+                for (joint, torque) in of_particle.iter().enumerate().take(joints) {
                     let mut of_lanes = [0.0; MAX_LANES];
-                    of_particle[joint].store(&mut of_lanes);
-                    for lane in 0..lanes {
+                    torque.store(&mut of_lanes);
+                    for (lane, torque) in of_lanes.iter().enumerate().take(lanes) {
                         let row = (first + lane) * joints + joint;
-                        torques[row * particles + particle] = of_lanes[lane];
+                        torques[row * particles + particle] = *torque;
                     }
                 }
             }

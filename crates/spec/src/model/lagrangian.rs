@@ -47,6 +47,10 @@ pub struct LagrangianSpec {
     /// sensor.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub torque_offset: bool,
+    /// Whether the slow part of the torque that the law leaves in a context goes on over the horizon,
+    /// where it decays.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub disturbance: bool,
 }
 
 /// What a law is told of the arm.

@@ -38,6 +38,7 @@ fn spec() -> LagrangianSpec {
         robot: None,
         rotor_inertia: false,
         torque_offset: false,
+        disturbance: false,
     }
 }
 
@@ -265,6 +266,7 @@ fn separate(masses: &[f32], joint: JointLaw, damping: [f64; 2]) -> Law {
         prior,
         calibration: Calibration { log_median: 0.0, log_spread: 0.0, log_torque: 0.0 },
         numbers,
+        disturbance: false,
         points: 1000,
     }
 }
