@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -99,8 +100,13 @@ class Lagrangian(nn.Module):
         context: int,
         rate_hz: float,
         joints: int = 7,
+        **options: Any,
     ):
         super().__init__()
+        if options:
+            raise NotImplementedError(
+                f"this twin has no {', '.join(sorted(options))}; ask torqued for the predictions of such a model"
+            )
         self.joints = joints
         self.rate_hz = rate_hz
         self.points = min(points, context - 2)

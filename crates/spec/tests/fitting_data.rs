@@ -100,6 +100,52 @@ fn checkpoints_of_another_length_are_refused_with_both_numbers() {
 }
 
 #[test]
+fn equations_answer_at_multiples_of_their_rate_and_networks_do_not() {
+    let at = |rate_hz: f64, model: &str| {
+        let mut asked = json!({"preset": "D1-chirp", "trajectories": 10, "samples": 800});
+        asked["rate_hz"] = json!(rate_hz);
+        let asked = DataSpec::of(&spec::parse(asked.to_string().as_bytes()).unwrap()).unwrap();
+        let (trained, on) = (train(model), data(400));
+        let inputs = [Training { spec: &trained, data: &on }];
+        let context = if model == "cdt-tiny" { 320 } else { 640 };
+        let spec = evaluate(&json!({"context": context, "horizon": 80}));
+        spec.check_inputs(&asked, &inputs, &[]).map_err(|error| error.to_string())
+    };
+    for rate_hz in [60.0, 120.0, 960.0] {
+        assert_eq!(at(rate_hz, "lagrangian-tiny"), Ok(()));
+    }
+    assert_eq!(at(60.0, "cdt-tiny"), Ok(()));
+    for (rate_hz, model) in
+        [(30.0, "lagrangian-tiny"), (90.0, "lagrangian-tiny"), (120.0, "cdt-tiny")]
+    {
+        let error = at(rate_hz, model).unwrap_err();
+        let both = ["trained with rate_hz 60".to_owned(), format!("rate_hz {rate_hz}")];
+        assert!(both.iter().all(|text| error.contains(text)), "{error}");
+    }
+}
+
+#[test]
+fn a_law_is_told_an_arm_with_the_joints_of_the_data() {
+    let told = |robot: Value| {
+        let spec = training(&json!({"architecture": "lagrangian", "robot": robot}))?;
+        let JobSpec::Train(train) = spec else { panic!("a training") };
+        train.check_data(&[&data(400)])
+    };
+    assert_eq!(told(json!({"model": "panda", "gravity": "off"})), Ok(()));
+    let error = told(json!({"model": "ur10e"})).unwrap_err().to_string();
+    let both = ["model.robot.model is an arm of 6 joints", "an arm of 7 joints, as the data has"];
+    assert!(both.iter().all(|text| error.contains(text)), "{error}");
+    for (robot, field) in [
+        (json!({"model": "pandas"}), "model.robot.model"),
+        (json!({"gravity": "on"}), "model"),
+        (json!({"model": "panda", "gravity": "heavy"}), "model.robot.gravity"),
+    ] {
+        let error = told(robot).unwrap_err().to_string();
+        assert!(error.contains(field), "{field}: {error}");
+    }
+}
+
+#[test]
 fn a_training_with_a_least_context_answers_each_multiple_of_its_patch() {
     let model = json!({"preset": "prefix-transformer-tiny", "least_context": 20});
     let Ok(JobSpec::Train(trained)) = training(&model) else { panic!("a training") };
