@@ -18,7 +18,9 @@ fn six_joints(robots: usize) -> Series {
 #[test]
 fn an_arm_of_six_joints_is_trained_kept_and_predicted() {
     let (batch, seven) = (six_joints(8), batch(0, 8));
-    for (name, model) in every_kind() {
+    // A law that is told an arm has the joints of that arm.
+    let kinds = every_kind().into_iter().filter(|(_, model)| model.robot().is_none());
+    for (name, model) in kinds {
         let data = || TrainingData { joints: 6, ..DATA };
         let spec = training_of(model);
         let mut trained = Trainer::new(&spec, data(), "digest", &Device::cpu()).unwrap();
