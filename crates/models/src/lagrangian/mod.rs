@@ -116,10 +116,9 @@ impl Architecture for LagrangianSpec {
         within("context", context, LEAST_CONTEXT, MOST_SAMPLES)?;
         let joints_of = |count: usize| u32::try_from(count).unwrap_or(u32::MAX);
         let kinematics = self.robot.as_ref().map(Kinematics::new);
-        let (fewest, most) = match &self.robot {
-            Some(robot) => <[usize; 2]>::into([robot.model.description().joints.len(); 2]),
-            None => (usize::from(self.turns_freely) + 1, MAX_JOINTS),
-        };
+        let told = self.robot.as_ref().map(|robot| robot.model.description().joints.len());
+        let fewest = told.unwrap_or(usize::from(self.turns_freely) + 1);
+        let most = told.unwrap_or(MAX_JOINTS);
         within("joints", joints_of(joints), joints_of(fewest), joints_of(most))?;
         let first = usize::from(self.turns_freely && kinematics.is_none());
         let width = self.width as usize;
