@@ -21,7 +21,7 @@ const FEWEST: usize = 16;
 /// The slow part of the residual torque at the end of a context.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Disturbance {
-    /// Of each joint: N·m, and the share that is left after a sample.
+    /// Each joint has a torque in N·m and the share of it that is left after a sample.
     joints: Vec<(f32, f32)>,
 }
 

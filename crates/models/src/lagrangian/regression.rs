@@ -7,9 +7,10 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 /// Rounds in which numbers below their bound are held at it and the others are fitted again.
 const ROUNDS: usize = 8;
 
-/// The numbers that are fitted to one robot, in order: the weight of each particle (or as many moments
-/// of the links, where the arm is told), the strength of each force, and of each joint its damping in N·m·s/rad, its friction in N·m, its rotor inertia in
-/// kg m², and the offset of its torque in N·m.
+/// The numbers that are fitted to one robot, in order: the weight of each particle (or as many
+/// moments of the links, where the arm is told), the strength of each force, and of each joint its
+/// damping in N·m·s/rad, its friction in N·m, its rotor inertia in kg m², and the offset of its
+/// torque in N·m.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Numbers {
     pub particles: usize,
@@ -147,7 +148,7 @@ pub(super) struct Equation<'a> {
     pub joint: usize,
     /// Torques of each particle of weight 1 and of each force of strength 1, N·m.
     pub shared: &'a [f32],
-    /// Of the joint's own numbers.
+    /// The factors of the joint's own numbers.
     pub own: OwnFactors,
     /// The torque on the right-hand side, N·m.
     pub torque: f32,
@@ -282,6 +283,7 @@ impl Regression {
         (squares.max(0.0) / sums.samples.max(1.0)).sqrt()
     }
 
+    /// The sums over all joints, whose torques have these standard deviations, N·m.
     fn normal_equations(&self, noise: &[f64]) -> NormalEquations {
         let count = self.numbers.count();
         let mut squares = DMatrix::zeros(count, count);
@@ -304,17 +306,17 @@ impl Regression {
 
 /// Sums over equations with noise of deviation 1.
 #[derive(Clone, Debug)]
-pub(super) struct NormalEquations {
+struct NormalEquations {
     /// Σ x xᵀ, the lower triangle.
-    pub squares: DMatrix<f64>,
+    squares: DMatrix<f64>,
     /// Σ x u.
-    pub products: Vec<f64>,
+    products: Vec<f64>,
 }
 
 impl NormalEquations {
     /// The distribution of the numbers given these sums, within bounds. Numbers below their bound
     /// are held at it and the others are fitted again.
-    pub fn bounded_posterior(&self, numbers: Numbers, prior: &Prior, bounds: Bounds) -> Posterior {
+    fn bounded_posterior(&self, numbers: Numbers, prior: &Prior, bounds: Bounds) -> Posterior {
         let mut held = vec![false; numbers.count()];
         let mut found = Posterior::from_prior(prior);
         for _ in 0..ROUNDS {

@@ -53,7 +53,7 @@ pub struct LagrangianSpec {
     pub disturbance: bool,
 }
 
-/// What a law is told of the arm.
+/// The arm that a law is told, and whether gravity acts on it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct KnownRobot {
