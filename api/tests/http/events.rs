@@ -165,6 +165,23 @@ async fn a_job_is_told_from_its_progress_to_its_end() {
     assert_eq!(client.rest().await, [progress.clone(), end.clone()]);
 }
 
+/// The server looks for events every 200 ms, so it learns later of a job's end than it can read the
+/// job's state.
+#[tokio::test]
+async fn whoever_comes_right_after_the_end_gets_the_final_event() {
+    let server = Server::start().await;
+    let _listener = Client::open(&server, "/v1/events", &[]).await;
+    for seed in 1..=5 {
+        let job = server.submitted(&small_simulation(seed)).await["id"].clone();
+        server.work().await;
+        let path = format!("/v1/jobs/{job}/events?after=0");
+        let messages = Client::open(&server, &path, &[]).await.rest().await;
+        let kept = messages.iter().rfind(|message| message.id.is_some()).unwrap();
+        assert_eq!((kept.event.as_str(), &kept.data["state"]), ("job", &json!("succeeded")));
+        assert_eq!(messages.last().unwrap().event, "end");
+    }
+}
+
 #[tokio::test]
 async fn a_pipeline_tells_of_its_jobs_and_a_run_of_its_training() {
     let server = Server::start().await;

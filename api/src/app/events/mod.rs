@@ -19,7 +19,7 @@ use wire::{EventEnd, EventGap, JobProgress};
 use crate::access::Credentials;
 use crate::app::App;
 use crate::error::ApiError;
-use crate::limits::{EVENT_ACCESS_CHECKED, EVENT_PAGE};
+use crate::limits::{EVENT_ACCESS_CHECKED, EVENT_PAGE, EVENT_POLL};
 
 pub use feed::Feed;
 use feed::Listener;
@@ -62,6 +62,8 @@ struct Followed {
     changes: watch::Receiver<Option<Arc<JobProgress>>>,
     /// Its progress as sent last.
     told: Option<JobProgress>,
+    /// The job has ended, and its final event has this id or a smaller one.
+    ends_by: Option<i64>,
 }
 
 impl App {
@@ -90,8 +92,12 @@ impl App {
             None => None,
         };
         let Listener { news, position } = self.feed.listen(self).await?;
-        let followed =
-            job.map(|JobId(job)| Followed { job, changes: self.feed.watch(job), told: None });
+        let followed = job.map(|JobId(job)| Followed {
+            job,
+            changes: self.feed.watch(job),
+            told: None,
+            ends_by: None,
+        });
         let mut access_checked = interval(EVENT_ACCESS_CHECKED);
         access_checked.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let mut reader = EventReader {
@@ -151,7 +157,11 @@ impl EventReader {
             return self.replay().await;
         }
         if self.followed.as_ref().is_some_and(|followed| followed.told.is_none()) {
-            return self.tell_progress().await;
+            return self.begin_with_progress().await;
+        }
+        let ends_by = self.followed.as_ref().and_then(|followed| followed.ends_by);
+        if ends_by.is_some_and(|id| id <= self.position) {
+            return self.tell_end().await;
         }
         let changed = async {
             match &mut self.followed {
@@ -175,6 +185,9 @@ impl EventReader {
                 Err(broadcast::error::RecvError::Closed) => self.has_ended = true,
             },
             _ = changed => self.take_progress(),
+            () = tokio::time::sleep(EVENT_POLL), if ends_by.is_some() => {
+                self.replay_to = self.app.feed.settled();
+            }
         }
         Ok(())
     }
@@ -242,32 +255,49 @@ impl EventReader {
         };
         self.to_send.push_back(event);
         if ends {
-            self.tell_progress().await?;
+            self.tell_end().await?;
         }
         Ok(())
     }
 
-    /// Sends the present progress of the job, and ends the stream if it is final.
-    async fn tell_progress(&mut self) -> Result<(), ApiError> {
-        let Some(followed) = &mut self.followed else { return Ok(()) };
-        let progress = self.app.job_progress(&[followed.job]).await?.remove(&followed.job);
-        let Some(progress) = progress else {
-            // The job was deleted.
-            self.has_ended = true;
+    /// Sends the present progress of the job. If the job has ended, its final event may not have
+    /// settled yet, so the stream ends once all events that exist now were sent.
+    async fn begin_with_progress(&mut self) -> Result<(), ApiError> {
+        let Some(progress) = self.tell_progress().await? else { return Ok(()) };
+        if !progress.state.is_final() {
             return Ok(());
-        };
-        followed.told = Some(progress.clone());
-        let end = progress.state.is_final().then(|| EventEnd {
-            job: progress.job,
-            state: progress.state,
-            error: progress.error.clone(),
-        });
-        self.to_send.push_back(wire::Event::Progress(progress));
-        if let Some(end) = end {
-            self.to_send.push_back(wire::Event::End(end));
-            self.has_ended = true;
+        }
+        let (_, newest) = self.app.store.kept_events().await?;
+        if newest <= self.position {
+            self.end(progress);
+        } else if let Some(followed) = &mut self.followed {
+            followed.ends_by = Some(newest);
         }
         Ok(())
+    }
+
+    async fn tell_end(&mut self) -> Result<(), ApiError> {
+        if let Some(progress) = self.tell_progress().await? {
+            self.end(progress);
+        }
+        Ok(())
+    }
+
+    /// Sends the present progress of the job. `None`, and the stream ends, if the job was deleted.
+    async fn tell_progress(&mut self) -> Result<Option<JobProgress>, ApiError> {
+        let Some(followed) = &mut self.followed else { return Ok(None) };
+        let progress = self.app.job_progress(&[followed.job]).await?.remove(&followed.job);
+        followed.told.clone_from(&progress);
+        match &progress {
+            Some(progress) => self.to_send.push_back(wire::Event::Progress(progress.clone())),
+            None => self.has_ended = true,
+        }
+        Ok(progress)
+    }
+
+    fn end(&mut self, JobProgress { job, state, error, .. }: JobProgress) {
+        self.to_send.push_back(wire::Event::End(EventEnd { job, state, error }));
+        self.has_ended = true;
     }
 
     /// Sends the progress that the feed has read. Its state may be final before the final event has
