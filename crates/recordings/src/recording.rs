@@ -80,7 +80,7 @@ impl Recording {
     }
 
     /// Whether its samples passed the low-pass.
-    pub const fn is_filtered(&self) -> bool {
+    pub fn is_filtered(&self) -> bool {
         self.resampler.is_filtered()
     }
 
@@ -89,7 +89,7 @@ impl Recording {
     pub fn folded_rate_hz(&self, spec: &ImportSpec) -> Option<f64> {
         let is_stated = spec.low_pass_hz.is_some();
         let rate_hz = self.periods() / (self.last_s - self.start_s);
-        let is_folded = spec.resampling == Resampling::Linear && !is_stated;
+        let is_folded = spec.resampling.makes_samples() && !is_stated;
         (is_folded && rate_hz > MUCH_FASTER * spec.rate_hz).then_some(rate_hz)
     }
 
@@ -119,19 +119,21 @@ impl Recording {
                 }
                 Err(off(allowed))
             }
-            Resampling::Linear if period > spec.max_gap_s + SAME_TIME * expected => {
+            Resampling::Linear | Resampling::Mean
+                if period > spec.max_gap_s + SAME_TIME * expected =>
+            {
                 let limit = spec.max_gap_s;
                 let allowed = format!("at most max_gap_s = {limit}; a pause ends a recording");
                 Err(off(allowed))
             }
-            Resampling::None | Resampling::Linear => Ok(()),
+            Resampling::None | Resampling::Linear | Resampling::Mean => Ok(()),
         }
     }
 
     /// # Errors
     /// When its periods are right one by one, but wrong together.
     pub fn check_rate(&self, spec: &ImportSpec) -> Result<(), RowError> {
-        if self.rows == 0 || spec.resampling != Resampling::None {
+        if self.rows == 0 || spec.resampling.makes_samples() {
             return Ok(());
         }
         let periods = self.periods();

@@ -64,15 +64,17 @@ impl Resampler {
             joints: spec.joints(),
             channels: channel_count(spec),
         };
-        let stage = match options.edge_hz {
-            Some(_) => Stage::Unknown(VecDeque::new()),
-            None => Stage::Plain(Box::default()),
+        let is_mean = spec.resampling == Resampling::Mean;
+        let stage = if is_mean || options.edge_hz.is_some() {
+            Stage::Unknown(VecDeque::new())
+        } else {
+            Stage::Plain(Box::default())
         };
         Self { options, stage }
     }
 
-    pub const fn is_filtered(&self) -> bool {
-        matches!(self.stage, Stage::Filtered(_))
+    pub fn is_filtered(&self) -> bool {
+        matches!(&self.stage, Stage::Filtered(dense) if dense.filter.is_some())
     }
 
     /// Accepts the next row, which is later than the one before.
@@ -145,7 +147,7 @@ impl Plain {
     fn advance(&mut self, options: &Options) -> Option<Sample> {
         loop {
             let next = *self.incoming.front()?;
-            let Some(last) = self.last.filter(|_| options.resampling == Resampling::Linear) else {
+            let Some(last) = self.last.filter(|_| options.resampling.makes_samples()) else {
                 self.last = self.incoming.pop_front();
                 self.samples += 1;
                 self.start_s = next.time_s;
@@ -183,10 +185,12 @@ fn seconds(samples: u64, rate_hz: f64) -> f64 {
     samples as f64 / rate_hz
 }
 
-/// Interpolates rows at even times, filters them, and keeps one of every `per_sample`.
+/// Interpolates rows at even times, filters them if asked, and keeps one of every `per_sample`.
 struct Filtered {
-    filter: LowPass,
+    filter: Option<LowPass>,
     rate_hz: f64,
+    /// Number of leading channels, the torques, whose samples are means until the next sample.
+    means: usize,
     /// Number of even times per sample of the dataset.
     per_sample: u64,
     /// Number of even times that the filter remembers.
@@ -218,21 +222,27 @@ impl Filtered {
         let (Some(first), Some(last)) = (rows.front(), rows.back()) else { return Ok(None) };
         let rate_hz = (rows.len() - 1) as f64 / (last.time_s - first.time_s);
         let rows_per_sample = rate_hz / options.rate_hz;
-        let Some(edge_hz) = options.edge_hz.filter(|_| rows_per_sample > NEARLY_AS_FAST) else {
+        if rows_per_sample <= NEARLY_AS_FAST || rows_per_sample.is_nan() {
             return Ok(None);
-        };
+        }
         if rows_per_sample > MAX_ROWS_PER_SAMPLE {
             return Err(too_fast(first.place, rate_hz, options.rate_hz));
         }
         // A rate that is measured is not exactly a multiple of the dataset's.
         let per_sample = ((1.0 - SAME_TIME) * rows_per_sample).ceil().max(2.0);
         let dense_hz = per_sample * options.rate_hz;
-        let Some(filter) = LowPass::new(edge_hz, dense_hz) else { return Ok(None) };
+        let filter = match options.edge_hz.map(|edge_hz| LowPass::new(edge_hz, dense_hz)) {
+            Some(None) => return Ok(None),
+            filter => filter.flatten(),
+        };
+        let remembered = options.edge_hz.map_or(0.0, |edge_hz| REMEMBERED_PERIODS / edge_hz);
+        let is_mean = options.resampling == Resampling::Mean;
         Ok(Some(Self {
             filter,
             rate_hz: options.rate_hz,
+            means: if is_mean { options.joints } else { 0 },
             per_sample: per_sample as u64,
-            margin: (REMEMBERED_PERIODS * dense_hz / edge_hz).ceil() as usize,
+            margin: ((remembered * dense_hz).ceil() as usize).max(per_sample as usize),
             start_s: first.time_s,
             last: None,
             values: vec![Vec::new(); options.channels],
@@ -281,7 +291,7 @@ impl Filtered {
         let mut extended = reflected(&values[1..=before], *first);
         extended.extend(values);
         extended.extend(reflected(&values[end - after..end], *last));
-        match self.filter.apply(&extended) {
+        match self.filter.as_ref().and_then(|filter| filter.apply(&extended)) {
             Some(filtered) => filtered[before..=before + end].to_vec(),
             None => values.to_vec(),
         }
@@ -302,8 +312,14 @@ impl Filtered {
                 let place = (self.next - self.first) as usize;
                 let time_s = self.start_s + seconds(self.next / self.per_sample, self.rate_hz);
                 let mut sample = Sample { time_s, ..row };
-                for (value, filtered) in sample.values.iter_mut().zip(&filtered) {
-                    *value = filtered[place];
+                for (channel, (value, filtered)) in
+                    sample.values.iter_mut().zip(&filtered).enumerate()
+                {
+                    *value = if channel < self.means {
+                        mean(&filtered[place..], self.per_sample as usize)
+                    } else {
+                        filtered[place]
+                    };
                 }
                 self.ready.push_back(sample);
             }
@@ -314,6 +330,12 @@ impl Filtered {
         self.values.iter_mut().for_each(|values| drop(values.drain(..gone)));
         self.first += gone as u64;
     }
+}
+
+/// The mean of the first `count` values. The last one is held.
+fn mean(values: &[f64], count: usize) -> f64 {
+    let held = values.last().into_iter().cycle();
+    values.iter().chain(held).take(count).sum::<f64>() / count as f64
 }
 
 fn too_fast(place: Place, rate_hz: f64, wanted_hz: f64) -> RowError {
@@ -399,6 +421,29 @@ mod tests {
         for (sample, value) in in_blocks.iter().zip(whole.iter().step_by(8)).skip(50).take(1400) {
             assert!((sample.values[3] - value).abs() < 1e-8, "{} {value}", sample.values[3]);
         }
+    }
+
+    #[test]
+    fn a_mean_torque_keeps_the_impulse_and_positions_keep_their_time() {
+        let wave = |t: f64| (TAU * 3.0 * t).sin();
+        let integral = |t: f64| -(TAU * 3.0 * t).cos() / (TAU * 3.0);
+        for low_pass_hz in [json!("none"), json!(20.0)] {
+            let spec = spec(&json!({"resampling": "mean", "low_pass_hz": low_pass_hz}));
+            let found = samples(&spec, &even(1000.0, 6_000), wave);
+            assert_eq!(found.len(), 301);
+            for sample in &found[20..280] {
+                let [begin, end] = [sample.time_s, sample.time_s + 0.02];
+                // A row's torque is held until the next row, half a millisecond late in the mean.
+                let impulse = integral(end - 5e-4) - integral(begin - 5e-4);
+                let error = sample.values[0] - 50.0 * impulse;
+                assert!(error.abs() < 2e-3, "{low_pass_hz} {begin}: {error}");
+                assert!((sample.values[7] - wave(begin)).abs() < 2e-3, "{low_pass_hz} {begin}");
+            }
+        }
+        // The last torque is held.
+        let spec = spec(&json!({"resampling": "mean", "low_pass_hz": "none"}));
+        let last = *samples(&spec, &even(1000.0, 100), |t| t).last().unwrap();
+        assert!((last.values[0] - 7.1).abs() < 1e-9 && (last.values[7] - 7.1).abs() < 1e-9);
     }
 
     #[test]

@@ -4,8 +4,7 @@ use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 
 use super::spec::{
-    CsvLayout, FileFormat, ImportColumns, ImportRanges, ImportSpec, LowPassHz, McapMessages,
-    Resampling, Split,
+    CsvLayout, FileFormat, ImportColumns, ImportRanges, ImportSpec, LowPassHz, McapMessages, Split,
 };
 use crate::MAX_POSITION_NOISE_RAD;
 use crate::check::{Check, Violations};
@@ -28,7 +27,7 @@ impl Check for ImportSpec {
         if let Split::Windows { stride } = self.split {
             violations.within("split.stride", stride, 1..=1_000_000);
         }
-        if self.resampling == Resampling::Linear && self.columns.time.is_none() {
+        if self.resampling.makes_samples() && self.columns.time.is_none() {
             violations.add("columns.time", "missing", "a column, which resampling needs");
         }
         violations.part("execution", &self.execution);
@@ -113,8 +112,8 @@ impl ImportSpec {
                 format!("{} to below {}, a 20th and a half of rate_hz", rate / 20.0, rate / 2.0);
             violations.add("low_pass_hz", edge, allowed);
         }
-        if self.resampling == Resampling::None {
-            let allowed = "left out, or resampling \"linear\", which leaves samples out";
+        if !self.resampling.makes_samples() {
+            let allowed = "left out, or resampling \"linear\" or \"mean\", which leave samples out";
             violations.add("low_pass_hz", edge, allowed);
         }
     }

@@ -54,7 +54,8 @@ fn leave_ranges_to_robot(fields: &mut Map<String, Value>) {
 /// stored without the field keep their meaning and their digest.
 fn state_low_pass(fields: &mut Map<String, Value>) {
     let is_stated = fields.get("low_pass_hz").is_some_and(|edge| !edge.is_null());
-    if is_stated || fields.get("resampling").is_none_or(|resampling| resampling != "linear") {
+    let makes_samples = ["linear", "mean"].map(Value::from);
+    if is_stated || !fields.get("resampling").is_some_and(|given| makes_samples.contains(given)) {
         return;
     }
     let rate_hz = fields.get("rate_hz").map_or(Some(defaults::rate_hz()), Value::as_f64);

@@ -316,6 +316,15 @@ pub enum Resampling {
     /// Behind a low-pass (`low_pass_hz`), torques are interpolated as well. Sampling begins anew
     /// with each recording.
     Linear,
+    /// Like `linear`, but a torque is the mean until the next sample, so that its impulse stays.
+    Mean,
+}
+
+impl Resampling {
+    /// Whether samples of the dataset lie between those of the file.
+    pub fn makes_samples(self) -> bool {
+        self != Self::None
+    }
 }
 
 /// How a recording is cut into trajectories of `samples` samples.
