@@ -1,5 +1,4 @@
-//! Questions at a lower rate: the mean of every few samples, for models of a lower rate than the
-//! recording's.
+//! Questions at a lower rate, for models of a lower rate than the recording's.
 
 use std::ops::Range;
 
@@ -12,11 +11,11 @@ const KEPT: usize = 2;
 
 /// A question at a lower rate.
 ///
-/// The context is cut into blocks of `factor` samples that end with it. A block's position is the
-/// mean of its samples, less the share of the curvature that a mean adds. It stands at the middle
-/// of the block, a *knot*. A torque is the mean between two knots. So noise that is independent from
-/// sample to sample shrinks by the root of `factor`, nothing is delayed, and torques keep their
-/// impulse.
+/// Every `factor`-th sample, counted back from the last one of the context and on from there, is a
+/// *knot*. A knot's position is the mean of the samples nearest to it, less what their curvature adds.
+/// At either end of a context, samples lie on one side, and a line through them gives the position
+/// instead. A torque is the mean from one knot to the next. So noise that is independent from sample
+/// to sample shrinks by the root of `factor`, nothing is delayed, and torques keep their impulse.
 #[derive(Debug)]
 pub struct Decimated {
     series: Series,
@@ -29,25 +28,26 @@ pub struct Decimated {
 }
 
 impl Decimated {
-    /// `observed` with the means of `factor` samples. `None` if its context has no two blocks.
+    /// `observed` with the means of `factor` samples. `None` if its context has no two knots.
     ///
     /// # Errors
     /// [`ShapeError::TooLarge`].
     pub fn new(observed: &Observed<'_>, factor: usize) -> Result<Option<Self>, ShapeError> {
-        let context = observed.context() / factor.max(1);
-        if factor < 2 || context < KEPT {
+        let context = match observed.context().checked_sub(1) {
+            Some(before) if factor >= 2 => 1 + before / factor,
+            _ => 0,
+        };
+        if context < KEPT {
             return Ok(None);
         }
         let (joints, horizon) = (observed.joints(), observed.horizon());
-        // The last knot of the context is (factor + 1) / 2 samples before the horizon's first one,
-        // and the last knot of the horizon not before its last one.
-        let ahead = (2 * horizon + factor - 1).div_ceil(2 * factor);
+        let ahead = horizon.div_ceil(factor);
         let shape = Shape { robots: observed.robots(), samples: context + ahead, joints };
-        let first = observed.context() - context * factor;
+        let first = (observed.context() - 1) % factor;
         let (mut u, mut y) = (Vec::new(), Vec::new());
         for robot in 0..observed.robots() {
-            y.extend(positions(observed.y(robot), first, factor, joints));
-            u.extend(torques(observed.u(robot), first, factor, shape.samples, joints));
+            y.extend(positions(observed.y(robot), first, factor));
+            u.extend(torques(observed.u(robot), first, factor, shape.samples));
         }
         let kept = y
             .chunks_exact(context * joints)
@@ -93,7 +93,7 @@ impl Decimated {
     fn weights(&self, sample: usize, knots: usize) -> (Range<usize>, Vec<f64>) {
         let factor = self.factor as f64;
         // In knots, from the first one kept.
-        let at = (KEPT - 1) as f64 + (sample as f64 + 0.5 * (factor + 1.0)) / factor;
+        let at = (KEPT - 1) as f64 + (sample + 1) as f64 / factor;
         let count = KNOTS.min(knots);
         let first = whole(at).saturating_sub(KNOTS / 2 - 1).min(knots - count);
         let used = first..first + count;
@@ -121,48 +121,96 @@ fn whole(place: f64) -> usize {
     place.floor() as usize
 }
 
+/// The samples that a position is taken from.
+struct Window {
+    /// Samples before the knot.
+    before: usize,
+    /// The weight of each sample. They add up to 1, and a slope adds nothing.
+    weights: Vec<f64>,
+    /// What a curvature of 1 per `factor` samples adds.
+    excess: f64,
+}
+
+impl Window {
+    /// The mean of `factor` samples around a knot. If they are even in number, the outermost two
+    /// count half.
+    fn around(factor: usize) -> Self {
+        let before = factor / 2;
+        let mut weights = vec![1.0; 2 * before + 1];
+        if factor.is_multiple_of(2) {
+            weights[0] = 0.5;
+            weights[2 * before] = 0.5;
+        }
+        weights.iter_mut().for_each(|weight| *weight /= factor as f64);
+        Self::new(before, weights, factor)
+    }
+
+    /// The line through the samples from the knot to the next one, by least squares, at the knot.
+    fn after(factor: usize) -> Self {
+        let samples = (factor + 1) as f64;
+        let weight = |offset: usize| {
+            (4.0 * samples - 2.0 - 6.0 * offset as f64) / (samples * (samples + 1.0))
+        };
+        Self::new(0, (0..=factor).map(weight).collect(), factor)
+    }
+
+    /// The same with the samples from the knot before.
+    fn before(factor: usize) -> Self {
+        let Self { mut weights, excess, .. } = Self::after(factor);
+        weights.reverse();
+        Self { before: factor, weights, excess }
+    }
+
+    fn new(before: usize, weights: Vec<f64>, factor: usize) -> Self {
+        let each = weights.iter().enumerate();
+        let offset = |place: usize| (place as f64 - before as f64) / factor as f64;
+        let excess = each.map(|(place, weight)| 0.5 * weight * offset(place).powi(2)).sum();
+        Self { before, weights, excess }
+    }
+}
+
 /// The position at each knot, `[knot, joint]`.
-fn positions(y: Track<'_>, first: usize, factor: usize, joints: usize) -> Vec<f32> {
-    let blocks = y.values()[first * joints..].chunks_exact(factor * joints);
-    let means: Vec<Vec<f64>> = blocks
-        .map(|block| {
-            let of_joint = |joint: usize| {
-                let values = block.iter().skip(joint).step_by(joints);
-                values.map(|&value| f64::from(value)).sum::<f64>() / factor as f64
-            };
-            (0..joints).map(of_joint).collect()
+fn positions(y: Track<'_>, first: usize, factor: usize) -> Vec<f32> {
+    let [start, middle, end] =
+        [Window::after(factor), Window::around(factor), Window::before(factor)];
+    let windows: Vec<(usize, &Window)> = (first..y.samples())
+        .step_by(factor)
+        .map(|knot| match knot {
+            _ if knot < middle.before => (knot, &start),
+            _ if knot + middle.before >= y.samples() => (knot - end.before, &end),
+            _ => (knot - middle.before, &middle),
         })
         .collect();
-    // The mean of a parabola over a block exceeds its middle by this share of the second difference.
-    let excess = (1.0 - (factor as f64).powi(-2)) / 24.0;
-    let last = means.len() - 1;
-    let value = |(knot, mean): (usize, &Vec<f64>)| -> Vec<f32> {
-        let middle = knot.clamp(1, last.saturating_sub(1).max(1));
-        let curvature = |joint: usize| match means.get(middle + 1) {
-            Some(after) => after[joint] - 2.0 * means[middle][joint] + means[middle - 1][joint],
-            None => 0.0,
+    let mut positions = vec![0.0; windows.len() * y.joints()];
+    for joint in 0..y.joints() {
+        let values: Vec<f64> = y.joint(joint).map(f64::from).collect();
+        let mean = |&(from, window): &(usize, &Window)| -> f64 {
+            values[from..].iter().zip(&window.weights).map(|(value, weight)| value * weight).sum()
         };
-        let of_joint = |(joint, mean): (usize, &f64)| narrow(mean - excess * curvature(joint));
-        mean.iter().enumerate().map(of_joint).collect()
-    };
-    means.iter().enumerate().flat_map(value).collect()
+        let means: Vec<f64> = windows.iter().map(mean).collect();
+        let curvature = |knot: usize| match means.len() {
+            2 => 0.0,
+            count => {
+                let at = knot.clamp(1, count - 2);
+                means[at - 1] - 2.0 * means[at] + means[at + 1]
+            }
+        };
+        for (knot, (mean, (_, window))) in means.iter().zip(&windows).enumerate() {
+            positions[knot * y.joints() + joint] = narrow(mean - window.excess * curvature(knot));
+        }
+    }
+    positions
 }
 
 /// The mean torque from each of `knots` knots to the next, `[knot, joint]`. The last torque is held.
-fn torques(u: Track<'_>, first: usize, factor: usize, knots: usize, joints: usize) -> Vec<f32> {
+fn torques(u: Track<'_>, first: usize, factor: usize, knots: usize) -> Vec<f32> {
     let last = u.samples() - 1;
     let mean = |knot: usize, joint: usize| {
-        // A knot is in the middle of a period, or between two if the factor is odd.
-        let twice = 2 * (first + knot * factor) + factor - 1;
-        let value = |sample: usize| f64::from(u[sample.min(last)][joint]);
-        let begin = twice / 2;
-        let mut sum: f64 = (begin..begin + factor).map(value).sum();
-        if twice % 2 == 1 {
-            sum += 0.5 * (value(begin + factor) - value(begin));
-        }
+        let samples = (first + knot * factor..).take(factor);
+        let sum: f64 = samples.map(|sample| f64::from(u[sample.min(last)][joint])).sum();
         narrow(sum / factor as f64)
     };
-    (0..knots).flat_map(|knot| (0..joints).map(move |joint| mean(knot, joint))).collect()
+    (0..knots).flat_map(|knot| (0..u.joints()).map(move |joint| mean(knot, joint))).collect()
 }
 
 #[cfg(test)]
@@ -197,13 +245,11 @@ mod tests {
         for (factor, context, samples) in [(16, 500, 700), (5, 503, 640), (2, 100, 101)] {
             let (_, decimated) = asked(factor, context, samples);
             let observed = decimated.observed();
-            assert_eq!(observed.context(), context / factor);
+            assert_eq!(observed.context(), 1 + (context - 1) / factor);
             assert!((observed.rate_hz() * factor as f64 - 1000.0).abs() < 1e-9);
             assert!((observed.noise().position_rad * (factor as f64).sqrt() - 1e-4).abs() < 1e-12);
-            let first = context % factor;
-            let time = |knot: usize| {
-                (first as f64 + (knot * factor) as f64 + 0.5 * (factor as f64 - 1.0)) / 1000.0
-            };
+            let first = (context - 1) % factor;
+            let time = |knot: usize| (first + knot * factor) as f64 / 1000.0;
             let (u, y) = (observed.u(0), observed.y(0));
             for knot in 0..observed.context() {
                 let [now, next] = [time(knot), time(knot + 1)];
@@ -220,12 +266,11 @@ mod tests {
         for (factor, context, samples) in [(16, 500, 700), (5, 503, 640), (8, 80, 81), (3, 7, 9)] {
             let (series, decimated) = asked(factor, context, samples);
             let observed = decimated.observed();
-            let first = context % factor;
+            let first = (context - 1) % factor;
             let ahead = observed.context()..observed.samples();
             let answer: Vec<f32> = ahead
                 .flat_map(|knot| {
-                    let sample = (first + knot * factor) as f64 + 0.5 * (factor as f64 - 1.0);
-                    let time = sample / 1000.0;
+                    let time = (first + knot * factor) as f64 / 1000.0;
                     [time.sin(), 0.1 * time.powi(3)].map(narrow)
                 })
                 .collect();
@@ -239,12 +284,12 @@ mod tests {
     }
 
     #[test]
-    fn a_context_without_two_blocks_has_no_lower_rate() {
+    fn a_context_without_two_knots_has_no_lower_rate() {
         let (u, y) = recording(20, 1000.0);
         let series =
             Series::new(Shape { robots: 1, samples: 20, joints: 2 }, 1000.0, u, y).unwrap();
-        assert!(Decimated::new(&series.observed(9), 5).unwrap().is_none());
+        assert!(Decimated::new(&series.observed(5), 5).unwrap().is_none());
         assert!(Decimated::new(&series.observed(9), 1).unwrap().is_none());
-        assert!(Decimated::new(&series.observed(10), 5).unwrap().is_some());
+        assert!(Decimated::new(&series.observed(6), 5).unwrap().is_some());
     }
 }
