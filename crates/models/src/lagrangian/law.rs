@@ -85,6 +85,23 @@ pub(super) struct JointLaw {
     pub friction_slope: f32,
     /// The velocity at which friction is steepest, negated, rad/s.
     pub friction_shift: f32,
+    /// Where a prediction stays.
+    pub limits: Limits,
+}
+
+/// Limits of a joint's motion, where a prediction stays unless it begins beyond them.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Limits {
+    /// Least and largest position, rad.
+    pub position: [f32; 2],
+    /// Largest speed, rad/s.
+    pub speed: f32,
+}
+
+impl Limits {
+    /// Those of an arm that the law is not told: a speed ten times that of arms. In a motion that the
+    /// law does not know, products of velocities could otherwise grow without end.
+    pub const UNKNOWN: Self = Self { position: [-f32::MAX, f32::MAX], speed: 50.0 };
 }
 
 impl JointLaw {

@@ -83,16 +83,15 @@ impl Dense {
 /// tanh x = 1 - 2 / (e²ˣ + 1), to about 10⁻⁷; beyond ±20 it is ±1 in single precision.
 #[inline(always)]
 pub(super) fn tanh<L: Lanes>(x: L) -> L {
-    let x = bounded(x, 20.0);
+    let x = bounded(x, L::splat(-20.0), L::splat(20.0));
     let power = (x + x).exp();
     (power + L::splat(1.0)).recip().mul_add(L::splat(-2.0), L::splat(1.0))
 }
 
-/// `x` clamped to -`most` to `most`.
+/// `x` clamped to `least` to `most`.
 #[inline(always)]
-pub(super) fn bounded<L: Lanes>(x: L, most: f32) -> L {
-    let least = L::splat(f64::from(-most));
-    -((-x.max(least)).max(least))
+pub(super) fn bounded<L: Lanes>(x: L, least: L, most: L) -> L {
+    -((-x.max(least)).max(-most))
 }
 
 /// A positive definite matrix as L D Lᵀ, with ones on the diagonal of L.

@@ -57,7 +57,7 @@ use spec::{LagrangianSpec, MAX_JOINTS};
 
 use self::batch::{HostBatch, Points, Posteriors};
 use self::kinematics::Kinematics;
-use self::law::{Calibration, DIRECTIONS, JointLaw, Law, Network, Places};
+use self::law::{Calibration, DIRECTIONS, JointLaw, Law, Limits, Network, Places};
 use self::linear_algebra::Dense;
 use self::nominal::NominalJoint;
 use self::recorded::{Motion, Recorded};
@@ -187,6 +187,7 @@ impl Architecture for LagrangianSpec {
             first,
             numbers,
             friction_units: nominal.iter().map(|joint| joint.friction_unit).collect(),
+            limits: nominal.iter().map(|joint| joint.limits).collect(),
             disturbance: self.disturbance,
             kinematics,
             points: self.points.min(context - 2) as usize,
@@ -235,6 +236,9 @@ pub(crate) struct Lagrangian {
     /// The unit of each joint's mean friction, N·m.
     #[module(skip)]
     friction_units: Vec<f32>,
+    /// Where predictions of each joint stay.
+    #[module(skip)]
+    limits: Vec<Limits>,
     /// Whether residual torques go on over the horizon.
     #[module(skip)]
     disturbance: bool,
@@ -357,6 +361,7 @@ impl Lagrangian {
                 noise: paced(noise[joint]),
                 friction_slope: paced(slope[joint]),
                 friction_shift: shift[joint],
+                limits: self.limits[joint],
             })
             .collect()
     }

@@ -2,6 +2,8 @@
 
 use spec::{JointDescription, RobotDescription};
 
+use super::law::Limits;
+
 /// Initial means and spreads of a joint over robots.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct NominalJoint {
@@ -18,6 +20,8 @@ pub(super) struct NominalJoint {
     pub slope: f32,
     /// Mean rotor inertia, kg m².
     pub rotor: f32,
+    /// Limits of its motion.
+    pub limits: Limits,
 }
 
 /// Values that a description leaves open, as shares of the rated torque: friction in N·m, damping in
@@ -29,6 +33,8 @@ const ROTOR_SHARE: f64 = 0.001;
 const SPREAD_SHARE: f64 = 0.5;
 /// Slope of friction at rest, s/rad.
 const SLOPE: f64 = 4.0;
+/// The largest speed of a prediction as a ratio to the joint's rated speed, which noise may exceed.
+const SPEED_MARGIN: f64 = 1.25;
 
 /// Joints of which nothing is known.
 pub(super) fn unknown(joints: usize) -> Vec<NominalJoint> {
@@ -40,6 +46,7 @@ pub(super) fn unknown(joints: usize) -> Vec<NominalJoint> {
         friction_spread: 0.1,
         slope: 4.0,
         rotor: 0.1,
+        limits: Limits::UNKNOWN,
     };
     vec![joint; joints]
 }
@@ -64,5 +71,9 @@ fn of_joint(joint: &JointDescription) -> NominalJoint {
         friction_spread: (SPREAD_SHARE * friction) as f32,
         slope: sigmoid.map_or(SLOPE, |friction| (friction.phi2_s_rad / 2.0).max(0.1)) as f32,
         rotor: known(joint.armature_kg_m2, ROTOR_SHARE) as f32,
+        limits: Limits {
+            position: [joint.position_rad.min, joint.position_rad.max].map(|limit| limit as f32),
+            speed: (SPEED_MARGIN * joint.velocity_rad_s) as f32,
+        },
     }
 }

@@ -12,7 +12,7 @@ use simd::{InstructionSet, Kernel, Lanes, MAX_LANES, with_f32_lanes};
 use spec::MAX_JOINTS;
 
 use super::fitting::State;
-use super::law::{LEAST_PIVOT, Law};
+use super::law::{LEAST_PIVOT, Law, Limits};
 use super::linear_algebra::{Factored, bounded};
 use super::pose::Pose;
 use super::recorded::Recorded;
@@ -20,10 +20,6 @@ use super::recorded::Recorded;
 /// Times that friction is linearized within a sampling time, each time at the velocity of the last
 /// result.
 const SWEEPS: usize = 2;
-
-/// The largest joint speed, rad/s, ten times that of arms. In a motion that the law does not know,
-/// products of velocities could otherwise grow without end.
-const FASTEST: f32 = 50.0;
 
 /// A robot at the beginning of its horizon.
 #[derive(Clone, Copy, Debug)]
@@ -144,6 +140,15 @@ impl<L: Lanes> Kernel<L> for RollOut<'_> {
                 q[joint] = L::load(&starts[0][joint]);
                 velocity[joint] = L::load(&starts[1][joint]);
             }
+            // A robot that begins beyond a limit keeps its position or its speed as the limit.
+            let [mut lowest, mut highest, mut fastest] = [[L::splat(0.0); MAX_JOINTS]; 3];
+            for joint in 0..joints {
+                let Limits { position: [low, high], speed } = law.joints[joint].limits;
+                lowest[joint] = -((-L::splat(f64::from(low))).max(-q[joint]));
+                highest[joint] = L::splat(f64::from(high)).max(q[joint]);
+                let speed = L::splat(f64::from(speed));
+                fastest[joint] = speed.max(velocity[joint]).max(-velocity[joint]);
+            }
             for step in 0..horizon {
                 // The velocity in the middle of the step, if it changes as in the last step.
                 let mut middle = velocity;
@@ -181,7 +186,11 @@ impl<L: Lanes> Kernel<L> for RollOut<'_> {
                     }
                     Factored::new(joints, matrix, &least).solve(joints, &mut torques);
                     for joint in 0..joints {
-                        let after = bounded(velocity[joint] + torques[joint], FASTEST);
+                        let after = velocity[joint] + torques[joint];
+                        let after = bounded(after, -fastest[joint], fastest[joint]);
+                        let least = (lowest[joint] - q[joint]) * rate;
+                        let most = (highest[joint] - q[joint]) * rate;
+                        let after = bounded(after, least, most);
                         change[joint] = after - velocity[joint];
                     }
                 }

@@ -11,7 +11,7 @@ use spec::LagrangianSpec;
 
 use super::batch::Points;
 use super::features::Samples;
-use super::law::{Calibration, DIRECTIONS, JointLaw, Law, Network, Places};
+use super::law::{Calibration, DIRECTIONS, JointLaw, Law, Limits, Network, Places};
 use super::linear_algebra::Dense;
 use super::recorded::Recorded;
 use super::regression::{Bounds, Numbers, Prior};
@@ -271,8 +271,14 @@ fn separate(masses: &[f32], joint: JointLaw, damping: [f64; 2]) -> Law {
     }
 }
 
-const JOINT: JointLaw =
-    JointLaw { share: 1.0, armature: 1e-3, noise: 1e-3, friction_slope: 4.0, friction_shift: 0.0 };
+const JOINT: JointLaw = JointLaw {
+    share: 1.0,
+    armature: 1e-3,
+    noise: 1e-3,
+    friction_slope: 4.0,
+    friction_shift: 0.0,
+    limits: Limits::UNKNOWN,
+};
 
 #[test]
 fn dampings_are_found_and_the_horizon_follows() {

@@ -105,6 +105,27 @@ fn predictions_of_a_told_arm_have_the_same_bits_on_every_processor() {
 }
 
 #[test]
+fn a_prediction_stays_within_the_limits_of_the_arm_unless_it_begins_beyond_them() {
+    let law = told(pendulum(), 2).law();
+    // Torques that no joint withstands, up and then down. The second arm begins beyond a limit.
+    let u: Vec<f32> = (0..4 * SAMPLES).map(|k| if k < 3 * SAMPLES { 4e3 } else { -4e3 }).collect();
+    for (first, limits) in [(0.5, [-6.0, 6.0]), (6.4, [-6.0, 6.4])] {
+        let y = [first, 0.3].repeat(CONTEXT);
+        let robot = Recorded { u: &u, y: &y, joints: 2, rate_hz: RATE_HZ };
+        let path = predict(&law, &[robot], EXACT);
+        let mut last = [first, 0.3];
+        for position in path.chunks_exact(2) {
+            let within = |joint: usize, [low, high]: [f32; 2]| {
+                let speed = (position[joint] - last[joint]).abs() * RATE_HZ;
+                (low - 1e-4..=high + 1e-4).contains(&position[joint]) && speed < 1.25 * 3.0 + 1e-3
+            };
+            assert!(within(0, limits) && within(1, [-6.0, 6.0]), "{position:?} after {last:?}");
+            last.copy_from_slice(position);
+        }
+    }
+}
+
+#[test]
 fn an_arm_of_other_joints_is_refused() {
     let robot = Some(serde_json::from_value(json!({"model": "ur10e"})).unwrap());
     let spec = LagrangianSpec { robot, ..spec() };
