@@ -16,7 +16,8 @@ import matplotlib.pyplot as plt
 import polars
 
 CONTEXT, RATE_HZ, DEGREES = 320, 60.0, 57.29577951308232
-TRAJECTORY = 417  # multisine at 0.25 Hz; the models were trained at 0.15 Hz
+TRAJECTORY = 82  # via-points at 1.25 Hz; the models were trained at 0.5 to 1 Hz
+NOISE_RAD = 2e-5  # of the measured positions
 COLOURS = {"lagrangian": "#0b6e4f", "robomorph": "#c8553d"}
 
 
@@ -32,10 +33,10 @@ def test_set(server):
 
 
 def arm(server, trajectory):
-    """Torques and positions of one arm, [time, 7] each."""
+    """Measured torques and positions of one arm, and its true positions, [time, 7] each."""
     shard = f"{server}/v1/datasets/{test_set(server)['id']}/files/trajectories-00000.parquet"
     steps = polars.scan_parquet(shard).filter(polars.col("trajectory") == trajectory).sort("step").collect()
-    return steps.select("^u[0-9]$").rows(), steps.select("^q[0-9]$").rows()
+    return [steps.select(f"^{name}[0-9]$").rows() for name in ("u_measured", "q_measured", "q")]
 
 
 def final_checkpoints(server):
@@ -44,8 +45,8 @@ def final_checkpoints(server):
 
 
 def main(server, out):
-    u, q = arm(server, TRAJECTORY)
-    scenario = {"u": u[:CONTEXT], "y": q[:CONTEXT], "future_u": u[CONTEXT:]}
+    u, measured, q = arm(server, TRAJECTORY)
+    scenario = {"u": u[:CONTEXT], "y": measured[:CONTEXT], "future_u": u[CONTEXT:]}
     joint = max(range(7), key=lambda j: max(row[j] for row in q) - min(row[j] for row in q))
     time = [step / RATE_HZ for step in range(len(q))]
     truth = [row[joint] * DEGREES for row in q]
@@ -55,7 +56,7 @@ def main(server, out):
     motion.axvspan(0, CONTEXT / RATE_HZ, color="#eef1f4", lw=0)
     motion.plot(time, truth, color="black", lw=1.2, label="the arm")
     for name, checkpoint in sorted(final_checkpoints(server).items()):
-        answer = ask(f"{server}/v1/checkpoints/{checkpoint}/predict", {"scenarios": [scenario]})
+        answer = ask(f"{server}/v1/checkpoints/{checkpoint}/predict", {"scenarios": [scenario], "position_noise_rad": NOISE_RAD})
         predicted = [row[joint] * DEGREES for row in answer["scenarios"][0]["y"]]
         motion.plot(time[CONTEXT:], predicted, "--", color=COLOURS[name], lw=1.6, label=name)
         off = [p - t for p, t in zip(predicted, truth[CONTEXT:])]
@@ -64,7 +65,7 @@ def main(server, out):
     motion.text(0.05, top, "context: seen by the model", va="bottom", color="#667788")
     motion.text(CONTEXT / RATE_HZ + 0.05, top, "horizon", va="bottom", color="#667788")
     motion.set(xlabel="time, s", ylabel=f"angle of joint {joint + 1}, °", xlim=(0, time[-1]))
-    motion.legend(loc="lower left", bbox_to_anchor=(0.3, 0), frameon=False)
+    motion.legend(loc="lower right", frameon=False)
     error.axhline(0, color="#99aabb", lw=0.6)
     error.set(xlabel="time, s", ylabel="error, °")
     figure.savefig(out, metadata={"Date": None, "Creator": None})

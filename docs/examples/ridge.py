@@ -1,7 +1,8 @@
 """A model that torqued does not know: ridge regression from torques to positions.
 
     pip install numpy polars
-    torqued quickstart                                   # and in another terminal:
+    torqued serve                                        # and in another terminal:
+    torqued submit two-models --watch
     python docs/examples/ridge.py http://127.0.0.1:7070 my-ridge.parquet 20
 """
 

@@ -55,7 +55,7 @@ function assertClean() {
 test("the first page lists the experiment with its state", async () => {
   await page.goto(product.url);
   const text = await page.locator("body").innerText();
-  assert.match(text, /quickstart/);
+  assert.match(text, /two-models/);
   assert.match(text, /succeeded/);
   assertClean();
 });

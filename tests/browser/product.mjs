@@ -1,4 +1,4 @@
-// A torqued server for this test, with a quickstart whose training is shortened.
+// A torqued server for this test, with two models whose training is shortened.
 
 import { spawn } from "node:child_process";
 import { mkdtemp, rm } from "node:fs/promises";
@@ -9,7 +9,7 @@ import { createInterface } from "node:readline";
 const torqued = process.env.TORQUED ?? "target/release/torqued";
 
 const spec = {
-  preset: "quickstart",
+  preset: "two-models",
   jobs: {
     "train-set": { trajectories: 2048, shard_trajectories: 1024 },
     train: { steps: 20, optimizer: { warmup_steps: 0 } },

@@ -13,8 +13,8 @@ fn quickstart_prints_the_table_and_a_second_run_reuses_everything_in_seconds() {
     };
     let (code, table, progress) = quickstart();
     assert_eq!(code, Some(0), "{progress}");
-    let expected = ["in distribution", "out of distribution", "hold-last", "damped-integrator"];
-    for words in expected.into_iter().chain(["least-squares", "robomorph", "multisine", "0.45"]) {
+    let expected = ["in distribution", "out of distribution", "hold-last", "identification"];
+    for words in expected.into_iter().chain(["robomorph", "lagrangian", "via-points", "1.25"]) {
         assert!(table.contains(words), "{words:?} is not in\n{table}");
     }
     assert!(table.contains("better than hold-last in distribution"), "{table}");

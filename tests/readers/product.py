@@ -1,4 +1,4 @@
-"""Torqued servers for these tests: an empty one, and ones with a quickstart, whole or with its training cut short."""
+"""Torqued servers for these tests: an empty one, one with two models that trained shortly, and one with a quickstart."""
 
 import json
 import os
@@ -12,9 +12,9 @@ import urllib.request
 REPOSITORY = pathlib.Path(__file__).resolve().parents[2]
 TORQUED = os.environ.get("TORQUED", str(REPOSITORY / "target/release/torqued"))
 
-# Seconds of training with a fresh quickstart's ids, which depend on the number of checkpoints.
+# Seconds of training with the ids of the whole pipeline, which depend on the number of checkpoints.
 SPEC = {
-    "preset": "quickstart",
+    "preset": "two-models",
     "jobs": {
         "train-set": {"trajectories": 2048, "shard_trajectories": 1024},
         "train": {"steps": 30, "optimizer": {"warmup_steps": 0}, "checkpoint_every_steps": 5},
@@ -91,7 +91,7 @@ class Server:
 
 
 class Product(Server):
-    """A server on which the quickstart `pipeline` has succeeded."""
+    """A server on which the `pipeline` of two models has succeeded."""
 
     def __init__(self):
         super().__init__()

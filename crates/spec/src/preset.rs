@@ -197,9 +197,9 @@ mod tests {
             pipeline.jobs[name].spec.to_json()
         };
         for name in ["train-set", "test-grid"] {
-            assert_eq!(job("four-models", name), job("quickstart", name));
+            assert_eq!(job("four-models", name), job("two-models", name));
         }
-        assert_eq!(job("four-models", "robomorph"), job("quickstart", "train"));
+        assert_eq!(job("four-models", "robomorph"), job("two-models", "train"));
         for name in ["train-set", "robomorph", "cdt"] {
             assert_eq!(job("control", name), job("four-models", name));
         }
@@ -219,7 +219,7 @@ mod tests {
     #[test]
     fn fields_beside_a_preset_are_merged_over_it() {
         let text = json!({
-            "preset": "quickstart",
+            "preset": "two-models",
             "jobs": {
                 "train-set": {"excitation": {"multisine": {"frequency_hz": {"uniform": [0.1, 0.2]}}}},
                 "train": {"steps": 10, "optimizer": {"warmup_steps": 0}, "model": {"heads": 2}},

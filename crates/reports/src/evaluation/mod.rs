@@ -2,7 +2,7 @@
 
 use spec::{Family, Given, Normalization};
 use wire::{
-    CellSummary, DataNoise, FailureSummary, GroupSummary, HorizonError, Latency, PredictorInfo,
+    CellSummary, FailureSummary, GroupSummary, HorizonError, Latency, PredictorInfo,
     PredictorScores, PredictorSummary, Report, RolloutSummary, Topic, Unit, WorstCase, at_noise,
 };
 
@@ -49,10 +49,8 @@ pub fn setting(report: &Report) -> String {
         bands => format!("in distribution: {}", bands.join(", ")),
     };
     let noise = report.data_noise.map_or(String::new(), |noise| {
-        let DataNoise { position_rad, torque_nm } = noise;
-        format!(
-            " The data's own noise has standard deviations of {position_rad} rad and {torque_nm} N·m."
-        )
+        let [position, torque] = [noise.position_rad, noise.torque_nm].map(value);
+        format!(" The data's own noise has standard deviations of {position} rad and {torque} N·m.")
     });
     let given = match report.given {
         Given::Torques => "",
