@@ -192,7 +192,10 @@ fn positions(y: Track<'_>, first: usize, factor: usize) -> Vec<f32> {
             2 => 0.0,
             count => {
                 let at = knot.clamp(1, count - 2);
-                means[at - 1] - 2.0 * means[at] + means[at + 1]
+                let excess = |knot: usize| windows[knot].1.excess;
+                // The curvature adds to the means, too, and not to all of them alike.
+                let added = excess(at - 1) - 2.0 * excess(at) + excess(at + 1);
+                (means[at - 1] - 2.0 * means[at] + means[at + 1]) / (1.0 + added)
             }
         };
         for (knot, (mean, (_, window))) in means.iter().zip(&windows).enumerate() {
