@@ -127,7 +127,7 @@ struct Window {
     before: usize,
     /// The weight of each sample. They add up to 1, and a slope adds nothing.
     weights: Vec<f64>,
-    /// What a curvature of 1 per `factor` samples adds.
+    /// The weighted mean exceeds the position by this share of the second difference of knots.
     excess: f64,
 }
 
