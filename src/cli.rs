@@ -209,6 +209,7 @@ mod tests {
         ("get /v1/checkpoints/{id}/files/{name}", "download"),
         ("get /v1/checkpoints/{id}/tar", "download"),
         ("post /v1/checkpoints/{id}/predict", "predict"),
+        ("post /v1/checkpoints/{id}/torque", "predict"),
         ("get /v1/checkpoints/{id}/stream", "stream"),
         ("get /v1/evaluations", "evaluations"),
         ("get /v1/evaluations/{id}", "show"),

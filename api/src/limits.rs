@@ -122,6 +122,15 @@ pub const ASKED_NUMBERS: usize = 20_000_000;
 /// bytes. Exceeding it is a violation of `sampling`.
 pub const ANSWERED_NUMBERS: usize = 2_000_000;
 
+/// Runs on a page that compares them.
+pub const COMPARED_RUNS: usize = 20;
+
+/// Instants of one motion whose torques are asked for.
+pub const MOTION_INSTANTS: usize = 1000;
+
+/// Scenarios of one question for torques.
+pub const TORQUE_SCENARIOS: usize = 64;
+
 /// Quantiles of one prediction request.
 pub const QUANTILES: usize = 20;
 
@@ -207,6 +216,9 @@ pub const WRITE_STALL: Duration = Duration::from_secs(60);
 
 /// Bytes of a form of the page, with its characters encoded. Exceeding it gives a 413.
 pub const FORM_BYTES: usize = 64 << 10;
+
+/// Bytes of the form that submits a spec, with its characters encoded. Exceeding it gives a 413.
+pub const SPEC_FORM_BYTES: usize = 3 * BODY_BYTES;
 
 /// Bytes of the login's form. Anybody may send it. Exceeding it gives a 413.
 pub const LOGIN_BYTES: usize = 16 << 10;

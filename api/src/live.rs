@@ -7,7 +7,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use futures::future::BoxFuture;
-use series::Series;
+use series::{JointMotion, Series};
 use spec::{SamplerSpec, SpecError};
 use store::{Checkpoint, StoreError};
 use thiserror::Error;
@@ -34,6 +34,28 @@ pub trait LiveModel: Send + Sync {
         question: Question,
         queue: LiveQueue,
     ) -> BoxFuture<'static, Result<LivePrediction, LiveError>>;
+
+    /// Fits robots to contexts, which a sample of the horizon follows. Dropping the future cancels
+    /// the computation. A model without equations of motion refuses it.
+    fn fit(&self, _: Series, _: LiveQueue) -> BoxFuture<'static, Result<LiveFit, LiveError>> {
+        Box::pin(async { Err(LiveError::says_no_torques()) })
+    }
+}
+
+/// A robot that explains a context. It says the torques that a motion takes, `[instant, joint]`, N·m.
+pub type FittedRobot = Arc<dyn Fn(&JointMotion) -> Vec<f32> + Send + Sync>;
+
+/// The robots that explain some contexts.
+#[derive(Clone)]
+pub struct LiveFit {
+    /// One for each context.
+    pub robots: Vec<FittedRobot>,
+    /// Warnings about the contexts.
+    pub warnings: Vec<Warning>,
+    /// Time until its turn came.
+    pub queued: Duration,
+    /// Time that the fit took; close to 0 if the same contexts were fitted before.
+    pub computed: Duration,
 }
 
 /// The properties of a loaded model.
@@ -105,6 +127,14 @@ pub struct LivePrediction {
     pub queued: Duration,
     /// Time that the computation took.
     pub computed: Duration,
+}
+
+impl LiveError {
+    /// The refusal of a model without equations of motion.
+    pub fn says_no_torques() -> Self {
+        let allowed = "one with equations of motion, which say the torques of a motion: lagrangian";
+        Self::Refused(SpecError::one("checkpoint", "a model that predicts motions only", allowed))
+    }
 }
 
 /// Why there is no prediction.

@@ -244,10 +244,15 @@ impl Client {
         Ok(response.bytes().await.map_err(self.unreachable())?.to_vec())
     }
 
-    /// Requests a prediction with a checkpoint; `question` is JSON. Returns the answer as the
-    /// server wrote it.
-    pub async fn predict(&self, checkpoint: i64, question: Vec<u8>) -> Result<String, ClientError> {
-        let path = format!("/v1/checkpoints/{checkpoint}/predict");
+    /// Asks a checkpoint to `predict`, or for a `torque`; `question` is JSON. Returns the answer as
+    /// the server wrote it.
+    pub async fn question(
+        &self,
+        checkpoint: i64,
+        what: &str,
+        question: Vec<u8>,
+    ) -> Result<String, ClientError> {
+        let path = format!("/v1/checkpoints/{checkpoint}/{what}");
         let request = self.request(Method::POST, &path).header("content-type", "application/json");
         self.text(request.body(question)).await
     }

@@ -22,6 +22,10 @@ pub struct Arguments {
     #[arg(value_name = "FILE")]
     question: PathBuf,
 
+    /// The request asks for the torques that a motion takes
+    #[arg(long)]
+    torque: bool,
+
     #[command(flatten)]
     ask: AskArguments,
 }
@@ -29,7 +33,8 @@ pub struct Arguments {
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let question = read_json(&arguments.question, api::limits::QUESTION_BYTES as u64)?;
     let client = arguments.ask.client()?;
-    let answer = client.predict(arguments.checkpoint, question).await?;
+    let what = if arguments.torque { "torque" } else { "predict" };
+    let answer = client.question(arguments.checkpoint, what, question).await?;
     if arguments.ask.output.json {
         println!("{answer}");
     } else {

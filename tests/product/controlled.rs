@@ -35,10 +35,16 @@ async fn models_and_baselines_answer_for_arms_under_a_controller() {
                 "horizons_s": [0.1, 0.3], "checkpoints": [{"job": "train"}],
                 "bootstrap": {"resamples": 100},
             },
+            "control": {
+                "kind": "control", "data": {"stream": data(3, 9, &json!({}))}, "context": 40,
+                "duration_s": 0.3, "robots": 3, "checkpoints": [{"job": "train"}],
+                "bootstrap": {"resamples": 100},
+            },
         },
     });
     let id = product.submit(&pipeline).await;
     let pipeline = product.succeeded(id).await;
+    control_of(&product, &pipeline).await;
 
     let simulated = product.get(&format!("/v1/jobs/{}", member(&pipeline, "data"))).await;
     let path = format!("/v1/datasets/{}/files/dataset.json", simulated["dataset"]);
@@ -61,16 +67,44 @@ async fn models_and_baselines_answer_for_arms_under_a_controller() {
     assert_eq!(cells, expected);
 }
 
+/// Every predictor adds torques to those of the controllers, and the page shows how far that helps.
+async fn control_of(product: &Product, pipeline: &Value) {
+    let id = member(pipeline, "control");
+    let job = product.get(&format!("/v1/jobs/{id}")).await;
+    let artifact = |name: &str| format!("/v1/runs/{}/artifacts/{name}", job["run"]);
+    let report = product.get(&artifact("report.json")).await;
+    let controllers = report["controllers"].as_array().unwrap();
+    let names: Vec<&str> =
+        controllers.iter().map(|controller| controller["name"].as_str().unwrap()).collect();
+    let baselines =
+        ["zero-torque", "damped-integrator", "nominal-simulator", "identification", "oracle"];
+    assert_eq!(names[..5], baselines);
+    assert!(names[5].starts_with("lagrangian"), "{names:?}");
+    let rms = |k: usize| controllers[k]["rms_deg"]["mean"].as_f64().unwrap();
+    assert!(rms(4) < rms(2) && rms(2) < rms(0), "{report:#}");
+    assert_eq!(controllers[4]["oracle_share"], 1.0);
+    assert_eq!(controllers[5]["failed"], 0, "{report:#}");
+    assert!(report.get("planner").is_none());
+    let page = product.get(&format!("/jobs/{id}")).await.to_string();
+    for part in ["of the way to oracle", "under its own controller", "tracking.svg"] {
+        assert!(page.contains(part), "{part}: {page}");
+    }
+    let motions = String::from_utf8(product.download(&artifact("robot-00.csv")).await).unwrap();
+    // A header, and six controllers for 18 samples.
+    assert_eq!(motions.lines().count(), 1 + 6 * 18);
+}
+
 #[tokio::test]
-async fn a_control_job_and_references_without_a_controller_are_refused() {
+async fn a_path_beside_references_and_references_without_a_controller_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let product = Product::start(folder.path());
-    let control =
-        json!({"kind": "control", "data": {"stream": data(2, 1, &json!({}))}, "robots": 2});
+    let control = json!({
+        "kind": "control", "data": {"stream": data(2, 1, &json!({}))}, "robots": 2, "context": 40,
+        "duration_s": 0.3, "path": {"swing": {"frequency_hz": vec![0.4; 7]}},
+    });
     let mut open_loop = data(2, 1, &json!({}));
     open_loop["controller"] = Value::Null;
-    for (spec, part) in [(control, "data.controller"), (open_loop, "references need a controller")]
-    {
+    for (spec, part) in [(control, "path"), (open_loop, "references need a controller")] {
         let (status, answer) = product.post("/v1/jobs", spec.to_string()).await;
         assert_eq!(status, StatusCode::UNPROCESSABLE_ENTITY, "{answer}");
         assert!(answer.to_string().contains(part), "{answer}");

@@ -36,6 +36,7 @@ pub mod submission;
 mod summaries;
 pub mod tasks;
 pub mod tokens;
+mod torques;
 pub mod trajectories;
 mod trash;
 mod uploads;

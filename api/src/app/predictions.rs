@@ -170,8 +170,8 @@ impl LivePrediction {
     }
 }
 
-/// One row per step of the horizon.
-fn rows(positions: &[f32], joints: usize) -> Vec<Vec<f32>> {
+/// One row per step of the horizon, or per instant.
+pub fn rows(positions: &[f32], joints: usize) -> Vec<Vec<f32>> {
     positions.chunks_exact(joints.max(1)).map(<[f32]>::to_vec).collect()
 }
 

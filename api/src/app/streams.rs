@@ -9,16 +9,17 @@ use axum::body::Bytes;
 use series::{Series, Shape};
 use tokio::time::timeout;
 use wire::{
-    FilledContext, Nothing, StreamLatency, StreamMessage, StreamOpened, StreamReply,
-    StreamSettings, StreamStep, StreamedPrediction, WarningKind,
+    FilledContext, Nothing, StreamFitted, StreamLatency, StreamMessage, StreamOpened, StreamReply,
+    StreamSettings, StreamStep, StreamedPrediction, StreamedTorques, WantedMotion, WarningKind,
 };
 
 use crate::app::predictions::{HeldModel, milliseconds};
 use crate::app::questions::{RequestViolations, asked, noise_of_positions, read, series_of};
+use crate::app::torques::{check_motion, contexts, motion_of, said};
 use crate::checks::Checks;
 use crate::error::ApiError;
 use crate::limits::REQUEST_TIMEOUT;
-use crate::live::{AboutModel, LivePrediction, LiveQueue, Previous, Question};
+use crate::live::{AboutModel, FittedRobot, LivePrediction, LiveQueue, Previous, Question};
 
 /// The last samples, at most as many as the context has.
 #[derive(Default)]
@@ -44,12 +45,20 @@ struct Last {
     age: usize,
 }
 
+/// A robot that was fitted to a context.
+struct Fitted {
+    robot: FittedRobot,
+    /// Number of samples since then.
+    age: usize,
+}
+
 pub struct PredictionStream {
     held: HeldModel,
     checks: Checks,
     settings: Option<StreamSettings>,
     window: Window,
     last: Option<Last>,
+    fitted: Option<Fitted>,
     predictions: u64,
     /// Warnings that were already sent on this connection, by kind and joint.
     warned: HashSet<(WarningKind, Option<u32>)>,
@@ -63,6 +72,7 @@ impl PredictionStream {
             settings: None,
             window: Window::default(),
             last: None,
+            fitted: None,
             predictions: 0,
             warned: HashSet::new(),
         }
@@ -76,9 +86,11 @@ impl PredictionStream {
                 self.open(settings).await.map_err(|error| error.within("open"))
             }
             Ok(StreamMessage::Step(step)) => self.step(step, arrived).await,
+            Ok(StreamMessage::Fit(Nothing {})) => self.fit(arrived).await,
+            Ok(StreamMessage::Motion(motion)) => self.torques(&motion, arrived),
             Ok(StreamMessage::Reset(Nothing {})) => {
                 self.window = Window::default();
-                self.last = None;
+                (self.last, self.fitted) = (None, None);
                 Ok(StreamReply::Context(self.filled()))
             }
             Err(error) => Err(error),
@@ -86,7 +98,7 @@ impl PredictionStream {
         answered.unwrap_or_else(|error| Self::refusal(&error))
     }
 
-    /// Reads a message, and checks a step.
+    /// Reads a message, and checks a step or a motion.
     async fn read(&self, message: Bytes) -> Result<StreamMessage, ApiError> {
         let (is_open, filled) = (self.settings.is_some(), self.window.u.len());
         let (about, bytes) = (self.held.model.about().clone(), message.len());
@@ -94,6 +106,11 @@ impl PredictionStream {
             let read = read(&message)?;
             match &read {
                 StreamMessage::Step(step) if is_open => check(step, filled, &about)?,
+                StreamMessage::Motion(motion) => {
+                    let mut violations = RequestViolations::default();
+                    check_motion("motion", motion, about.joints, &mut violations);
+                    violations.finish()?;
+                }
                 _ => {}
             }
             Ok(read)
@@ -125,7 +142,7 @@ impl PredictionStream {
         }
         self.ask(question).await?;
         self.settings = Some(settings);
-        self.last = None;
+        (self.last, self.fitted) = (None, None);
         let model = self.held.resource.clone();
         Ok(StreamReply::Opened(StreamOpened { model, filled: self.filled(), horizon }))
     }
@@ -141,6 +158,9 @@ impl PredictionStream {
         self.window.push(&step, context);
         if let Some(last) = &mut self.last {
             last.age += seen;
+        }
+        if let Some(fitted) = &mut self.fitted {
+            fitted.age += seen;
         }
         let Some(future_u) = step.future_u else { return Ok(StreamReply::Context(self.filled())) };
 
@@ -179,6 +199,44 @@ impl PredictionStream {
             latency_ms,
             warnings,
         }))
+    }
+
+    /// Fits a robot to the context.
+    async fn fit(&mut self, arrived: Instant) -> Result<StreamReply, ApiError> {
+        let (about, filled) = (self.held.model.about(), self.window.u.len());
+        let Some(settings) = self.settings.as_ref().filter(|_| filled == about.context) else {
+            let mut violations = RequestViolations::default();
+            let allowed =
+                format!("after open and {} samples, which fill the context", about.context);
+            violations.add("fit", format!("after {filled} samples"), allowed);
+            return Err(violations.finish().err().unwrap_or(ApiError::Internal));
+        };
+        let (u, y) = (self.window.u.make_contiguous(), self.window.y.make_contiguous());
+        let noise = settings.position_noise_rad;
+        let contexts = contexts([&*u].into_iter(), [&*y].into_iter(), noise, about)?;
+        let fitting = self.held.model.fit(contexts, LiveQueue::Streams);
+        let mut fit = timeout(REQUEST_TIMEOUT, fitting).await.map_err(|_| ApiError::Timeout)??;
+        self.fitted = fit.robots.pop().map(|robot| Fitted { robot, age: 0 });
+        fit.warnings.retain(|warning| self.warned.insert((warning.kind, warning.joint)));
+        let latency_ms = StreamLatency {
+            queue: milliseconds(fit.queued),
+            compute: milliseconds(fit.computed),
+            total: milliseconds(arrived.elapsed()),
+        };
+        Ok(StreamReply::Fitted(StreamFitted { latency_ms, warnings: fit.warnings }))
+    }
+
+    /// The torques of a motion of the fitted robot. They are computed at once, because a controller
+    /// waits for them at its own rate.
+    fn torques(&self, motion: &WantedMotion, arrived: Instant) -> Result<StreamReply, ApiError> {
+        let Some(Fitted { robot, age }) = &self.fitted else {
+            let mut violations = RequestViolations::default();
+            violations.add("motion", "before fit", "after fit");
+            return Err(violations.finish().err().unwrap_or(ApiError::Internal));
+        };
+        let said = said(robot, &motion_of(motion, self.held.model.about().joints)?)?;
+        let latency_ms = milliseconds(arrived.elapsed());
+        Ok(StreamReply::Torques(StreamedTorques { said, age: *age, latency_ms }))
     }
 
     /// One robot: torques of context and horizon, and positions of the context.

@@ -76,6 +76,7 @@ pub fn operations() -> OpenApiRouter<App> {
         .routes(routes!(runs::artifact))
         .routes(routes!(runs::figure))
         .routes(routes!(predictions::predict))
+        .routes(routes!(predictions::say_torques))
         .routes(routes!(predictions::open_stream))
         .routes(routes!(workers::list))
         .routes(routes!(workers::drain))

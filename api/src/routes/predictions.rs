@@ -6,7 +6,7 @@ use axum::extract::{FromRef as _, State};
 use axum::http::HeaderMap;
 use axum::http::header::{CONTENT_TYPE, HOST, ORIGIN};
 use axum::response::{IntoResponse, Response};
-use wire::{Prediction, PredictionRequest};
+use wire::{Prediction, PredictionRequest, TorqueAnswer, TorqueRequest};
 
 use crate::app::App;
 use crate::app::streams::PredictionStream;
@@ -32,6 +32,28 @@ pub async fn predict(
     QuestionBytes { body, memory: _memory }: QuestionBytes,
 ) -> Result<Response, ApiError> {
     let answer = app.predict(id, body).await?;
+    Ok(([(CONTENT_TYPE, "application/json")], answer).into_response())
+}
+
+/// Ask for the torques that a motion takes, without a job.
+///
+/// The model fits a robot to the context, which must have equations of motion: a `lagrangian`. It is
+/// remembered, so further motions after the same context are answered at once.
+#[utoipa::path(
+    post,
+    path = "/v1/checkpoints/{id}/torque",
+    tag = "predictions",
+    security((), ("token" = ["read"])),
+    params(("id" = i64, Path)),
+    request_body = TorqueRequest,
+    responses((status = 200, body = TorqueAnswer)),
+)]
+pub async fn say_torques(
+    State(app): State<App>,
+    Path(id): Path<i64>,
+    QuestionBytes { body, memory: _memory }: QuestionBytes,
+) -> Result<Response, ApiError> {
+    let answer = app.say_torques(id, body).await?;
     Ok(([(CONTENT_TYPE, "application/json")], answer).into_response())
 }
 

@@ -61,6 +61,9 @@ pub(crate) fn simulate<L: Lanes, S: Structure<N>, const N: usize>(
     let mut courses: [Option<Course>; MAX_LANES] = [const { None }; MAX_LANES];
     let mut normal = vec![0.0; periods * joints];
     let mut noise = vec![[[0.0; MAX_LANES]; N]; if is_noisy { periods } else { 0 }];
+    let adds = block.scenarios.iter().any(|scenario| !tracking_of(scenario).added_nm.is_empty());
+    let nothing = vec![0.0; periods * joints];
+    let mut added = vec![[[0.0; MAX_LANES]; N]; if adds { periods } else { 0 }];
     let mut waiting = 0..block.scenarios.len();
 
     loop {
@@ -120,6 +123,15 @@ pub(crate) fn simulate<L: Lanes, S: Structure<N>, const N: usize>(
                 course.noise.fill_normal_fast(&mut normal);
                 scatter(&normal, joints, lane, &mut noise);
             }
+            if adds {
+                let all = &tracking.added_nm;
+                let first = sample.checked_sub(settling).map(|it| it * periods * joints);
+                let of_sample = first.and_then(|first| all.get(first..first + periods * joints));
+                match of_sample {
+                    Some(of_sample) => scatter(of_sample, joints, lane, &mut added),
+                    None => scatter(&nothing, joints, lane, &mut added),
+                }
+            }
         }
         if !running {
             return Ok(());
@@ -132,7 +144,8 @@ pub(crate) fn simulate<L: Lanes, S: Structure<N>, const N: usize>(
         let mut torque = [L::splat(0.0); N];
         for period_of_sample in 0..periods {
             let noise = noise.get(period_of_sample);
-            controllers.torques(structure, period_of_sample, &state.q, noise, &mut torque);
+            let added = added.get(period_of_sample);
+            controllers.torques(structure, period_of_sample, &state.q, noise, added, &mut torque);
             if period_of_sample == 0 {
                 measured_at_sample = *controllers.measured();
             }
@@ -241,16 +254,16 @@ fn record(series: &mut [f32], reference: &ReferenceState) {
     }
 }
 
-/// Puts noise `[period, joint]` into a lane.
+/// Puts values `[period, joint]` of a sampling period into a lane.
 fn scatter<const N: usize>(
-    normal: &[f32],
+    values: &[f32],
     joints: usize,
     lane: usize,
-    noise: &mut [[[f32; MAX_LANES]; N]],
+    lanes: &mut [[[f32; MAX_LANES]; N]],
 ) {
-    for (noise, normal) in noise.iter_mut().zip(normal.chunks_exact(joints)) {
-        for (noise, normal) in noise.iter_mut().zip(normal) {
-            noise[lane] = *normal;
+    for (lanes, values) in lanes.iter_mut().zip(values.chunks_exact(joints)) {
+        for (lanes, value) in lanes.iter_mut().zip(values) {
+            lanes[lane] = *value;
         }
     }
 }

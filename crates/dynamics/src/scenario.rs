@@ -8,7 +8,7 @@ use crate::excitation::{Torques, draw_chirps, draw_multisines, draw_pulses, draw
 use crate::hand_path::{Attempt, HandPath};
 use crate::inverse_kinematics::Following;
 use crate::randomization::draw_robot;
-use crate::reference::{Reference, whole};
+use crate::reference::{Reference, ReferenceState, whole};
 use crate::robot::Nominal;
 use crate::room::{Limits, Room};
 use crate::structure::Kind;
@@ -193,7 +193,7 @@ impl<'a> Scenarios<'a> {
                 unreachable!("a checked spec with references has a controller")
             };
             let gains = known.draw_gains(controller, &mut draws(Purpose::Controller));
-            Excitation::ClosedLoop(Box::new(Tracking { reference, gains }))
+            Excitation::ClosedLoop(Box::new(Tracking { reference, gains, added_nm: Vec::new() }))
         };
         match law {
             Law::Chirp(chirp) => {
@@ -230,6 +230,25 @@ impl<'a> Scenarios<'a> {
                 reference(Reference::HandPath(Box::new(path)))
             }
         }
+    }
+
+    /// The references of a scenario at the control periods from recorded sample `first` on, as many as
+    /// the recording has. `None` without a controller.
+    pub fn references(&self, scenario: &Scenario, first: u32) -> Option<Vec<ReferenceState>> {
+        let reference = &scenario.excitation.tracking()?.reference;
+        let (controller, rate_hz) = (self.spec.controller.as_ref()?, self.spec.rate_hz);
+        let periods = controller.periods(rate_hz);
+        let before = controller.settling_samples(rate_hz) * periods;
+        let recorded = first as usize * periods..self.spec.samples as usize * periods;
+        let at = |period: usize| reference.at((before + period) as f64 / controller.rate_hz);
+        Some(recorded.map(at).collect())
+    }
+
+    /// The torques, N·m, that the controller of this simulation gives to an arm that is on its
+    /// reference, without its integral. `None` without a controller.
+    pub fn torques_on_reference(&self, state: &ReferenceState) -> Option<Joints<f64>> {
+        let controller = self.spec.controller.as_ref()?;
+        Some(self.known.as_ref()?.on_reference(&controller.law, state))
     }
 
     /// The limits that references keep.

@@ -16,7 +16,7 @@ use crate::planner::Interpolate;
 use crate::reference::{Reference, ReferenceState};
 use crate::spatial::Turn;
 use crate::structure::Structure;
-use crate::{Joints, Robot, gravity, mass_matrix};
+use crate::{Joints, Robot, bias_forces, gravity, mass_matrix};
 
 /// A reference, and the controller that follows it.
 #[derive(Clone, Debug, PartialEq)]
@@ -25,6 +25,9 @@ pub struct Tracking {
     pub reference: Reference,
     /// The drawn gains.
     pub gains: Gains,
+    /// Torques that are added to the controller's commands from the first recorded sample on,
+    /// `[control period, joint]`, N·m. Beyond their end nothing is added. Drawn scenarios have none.
+    pub added_nm: Vec<f32>,
 }
 
 /// The gains of one robot's controller, and its delay. They are N·m/rad, N·m·s/rad and N·m/(rad·s)
@@ -67,6 +70,22 @@ impl Known {
         let matrix = mass_matrix(&arm, spec.initial_state.center_rad.as_slice());
         let inertia = (0..arm.joints()).map(|joint| matrix[joint][joint]).collect();
         Self { arm, inertia }
+    }
+
+    /// The torques of a controller whose arm is on its reference, without its integral.
+    pub(crate) fn on_reference(&self, law: &ControlLaw, state: &ReferenceState) -> Joints<f64> {
+        let ReferenceState { r, rd, rdd } = *state;
+        match law {
+            ControlLaw::JointPd(_) | ControlLaw::CartesianImpedance(_) => gravity(&self.arm, r),
+            ControlLaw::ComputedTorque(_) | ControlLaw::OperationalSpace(_) => {
+                let bias = bias_forces(&self.arm, r, rd);
+                let matrix = mass_matrix(&self.arm, r);
+                let inertial = |row: usize| -> f64 {
+                    rdd.iter().enumerate().map(|(column, rdd)| matrix[row][column] * rdd).sum()
+                };
+                Joints::from_fn(r.len(), |row| bias[row] + inertial(row))
+            }
+        }
     }
 
     pub(crate) fn draw_gains(&self, controller: &Controller, draws: &mut Draws) -> Gains {
@@ -328,7 +347,7 @@ impl<'a, L: Lanes, const N: usize> Controllers<'a, L, N> {
     }
 
     /// The torques of the control period that begins at `period` of the sampling period's periods.
-    /// `noise` is of variance 1.
+    /// `noise` is of variance 1. `added` is added to the commands, N·m.
     #[inline(always)]
     pub(crate) fn torques<S: Structure<N>>(
         &mut self,
@@ -336,6 +355,7 @@ impl<'a, L: Lanes, const N: usize> Controllers<'a, L, N> {
         period: usize,
         q: &[L; N],
         noise: Option<&[[f32; MAX_LANES]; N]>,
+        added: Option<&[[f32; MAX_LANES]; N]>,
         torques: &mut [L; N],
     ) {
         let joints = structure.joints();
@@ -415,6 +435,11 @@ impl<'a, L: Lanes, const N: usize> Controllers<'a, L, N> {
                 } else {
                     L::run(PushHand { structure, task, known, moment, command });
                 }
+            }
+        }
+        if let Some(added) = added {
+            for joint in 0..joints {
+                command[joint] = command[joint] + L::load(&added[joint]);
             }
         }
         self.limit(joints, &mut command);

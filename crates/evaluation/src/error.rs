@@ -18,6 +18,14 @@ pub enum EvaluationError {
     PreRoll { predictor: String, shift: usize, pre_roll: usize },
     #[error("the forecast of {failed} of {plans} plans has positions that are not finite")]
     NotFinite { failed: usize, plans: usize },
+    #[error("predictor {predictor} predicts motions and says no torques")]
+    SaysNoTorques { predictor: String },
+    #[error(
+        "{after_s:.2} s after control began, {lost}: joint {joint} was {off_rad:.3} rad off its reference"
+    )]
+    LostReference { lost: dynamics::LostTrack, joint: usize, off_rad: f64, after_s: f64 },
+    #[error(transparent)]
+    Dynamics(#[from] dynamics::DynamicsError),
     #[error(transparent)]
     Shape(#[from] series::ShapeError),
     #[error("cell {0} of the evaluation has no result")]

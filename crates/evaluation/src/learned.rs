@@ -3,7 +3,7 @@
 use std::sync::OnceLock;
 
 use models::{ModelError, Sampling, TrainedModel, WarmStart};
-use series::{MeasuredMotion, Observed, SeriesView};
+use series::{JointMotion, Observed, SeriesView};
 
 use crate::predictor::Answer;
 use crate::{EvaluationError, Predictor, Samples};
@@ -110,7 +110,7 @@ impl Predictor for Learned<'_> {
         &self,
         observed: &Observed<'_>,
         _: &Answer,
-        motions: &[MeasuredMotion],
+        motions: &[JointMotion],
     ) -> Result<Option<Vec<Vec<f64>>>, EvaluationError> {
         let said = self.model.torques(observed, motions);
         let said = said.map_err(|source| Failure::from(source).of(&self.name))?;

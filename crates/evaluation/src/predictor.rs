@@ -2,7 +2,7 @@
 
 use dynamics::Robot;
 use rayon::prelude::*;
-use series::{MeasuredMotion, Observed};
+use series::{JointMotion, Observed};
 
 use crate::EvaluationError;
 use crate::metrics::torques_of_arm;
@@ -107,7 +107,7 @@ pub trait Predictor {
         &self,
         observed: &Observed<'_>,
         answer: &Answer,
-        motions: &[MeasuredMotion],
+        motions: &[JointMotion],
     ) -> Result<Option<Vec<Vec<f64>>>, EvaluationError> {
         let _ = observed;
         let of_robot = |(arm, motion)| torques_of_arm(arm, motion);

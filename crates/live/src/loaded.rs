@@ -1,23 +1,34 @@
 //! A loaded model that makes predictions.
 
 use std::sync::Arc;
+use std::time::Duration;
 
-use api::live::{AboutModel, LiveError, LiveModel, LivePrediction, LiveQueue, Question};
+use api::live::{
+    AboutModel, FittedRobot, LiveError, LiveFit, LiveModel, LivePrediction, LiveQueue, Question,
+};
 use futures::FutureExt;
 use futures::future::BoxFuture;
 use models::{
     DeviceKind, Interrupt, ModelError, Sampling, TrainedModel, WarmStart, context_warnings,
     limit_warnings,
 };
+use series::Series;
+use sha2::{Digest as _, Sha256};
 use spec::SpecError;
 use wire::Warning;
 
+use crate::cache::{Cache, Capacity};
 use crate::queues::{Done, LiveQueues, Panic};
+
+/// Number of questions whose fitted robots a model remembers.
+const REMEMBERED_FITS: usize = 256;
 
 pub struct Loaded {
     model: Arc<TrainedModel>,
     about: AboutModel,
     queues: Arc<LiveQueues>,
+    /// By the digest of their contexts.
+    fits: Arc<Cache<[u8; 32], LiveFit>>,
 }
 
 impl Loaded {
@@ -31,7 +42,8 @@ impl Loaded {
             device: device.name().to_owned(),
             threads: queues.threads,
         };
-        Self { model: Arc::new(model), about, queues }
+        let capacity = Capacity { count: REMEMBERED_FITS, bytes: u64::MAX };
+        Self { model: Arc::new(model), about, queues, fits: Arc::new(Cache::new(capacity)) }
     }
 }
 
@@ -61,6 +73,61 @@ impl LiveModel for Loaded {
         }
         .boxed()
     }
+
+    fn fit(
+        &self,
+        contexts: Series,
+        queue: LiveQueue,
+    ) -> BoxFuture<'static, Result<LiveFit, LiveError>> {
+        let (model, queues, fits) =
+            (Arc::clone(&self.model), Arc::clone(&self.queues), Arc::clone(&self.fits));
+        async move {
+            let key = digest_of(&contexts);
+            let mut is_new = false;
+            let load = || {
+                is_new = true;
+                fit(model, contexts, queue, queues)
+            };
+            let found = fits.get(key, 0, load).await?;
+            let mut found = LiveFit::clone(&found);
+            if !is_new {
+                (found.queued, found.computed) = (Duration::ZERO, Duration::ZERO);
+            }
+            Ok(found)
+        }
+        .boxed()
+    }
+}
+
+async fn fit(
+    model: Arc<TrainedModel>,
+    contexts: Series,
+    queue: LiveQueue,
+    queues: Arc<LiveQueues>,
+) -> Result<LiveFit, LiveError> {
+    let work = move |interrupt: &Interrupt| {
+        let observed = contexts.observed(model.context());
+        let robots = interrupt.guard(|| model.fit(&observed))?;
+        let mut warnings = context_warnings(&observed);
+        warnings.extend(model.warnings(&observed)?);
+        Ok((robots, warnings))
+    };
+    let Done { result, queued, computed } = queues.of(queue).run(work).await?;
+    let (robots, warnings) =
+        result.map_err(|Panic(reason)| LiveError::Failed { reason })?.map_err(live_error)?;
+    let robots = robots.ok_or_else(LiveError::says_no_torques)?;
+    let robots = robots.into_iter().map(FittedRobot::from).collect();
+    Ok(LiveFit { robots, warnings, queued, computed })
+}
+
+/// The digest of everything that a fit depends on.
+fn digest_of(contexts: &Series) -> [u8; 32] {
+    let mut digest = Sha256::new();
+    digest.update(contexts.noise().position_rad.to_le_bytes());
+    for value in [contexts.u(), contexts.y()].into_iter().flatten() {
+        digest.update(value.to_le_bytes());
+    }
+    digest.finalize().into()
 }
 
 /// The predicted positions, with the warnings about the request and about them.

@@ -4,7 +4,7 @@ use std::fmt::Debug;
 
 use burn::module::{ModuleMapper, ModuleVisitor};
 use burn::tensor::Tensor;
-use series::{MeasuredMotion, MeasurementNoise};
+use series::{JointMotion, MeasurementNoise};
 
 use crate::ModelError;
 use crate::diffusion::{Process, Step};
@@ -57,6 +57,9 @@ pub(crate) trait Architecture {
     ) -> Result<Self::Model, ModelError>;
 }
 
+/// A robot that explains a context. It says the torques that a motion takes, `[instant, joint]`, N·m.
+pub type FittedRobot = Box<dyn Fn(&JointMotion) -> Vec<f32> + Send + Sync>;
+
 /// A network together with its task.
 pub(crate) trait Model: Clone + Debug {
     /// The loss on `target`, y of the horizon `[batch, horizon, joint]`.
@@ -65,9 +68,9 @@ pub(crate) trait Model: Clone + Debug {
     /// y of the horizon `[batch, horizon, joint]`, as the frame sees it.
     fn answer(&self, input: ModelInput, ask: Ask<'_>) -> Tensor<3>;
 
-    /// The torques that the motion of each robot takes, `[instant, joint]`, N·m, for a model with a
-    /// law of torques. Other models predict motions only.
-    fn torques(&self, _: ModelInput, _: &[MeasuredMotion]) -> Option<Vec<Vec<f32>>> {
+    /// The robots that explain the contexts, for a model with a law of torques. Other models predict
+    /// motions only.
+    fn fit(&self, _: ModelInput) -> Option<Vec<FittedRobot>> {
         None
     }
 

@@ -78,6 +78,7 @@ mod transformer;
 mod unet;
 mod validation;
 
+pub use architecture::FittedRobot;
 pub use checkpoint::{
     CONFIG_FILE, CheckpointConfig, CheckpointFiles, FORMAT_VERSION, InitialCheckpoint, MODEL_FILE,
     OPTIMIZER_FILE, Origin, Versions,

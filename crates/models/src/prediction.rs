@@ -1,11 +1,11 @@
 //! Turns a question into positions, in chunks that fit in memory.
 
 use burn::tensor::{Device, Tensor, TensorData};
-use series::{MeasuredMotion, Observed};
+use series::Observed;
 use spec::ModelSpec;
 
 use crate::ModelError;
-use crate::architecture::{Ask, Draw};
+use crate::architecture::{Ask, Draw, FittedRobot};
 use crate::device::host_values;
 use crate::diffusion::Step;
 use crate::frame::Framing;
@@ -53,25 +53,22 @@ impl Predictor<'_> {
         Ok(answers)
     }
 
-    /// The torques of the motion of each robot, `[instant, joint]`, N·m. `None` for a model that
-    /// predicts motions only.
-    pub fn torques(
+    /// The robots that explain the contexts. `None` for a model that predicts motions only.
+    pub fn fit(
         &self,
         observed: &Observed<'_>,
         statistics: &[Statistics],
-        motions: &[MeasuredMotion],
-    ) -> Option<Vec<Vec<f32>>> {
-        let mut torques = Vec::with_capacity(motions.len());
-        let robots: Vec<usize> = (0..motions.len()).collect();
+    ) -> Option<Vec<FittedRobot>> {
+        let mut fitted = Vec::with_capacity(observed.robots());
+        let robots: Vec<usize> = (0..observed.robots()).collect();
         for robots in robots.chunks(CHUNK) {
             let question = observed.pick(robots);
-            let of_chunk = robots[0]..robots[0] + robots.len();
-            let statistics = &statistics[of_chunk.clone()];
+            let statistics = &statistics[robots[0]..robots[0] + robots.len()];
             let frames = self.framing.frames(&question, statistics);
             let seen = model_input(&question, statistics, &frames, &self.device);
-            torques.extend(self.model.torques(seen, &motions[of_chunk])?);
+            fitted.extend(self.model.fit(seen)?);
         }
-        Some(torques)
+        Some(fitted)
     }
 
     fn steps(&self, sampling: &Sampling, observed: &Observed<'_>) -> Result<Vec<Step>, ModelError> {

@@ -2,11 +2,10 @@
 
 use burn::module::{ModuleMapper, ModuleVisitor};
 use burn::tensor::Tensor;
-use series::MeasuredMotion;
 use spec::ModelSpec;
 
 use crate::ModelError;
-use crate::architecture::{Architecture, Ask, Extents, Model, ModelInput};
+use crate::architecture::{Architecture, Ask, Extents, FittedRobot, Model, ModelInput};
 use crate::diffusion::Process;
 use crate::initialization::InitialWeights;
 use crate::loss::Loss;
@@ -71,8 +70,8 @@ impl SequenceModel {
         of_any!(self, model => model.answer(input, ask))
     }
 
-    pub fn torques(&self, input: ModelInput, motions: &[MeasuredMotion]) -> Option<Vec<Vec<f32>>> {
-        of_any!(self, model => model.torques(input, motions))
+    pub fn fit(&self, input: ModelInput) -> Option<Vec<FittedRobot>> {
+        of_any!(self, model => model.fit(input))
     }
 
     pub fn kept(&self, extents: Extents) -> usize {

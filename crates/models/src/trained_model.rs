@@ -1,11 +1,12 @@
 //! A model that predicts, from the files of a checkpoint.
 
 use kernels::Interrupt;
-use series::{Decimated, MeasuredMotion, Observed, SeriesView};
+use rayon::prelude::*;
+use series::{Decimated, JointMotion, Observed, SeriesView};
 use spec::{Length, ModelSpec};
 use wire::Warning;
 
-use crate::architecture::Draw;
+use crate::architecture::{Draw, FittedRobot};
 use crate::checkpoint::{self, CheckpointConfig, CheckpointFiles};
 use crate::frame::Framing;
 use crate::initialization::InitialWeights;
@@ -93,25 +94,39 @@ impl TrainedModel {
         self.ask(observed, sampling, Draw::Sample)
     }
 
-    /// The torques that a motion of each robot takes, `[instant, joint]`, N·m, of the robots by which
-    /// the model explains the contexts. `None` for a model without a law of torques: of all
-    /// architectures only `lagrangian` has one.
+    /// The robots by which the model explains the contexts, each of which says the torques of
+    /// motions. `None` for a model without a law of torques: of all architectures only `lagrangian`
+    /// has one.
+    ///
+    /// # Errors
+    /// Those of [`TrainedModel::predict`].
+    pub fn fit(&self, observed: &Observed<'_>) -> Result<Option<Vec<FittedRobot>>, ModelError> {
+        // Others need not answer questions about so short a horizon.
+        if !self.config.model.is_physical() {
+            return Ok(None);
+        }
+        if let Some(decimated) = self.decimated(observed)? {
+            return self.fit(&decimated.observed());
+        }
+        let statistics = self.statistics(observed)?;
+        let predictor = self.predictor(observed);
+        let interrupt = Interrupt::current();
+        rayon::scope(|_| interrupt.guard(|| Ok(predictor.fit(observed, &statistics))))
+    }
+
+    /// The torques that a motion of each robot takes, `[instant, joint]`, N·m, of the robots of
+    /// [`TrainedModel::fit`].
     ///
     /// # Errors
     /// Those of [`TrainedModel::predict`].
     pub fn torques(
         &self,
         observed: &Observed<'_>,
-        motions: &[MeasuredMotion],
+        motions: &[JointMotion],
     ) -> Result<Option<Vec<Vec<f32>>>, ModelError> {
-        if let Some(decimated) = self.decimated(observed)? {
-            return self.torques(&decimated.observed(), motions);
-        }
-        let statistics = self.statistics(observed)?;
-        let predictor = self.predictor(observed);
-        let interrupt = Interrupt::current();
-        let answer = || Ok(predictor.torques(observed, &statistics, motions));
-        rayon::scope(|_| interrupt.guard(answer))
+        let fitted = self.fit(observed)?;
+        let of = |(robot, motion): (&FittedRobot, &JointMotion)| robot(motion);
+        Ok(fitted.map(|robots| robots.par_iter().zip(motions).map(of).collect()))
     }
 
     /// Like [`TrainedModel::predict`], but with the whole trajectory, the horizon's y included.

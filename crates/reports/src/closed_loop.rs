@@ -13,15 +13,20 @@ pub fn tables(report: &ControlReport) -> Vec<Table> {
 
 /// The setting of the closed loops, in two sentences.
 pub fn setting(report: &ControlReport) -> String {
-    let planner = &report.planner;
     let seconds = |samples: u32| value(f64::from(samples) / report.rate_hz);
+    let (robots, context, control_s) =
+        (count(report.robots), report.context, seconds(report.steps));
+    let rate_hz = report.rate_hz;
+    let Some(planner) = &report.planner else {
+        return format!(
+            "{robots} robots, each under its own controller. After {context} samples at {rate_hz} Hz, \
+             each predictor adds the torques for the next {control_s} s of the reference."
+        );
+    };
     format!(
-        "{} robots, each excited for {} samples and then controlled for {} s at {} Hz. Every {} \
-         samples ({} s) a plan of {} samples ({} s) is made from {} × {} foreseen torque sequences.",
-        count(report.robots),
-        report.context,
-        seconds(report.steps),
-        report.rate_hz,
+        "{robots} robots, each excited for {context} samples and then controlled for {control_s} s at \
+         {rate_hz} Hz. Every {} samples ({} s) a plan of {} samples ({} s) is made from {} × {} \
+         foreseen torque sequences.",
         planner.replan_every,
         seconds(planner.replan_every),
         planner.horizon,
@@ -62,10 +67,14 @@ fn tracking(report: &ControlReport) -> Table {
     let plan = |PlanTime { median_ms, p99_ms, threads }: PlanTime| {
         format!("{median_ms:.1} / {p99_ms:.1}, {threads} threads")
     };
+    let time = match report.planner {
+        Some(_) => "plan, median / p99 ms",
+        None => "torques, median / p99 ms",
+    };
     TableOf::new(&report.controllers)
         .text("controller", |controller| controller.info.name.as_str())
         .measures(ControllerSummary::measures(), |controller| Some(*controller))
-        .number("plan, median / p99 ms", |controller| controller.plan.map(plan))
+        .number(time, |controller| controller.plan.map(plan))
         .text("RMS of each joint, °", joints)
         .text("failed", failure)
         .titled("Tracking error, with 95 % intervals", "")

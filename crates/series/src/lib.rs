@@ -10,8 +10,8 @@
 //! u and y are the measured values. A series may also have the true values, for scores and losses.
 //! An [`Observed`] never has them.
 //!
-//! [`Smoother`] and [`LowPass`] remove the noise of measured positions, [`MeasuredMotion`] has their differences,
-//! [`Decimated`] asks at a lower rate, and the quantiles here are those of every table.
+//! [`Smoother`] and [`LowPass`] remove the noise of measured positions, [`JointMotion`] has their
+//! derivatives, [`Decimated`] asks at a lower rate, and the quantiles here are those of every table.
 //!
 //! Values are copied twice between a decoded row group and a tensor. [`Series::gather`] takes the
 //! robots of a batch out of [`Columns`], and a model normalizes the batch into the tensor. Views
@@ -33,7 +33,7 @@ mod view;
 
 pub use columns::Columns;
 pub use decimation::Decimated;
-pub use motion::MeasuredMotion;
+pub use motion::{JointMotion, mean_torques};
 pub use noise::MeasurementNoise;
 pub use observed::Observed;
 pub use owned::Series;

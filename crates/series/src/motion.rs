@@ -1,27 +1,44 @@
+use crate::shape::{Shape, ShapeError};
+
 /// Least time over which positions are differentiated, s. At higher rates rounded positions would
 /// dominate their second differences.
 const LEAST_STEP_S: f64 = 1.0 / 60.0;
 
-/// Positions, velocities and accelerations of a robot at instants of a recording, by central
-/// differences of its positions. Samples with another one on both sides, 1/60 s away or a little
-/// more, are instants.
-///
-/// The second difference of positions is a mean of accelerations with triangular weights.
-/// [`MeasuredMotion::mean_torques`] is the same mean of the torques, which are held from their
-/// sample to the next.
+/// Positions, velocities and accelerations of a robot at some instants.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct MeasuredMotion {
+pub struct JointMotion {
     joints: usize,
-    /// Samples between an instant and those that it is compared with.
-    reach: usize,
     q: Vec<f64>,
     qd: Vec<f64>,
     qdd: Vec<f64>,
 }
 
-impl MeasuredMotion {
-    /// The motion of positions `[sample, joint]`, rad. Too few of them have no instant.
-    pub fn new(positions: &[f32], joints: usize, rate_hz: f64) -> Self {
+impl JointMotion {
+    /// A motion that is known with its derivatives: `[instant, joint]` each, in rad, rad/s and
+    /// rad/s².
+    ///
+    /// # Errors
+    /// They are not as many velocities and accelerations as positions, of whole instants.
+    pub fn new(
+        joints: usize,
+        q: Vec<f64>,
+        qd: Vec<f64>,
+        qdd: Vec<f64>,
+    ) -> Result<Self, ShapeError> {
+        let shape = Shape { robots: 1, samples: q.len() / joints.max(1), joints };
+        shape.check("q", q.len())?;
+        shape.check("qd", qd.len())?;
+        shape.check("qdd", qdd.len())?;
+        Ok(Self { joints, q, qd, qdd })
+    }
+
+    /// The motion of measured positions `[sample, joint]`, rad, by central differences. Samples with
+    /// another one on both sides, 1/60 s away or a little more, are instants. Too few of them have
+    /// no instant.
+    ///
+    /// The second difference of positions is a mean of accelerations with triangular weights.
+    /// [`mean_torques`] is the same mean of the torques.
+    pub fn measured(positions: &[f32], joints: usize, rate_hz: f64) -> Self {
         let reach = reach(rate_hz);
         let seconds = reach as f64 / rate_hz;
         let apart = reach * joints;
@@ -31,7 +48,6 @@ impl MeasuredMotion {
         let qdd = |k: usize| (at(k + apart) - 2.0 * at(k) + at(k - apart)) / (seconds * seconds);
         Self {
             joints,
-            reach,
             q: middles.clone().map(at).collect(),
             qd: middles.clone().map(qd).collect(),
             qdd: middles.map(qdd).collect(),
@@ -62,21 +78,20 @@ impl MeasuredMotion {
     pub fn qdd(&self) -> &[f64] {
         &self.qdd
     }
+}
 
-    /// The mean torques around each instant, `[instant, joint]`, of the torques `[sample, joint]`
-    /// that acted.
-    ///
-    /// # Panics
-    /// If there are fewer torques than positions.
-    pub fn mean_torques(&self, torques: &[f32]) -> Vec<f64> {
-        let around = 2 * self.reach * self.joints;
-        let mean = |first: usize| -> f64 {
-            let held = torques[first..first + around].iter().step_by(self.joints);
-            let each = held.enumerate();
-            each.map(|(k, torque)| f64::from(*torque) * weight(k, self.reach)).sum()
-        };
-        (0..self.q.len()).map(mean).collect()
-    }
+/// The mean torques around each instant of a [measured](JointMotion::measured) motion, `[instant,
+/// joint]`, of the torques `[sample, joint]` that acted at its samples. Each is held from its sample
+/// to the next.
+pub fn mean_torques(torques: &[f32], joints: usize, rate_hz: f64) -> Vec<f64> {
+    let reach = reach(rate_hz);
+    let around = 2 * reach * joints;
+    let mean = |first: usize| -> f64 {
+        let held = torques[first..first + around].iter().step_by(joints);
+        let each = held.enumerate();
+        each.map(|(k, torque)| f64::from(*torque) * weight(k, reach)).sum()
+    };
+    (0..torques.len().saturating_sub(around)).map(mean).collect()
 }
 
 /// The share of the `k`th of `2 · reach` periods in the second difference over `reach` periods.
@@ -106,7 +121,7 @@ mod tests {
             let q = |time: f64| [0.5 + 0.25 * time + time * time, -2.0 * time];
             let at = |sample: u32| q(f64::from(sample) / rate_hz).map(|q| q as f32);
             let positions: Vec<f32> = (0..100).flat_map(at).collect();
-            let motion = MeasuredMotion::new(&positions, 2, rate_hz);
+            let motion = JointMotion::measured(&positions, 2, rate_hz);
             let reach = reach(rate_hz);
             assert_eq!(motion.instants(), 100 - 2 * reach);
             let middle = motion.instants() / 2;
@@ -123,10 +138,11 @@ mod tests {
     #[test]
     fn a_motion_without_a_second_difference_has_no_instant() {
         for samples in 0..3 {
-            let motion = MeasuredMotion::new(&vec![0.0; 7 * samples], 7, 60.0);
-            assert_eq!((motion.instants(), motion.mean_torques(&[])), (0, vec![]));
+            let motion = JointMotion::measured(&vec![0.0; 7 * samples], 7, 60.0);
+            let held = mean_torques(&vec![0.0; 7 * samples], 7, 60.0);
+            assert_eq!((motion.instants(), held), (0, vec![]));
         }
-        assert_eq!(MeasuredMotion::new(&[0.0; 21], 7, 60.0).instants(), 1);
+        assert_eq!(JointMotion::measured(&[0.0; 21], 7, 60.0).instants(), 1);
     }
 
     #[test]
@@ -135,7 +151,18 @@ mod tests {
         assert_eq!(of(1), [0.5, 0.5]);
         assert_eq!(of(2), [0.125, 0.375, 0.375, 0.125]);
         assert_eq!([60.0, 61.0, 120.0, 1000.0].map(reach), [1, 2, 2, 17]);
-        let motion = MeasuredMotion::new(&[0.0; 6], 2, 60.0);
-        assert_eq!(motion.mean_torques(&[1.0, 5.0, 2.0, 6.0, 9.0, 9.0]), [1.5, 5.5]);
+        assert_eq!(mean_torques(&[1.0, 5.0, 2.0, 6.0, 9.0, 9.0], 2, 60.0), [1.5, 5.5]);
+    }
+
+    #[test]
+    fn a_motion_has_as_many_velocities_and_accelerations_as_positions() {
+        let of = |q: usize, qd: usize, qdd: usize| {
+            JointMotion::new(2, vec![0.0; q], vec![0.0; qd], vec![0.0; qdd])
+        };
+        assert_eq!(of(6, 6, 6).unwrap().instants(), 3);
+        for (lengths, name) in [((5, 5, 5), "q"), ((6, 4, 6), "qd"), ((6, 6, 8), "qdd")] {
+            let error = of(lengths.0, lengths.1, lengths.2).unwrap_err().to_string();
+            assert!(error.starts_with(&format!("{name} has")), "{error}");
+        }
     }
 }

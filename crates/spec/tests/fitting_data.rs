@@ -4,7 +4,8 @@
 
 use serde_json::{Value, json};
 use spec::{
-    ControlPath, ControlSpec, DataSpec, EvaluateSpec, JobSpec, SpecError, TrainSpec, Training,
+    ControlBaseline, ControlPath, ControlSpec, DataSpec, EvaluateSpec, JobSpec, SpecError,
+    TrainSpec, Training,
 };
 
 fn data(samples: u32) -> DataSpec {
@@ -273,6 +274,47 @@ fn paths_and_noise_that_are_left_out_fit_the_robot_of_the_data() {
 
     let given = json!({"context": 30, "planner": {"noise_nm": vec![0.5; 6]}});
     assert_eq!(fitted(&given, &arms_of_six()).planner.noise_nm, [0.5; 6]);
+}
+
+fn arms_under_a_controller() -> DataSpec {
+    let job = json!({"preset": "panda-real", "trajectories": 10, "samples": 400});
+    DataSpec::of(&spec::parse(job.to_string().as_bytes()).unwrap()).unwrap()
+}
+
+#[test]
+fn arms_with_a_controller_follow_their_references_by_models_that_say_torques() {
+    let arms = arms_under_a_controller();
+    let mut job = JobSpec::Control(control(&json!({"duration_s": 1})));
+    job.fit_to_data(&arms);
+    let JobSpec::Control(fitted) = job else { panic!("a control job") };
+    assert_eq!(fitted.baselines, ControlBaseline::all());
+    let law = train("lagrangian-tiny");
+    fitted.check_inputs(&arms, &[Training { spec: &law, data: &arms }]).unwrap();
+
+    let refused = |fields: Value, model: &str| {
+        let training = train(model);
+        let training = Training { spec: &training, data: &arms };
+        control(&fields).check_inputs(&arms, &[training]).unwrap_err().to_string()
+    };
+    let own_path = json!({
+        "path": {"swing": {"amplitude_rad": vec![0.1; 7]}}, "planner": {"samples": 3},
+        "robots": 1, "duration_s": 1.4,
+    });
+    let error = refused(own_path, "robomorph-tiny");
+    for part in [
+        "path is given",
+        "references of their controllers",
+        "planner is given",
+        "duration_s is 1.4",
+        "at most 1.3333333333333333 s",
+        "checkpoints[0] is robomorph",
+        "lagrangian",
+    ] {
+        assert!(error.contains(part), "{part}: {error}");
+    }
+    let plans = json!({"baselines": ["identification"]});
+    let error = control(&plans).check_inputs(&data(400), &[]).unwrap_err().to_string();
+    assert!(error.contains("baselines[0]") && error.contains("does not plan"), "{error}");
 }
 
 /// A fine-tuning on several sources, with `changes`.

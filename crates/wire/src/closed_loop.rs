@@ -18,12 +18,16 @@ pub struct ControlReport {
     pub steps: u32,
     /// Control samples per second.
     pub rate_hz: f64,
-    /// Samples of excitation before control begins.
+    /// Samples before control begins.
     pub context: u32,
-    /// The path that the robots should follow.
-    pub path: ControlPath,
-    /// How the controllers plan their torques.
-    pub planner: Planner,
+    /// The path that the robots should follow. Missing for robots with controllers of their own,
+    /// which follow their references.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub path: Option<ControlPath>,
+    /// How the controllers plan their torques. Missing for robots with controllers of their own, to
+    /// whose torques others are added.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub planner: Option<Planner>,
     /// How the intervals are resampled.
     pub bootstrap: Bootstrap,
     /// The controllers, in the order of every table.
@@ -60,6 +64,11 @@ measures! {
         /// RMS tracking error, mean over joints, in degrees.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         pub rms_deg: Option<Interval> = Control "RMS" Degrees,
+        /// The part of the way from the error of `nominal-simulator` to that of `oracle` by which this
+        /// controller's error is smaller: 0 is as large as the one, and 1 as small as the other.
+        /// Reports have it where torques are added to those of the robots' own controllers.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        pub oracle_share: Option<f64> = Control "of the way to oracle" Share,
         /// RMS tracking error in degrees, a value per joint.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         pub joint_rms_deg: Option<Vec<f64>>,
@@ -75,7 +84,7 @@ measures! {
         /// The smallest distance of any robot to a joint limit, rad; negative if a limit was exceeded.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         pub clearance_rad: Option<f64> = Control "clearance" Radians,
-        /// The computing time of one plan.
+        /// The computing time of one plan, or of all torques that are added.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         pub plan: Option<PlanTime>,
         /// Number of robots on which the controller failed.

@@ -77,8 +77,9 @@ pub use log_check::{ChannelCheck, LogCheck, Measurement};
 pub use logs::{LogChunk, Logs, left_out};
 pub use measures::{Measure, Measured, Topic, Unit};
 pub use predictions::{
-    ObservedScenario, PredictedQuantile, PredictedScenario, PredictingModel, Prediction,
-    PredictionLatency, PredictionRequest, PredictionSampling,
+    MovedScenario, ObservedScenario, PredictedQuantile, PredictedScenario, PredictingModel,
+    Prediction, PredictionLatency, PredictionRequest, PredictionSampling, SaidTorques,
+    TorqueAnswer, TorqueRequest, WantedMotion,
 };
 pub use presets::Presets;
 pub use problem::Problem;
@@ -96,8 +97,8 @@ pub use states::{
     Relation, Scope, Sort, TaskState, UnknownState,
 };
 pub use streams::{
-    FilledContext, Nothing, StreamLatency, StreamMessage, StreamOpened, StreamReply,
-    StreamSettings, StreamStep, StreamedPrediction,
+    FilledContext, Nothing, StreamFitted, StreamLatency, StreamMessage, StreamOpened, StreamReply,
+    StreamSettings, StreamStep, StreamedPrediction, StreamedTorques,
 };
 pub use summaries::{ChannelSummary, SpectrumSummary, Summary};
 pub use tasks::{Task, Tasks, findings, findings_of};

@@ -83,6 +83,63 @@ pub struct Prediction {
     pub warnings: Vec<Warning>,
 }
 
+/// Motions whose torques are asked for: the inverse question.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct TorqueRequest {
+    /// At least one scenario. The answers have the same order.
+    pub scenarios: Vec<MovedScenario>,
+    /// Standard deviation of the noise of `y`, rad, 0 to 0.1. The model filters `y` with it.
+    #[serde(default)]
+    pub position_noise_rad: f64,
+}
+
+/// The motion of a robot so far, and a motion that it should make.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct MovedScenario {
+    /// Torques of the context `[context][joint]`, N·m.
+    pub u: Vec<Vec<f32>>,
+    /// Joint positions of the context `[context][joint]`, rad.
+    pub y: Vec<Vec<f32>>,
+    /// The motion whose torques are asked for.
+    pub motion: WantedMotion,
+}
+
+/// A motion at some instants, at most 1000. Instants need not follow each other.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct WantedMotion {
+    /// Positions `[instant][joint]`, rad.
+    pub q: Vec<Vec<f32>>,
+    /// Velocities `[instant][joint]`, rad/s.
+    pub qd: Vec<Vec<f32>>,
+    /// Accelerations `[instant][joint]`, rad/s².
+    pub qdd: Vec<Vec<f32>>,
+}
+
+/// The torques that motions take.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct TorqueAnswer {
+    /// The model and its device.
+    #[serde(flatten)]
+    pub model: PredictingModel,
+    /// One answer for each scenario of the request, in the same order.
+    pub scenarios: Vec<SaidTorques>,
+    /// How long the parts of the answer took.
+    pub latency_ms: PredictionLatency,
+    /// Data outside the checkpoint's training data, and contexts without information.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<Warning>,
+}
+
+/// The torques of a motion.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct SaidTorques {
+    /// Torques `[instant][joint]`, N·m, of the robot that explains the context best.
+    pub u: Vec<Vec<f32>>,
+}
+
 /// The model that predicts, and the device that computes it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct PredictingModel {

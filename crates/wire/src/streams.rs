@@ -3,7 +3,10 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use crate::{PredictedScenario, PredictingModel, PredictionSampling, Problem, Warning};
+use crate::{
+    PredictedScenario, PredictingModel, PredictionSampling, Problem, SaidTorques, WantedMotion,
+    Warning,
+};
 
 /// A message to the server.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -13,7 +16,11 @@ pub enum StreamMessage {
     Open(StreamSettings),
     /// New samples, with or without a request for a prediction.
     Step(StreamStep),
-    /// Forgets the context and the previous prediction.
+    /// Fits a robot to the context, for the following questions for torques.
+    Fit(Nothing),
+    /// A motion whose torques are asked for.
+    Motion(WantedMotion),
+    /// Forgets the context, the previous prediction and the fitted robot.
     Reset(Nothing),
 }
 
@@ -60,6 +67,10 @@ pub enum StreamReply {
     Context(FilledContext),
     /// The answer to a `step` with planned torques.
     Prediction(StreamedPrediction),
+    /// The answer to `fit`.
+    Fitted(StreamFitted),
+    /// The answer to `motion`.
+    Torques(StreamedTorques),
     /// The message was refused and has changed nothing.
     Error(Problem),
 }
@@ -84,6 +95,28 @@ pub struct FilledContext {
     pub filled: usize,
     /// Number of samples that a prediction needs.
     pub context: usize,
+}
+
+/// A robot was fitted to the context.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct StreamFitted {
+    /// How long the parts of the fit took.
+    pub latency_ms: StreamLatency,
+    /// Like the warnings of a prediction, but each kind and joint appears once per connection.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<Warning>,
+}
+
+/// The torques of a motion on a stream.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct StreamedTorques {
+    /// Torques `[instant][joint]`, N·m, of the robot that was fitted last.
+    #[serde(flatten)]
+    pub said: SaidTorques,
+    /// Number of samples since the robot was fitted.
+    pub age: usize,
+    /// Time from the message to the answer, ms.
+    pub latency_ms: f64,
 }
 
 /// A prediction on a stream.

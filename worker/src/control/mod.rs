@@ -9,9 +9,12 @@ mod report;
 mod table;
 
 use std::ops::ControlFlow;
+use std::rc::Rc;
 use std::time::Instant;
 
-use evaluation::control::{Controller, Experiment, Foreseen, RobotTrials, Trace, robot_figure};
+use evaluation::control::{
+    Controller, Experiment, FeedForward, Foreseen, Pursuit, Ran, RobotTrials, Trace, robot_figure,
+};
 use evaluation::{Learned, Start};
 use jobs::ControlTask;
 use models::{DataRanges, Sampling};
@@ -34,46 +37,47 @@ fn run(attempt: &Attempt) -> Result<(), TaskError> {
     }
 }
 
+/// A controller that is ready for a robot. It gets a function that shows how many samples are done,
+/// and gives nothing if that says to stop.
+struct Ready<'a> {
+    name: String,
+    run: Box<dyn Fn(Progress<'_>) -> Option<Ran> + 'a>,
+}
+
+type Progress<'a> = &'a dyn Fn(u32) -> ControlFlow<()>;
+
 /// Lets every controller control one robot. Writes its motions to `robot-NN.csv` and
 /// `robot-NN.svg`.
 fn robot(attempt: &Attempt, spec: &ControlSpec, index: u64) -> Result<(), TaskError> {
     let simulation = simulation(attempt, spec)?;
     let checkpoints = LoadedCheckpoint::load_all(attempt, &spec.checkpoints)?;
     attempt.check_stop()?;
-    let experiment = Experiment::new(spec, &simulation);
-    let plant = experiment.plant(index)?;
-    let baselines = spec
-        .baselines
-        .iter()
-        .map(|&baseline| Controller::baseline(baseline, &simulation, plant.robot()));
-    let learned = checkpoints.iter().map(|checkpoint| learned(checkpoint, spec));
+    let ready = match simulation.controller {
+        None => planning(spec, &simulation, index, &checkpoints)?,
+        Some(_) => feeding_forward(spec, &simulation, index, &checkpoints)?,
+    };
     let mut trials = Vec::new();
     let mut warnings = Vec::new();
     let mut traces: Vec<(String, Trace)> = Vec::new();
-    let mut done = 0;
-    for controller in baselines.chain(learned) {
-        attempt.progress.say(controller.name.clone());
+    let steps = u64::from(spec.steps(simulation.rate_hz));
+    for (done, Ready { name, run }) in (0..).zip(ready) {
+        attempt.progress.say(name.clone());
         let began = Instant::now();
-        let progress =
-            |samples: u32| -> ControlFlow<()> { attempt.show(done + u64::from(samples)) };
-        let ran = attempt
-            .interruptible(|| experiment.run(index, plant.clone(), &controller, &progress))?;
-        let (trial, trace) = ran.ok_or(TaskError::Stopped)?;
+        let progress = |samples: u32| attempt.show(done * steps + u64::from(samples));
+        let ran = attempt.interruptible(|| run(&progress))?;
+        let Ran { trial, trace, recorded } = ran.ok_or(TaskError::Stopped)?;
         let seconds = began.elapsed().as_secs_f64();
-        tracing::info!(robot = index, controller = controller.name, seconds, "controlled");
-        let checkpoint =
-            checkpoints.iter().find(|checkpoint| checkpoint.info.name == controller.name);
+        tracing::info!(robot = index, controller = name, seconds, "controlled");
+        let checkpoint = checkpoints.iter().find(|checkpoint| checkpoint.info.name == name);
         if let Some(trained) =
             checkpoint.and_then(|checkpoint| checkpoint.model.config().ranges.as_ref())
         {
-            let recorded = trace.recorded_after(&plant, simulation.rate_hz);
             let found = recorded.and_then(|series| DataRanges::of(&series.view()));
             let outside = found.map(|found| trained.warnings_of(&found)).unwrap_or_default();
-            warnings.extend(outside.into_iter().map(|warning| warning.of(&controller.name)));
+            warnings.extend(outside.into_iter().map(|warning| warning.of(&name)));
         }
         trials.push(trial);
-        traces.push((controller.name, trace));
-        done += u64::from(experiment.steps());
+        traces.push((name, trace));
     }
     let name = |extension: &str| format!("robot-{index:02}.{extension}");
     let rate_hz = simulation.rate_hz;
@@ -87,6 +91,54 @@ fn robot(attempt: &Attempt, spec: &ControlSpec, index: u64) -> Result<(), TaskEr
         trials,
         warnings,
     })
+}
+
+/// Controllers that plan the torques of the robot of trajectory `index`.
+fn planning<'a>(
+    spec: &'a ControlSpec,
+    simulation: &'a SimulateSpec,
+    index: u64,
+    checkpoints: &'a [LoadedCheckpoint],
+) -> Result<Vec<Ready<'a>>, TaskError> {
+    let experiment = Rc::new(Experiment::new(spec, simulation));
+    let plant = experiment.plant(index)?;
+    let baseline = |&name| Controller::baseline(name, simulation, plant.robot());
+    let learned = checkpoints.iter().map(|checkpoint| learned(checkpoint, spec));
+    let controllers: Vec<_> = spec.baselines.iter().map(baseline).chain(learned).collect();
+    let ready = controllers.into_iter().map(|controller| {
+        let (name, experiment, plant) =
+            (controller.name.clone(), Rc::clone(&experiment), plant.clone());
+        let run = move |progress: Progress<'_>| {
+            experiment.run(index, plant.clone(), &controller, progress)
+        };
+        Ready { name, run: Box::new(run) }
+    });
+    Ok(ready.collect())
+}
+
+/// Feed-forwards to the controller of the robot of trajectory `index`.
+fn feeding_forward<'a>(
+    spec: &'a ControlSpec,
+    simulation: &'a SimulateSpec,
+    index: u64,
+    checkpoints: &'a [LoadedCheckpoint],
+) -> Result<Vec<Ready<'a>>, TaskError> {
+    let pursuit = Rc::new(Pursuit::new(spec, simulation)?);
+    let pursued = Rc::new(pursuit.pursued(index)?);
+    let baseline = |&name| FeedForward::baseline(name, simulation, pursued.robot());
+    let learned = checkpoints
+        .iter()
+        .map(|checkpoint| FeedForward::learned(&checkpoint.info.name, &checkpoint.model));
+    let all: Vec<_> = spec.baselines.iter().map(baseline).chain(learned).collect();
+    let ready = all.into_iter().map(|feed_forward| {
+        let (name, pursuit, pursued) =
+            (feed_forward.name.clone(), Rc::clone(&pursuit), Rc::clone(&pursued));
+        let run = move |progress: Progress<'_>| {
+            progress(0).is_continue().then(|| pursuit.run(&pursued, &feed_forward))
+        };
+        Ready { name, run: Box::new(run) }
+    });
+    Ok(ready.collect())
 }
 
 /// A controller that predicts with a checkpoint. A denoiser draws one sample, with the sampler of

@@ -12,7 +12,7 @@ pub(super) fn report(attempt: &Attempt, spec: &ControlSpec) -> Result<(), TaskEr
     let simulation = simulation(attempt, spec)?;
     let checkpoints = LoadedCheckpoint::load_all(attempt, &spec.checkpoints)?;
     let robots = trials(attempt)?;
-    let report = summarize(spec, simulation.rate_hz, controllers(spec, &checkpoints), &robots);
+    let report = summarize(spec, &simulation, controllers(spec, &checkpoints), &robots);
     attempt.put("report.json", "application/json", serde_json::to_vec_pretty(&report)?)?;
     attempt.put("trials.csv", "text/csv", table::trials_csv(&robots)?)?;
     let figure = tracking_figure(&report, &robots);

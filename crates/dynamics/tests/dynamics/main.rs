@@ -11,6 +11,7 @@ mod calibration;
 mod closed_loop;
 mod determinism;
 mod equations;
+mod feed_forward;
 mod measurement;
 mod observations;
 mod other_arms;

@@ -1,7 +1,7 @@
 //! Baselines on contexts whose noise is removed first.
 
 use models::Interrupt;
-use series::{MeasuredMotion, Observed, Series, Shape, ShapeError, Smoother};
+use series::{JointMotion, Observed, Series, Shape, ShapeError, Smoother};
 
 use crate::predictor::Answer;
 use crate::{EvaluationError, Predictor};
@@ -37,7 +37,7 @@ impl Predictor for Filtered {
         &self,
         observed: &Observed<'_>,
         answer: &Answer,
-        motions: &[MeasuredMotion],
+        motions: &[JointMotion],
     ) -> Result<Option<Vec<Vec<f64>>>, EvaluationError> {
         self.0.torques(observed, answer, motions)
     }

@@ -1,6 +1,6 @@
 //! The baseline that predicts no motion.
 
-use series::{MeasuredMotion, Observed};
+use series::{JointMotion, Observed};
 
 use super::rollout::rollout;
 use crate::predictor::Answer;
@@ -24,7 +24,7 @@ impl Predictor for HoldLast {
         &self,
         observed: &Observed<'_>,
         _: &Answer,
-        motions: &[MeasuredMotion],
+        motions: &[JointMotion],
     ) -> Result<Option<Vec<Vec<f64>>>, EvaluationError> {
         let held = motions.iter().enumerate().map(|(robot, motion)| {
             let last = &observed.u(robot)[observed.context() - 1];
@@ -50,7 +50,7 @@ mod tests {
         let predicted = HoldLast.predict(&observed).unwrap();
         assert_eq!(predicted.len(), 80 * JOINTS);
         assert!(predicted.chunks(JOINTS).all(|y| *y == observed.y(0)[319]));
-        let motion = MeasuredMotion::new(&predicted, JOINTS, observed.rate_hz());
+        let motion = JointMotion::measured(&predicted, JOINTS, observed.rate_hz());
         let said = HoldLast.torques(&observed, &Answer::default(), &[motion]).unwrap().unwrap();
         let last = observed.u(0)[319].to_vec();
         assert_eq!(said[0].len(), 78 * JOINTS);

@@ -56,18 +56,23 @@ impl NominalArm {
     /// default it is the Panda of the default spec, ±10 %.
     pub fn of(data: &DataSpec) -> Self {
         match data {
-            DataSpec::Simulation(spec) => Self {
-                robot: spec.robot.clone(),
-                rate_hz: spec.rate_hz,
-                integrator: spec.sample_integrator(),
-                precision: spec.precision,
-            },
+            DataSpec::Simulation(spec) => Self::of_simulation(spec),
             DataSpec::Import(spec) => Self {
                 robot: spec.robot(),
                 rate_hz: spec.rate_hz,
                 integrator: Integrator::default(),
                 precision: Precision::default(),
             },
+        }
+    }
+
+    /// The arm around which a simulation draws robots.
+    pub fn of_simulation(spec: &SimulateSpec) -> Self {
+        Self {
+            robot: spec.robot.clone(),
+            rate_hz: spec.rate_hz,
+            integrator: spec.sample_integrator(),
+            precision: spec.precision,
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
-use series::{MeasuredMotion, Observed, SeriesView};
+use series::{JointMotion, Observed, SeriesView, mean_torques};
 use spec::{Family, Given, Range};
 use wire::Warning;
 
@@ -160,7 +160,7 @@ pub fn evaluate_cell(
     let motions = match scoring.given {
         Given::Torques => truth
             .chunks_exact(row)
-            .map(|positions| MeasuredMotion::new(positions, joints, observed.rate_hz()))
+            .map(|positions| JointMotion::measured(positions, joints, observed.rate_hz()))
             .collect(),
         Given::References => Vec::new(),
     };
@@ -242,7 +242,7 @@ struct Scorer<'a> {
     /// `[robot, horizon, joint]`.
     truth: &'a [f32],
     /// The motion of each robot over the horizon. Empty if torques are not asked for.
-    motions: &'a [MeasuredMotion],
+    motions: &'a [JointMotion],
     /// Values per scenario.
     row: usize,
     joints: usize,
@@ -350,7 +350,8 @@ impl Scorer<'_> {
         scenario: usize,
     ) -> Option<Vec<f64>> {
         let torques = &observed.u(scenario).values()[observed.context() * self.joints..];
-        torque_rmse_nm(said, &self.motions[scenario].mean_torques(torques), self.joints)
+        let acted = mean_torques(torques, self.joints, observed.rate_hz());
+        torque_rmse_nm(said, &acted, self.joints)
     }
 
     fn rollouts(&self, answer: &Answer) -> Rollouts {

@@ -47,7 +47,8 @@ impl Controller<'_> {
     pub fn baseline(baseline: ControlBaseline, simulation: &SimulateSpec, robot: &Robot) -> Self {
         let replay = Replay::of(simulation);
         let forecast: Option<Box<dyn Forecast>> = match baseline {
-            ControlBaseline::ZeroTorque => None,
+            // Specs refuse the last one, which does not plan.
+            ControlBaseline::ZeroTorque | ControlBaseline::Identification => None,
             ControlBaseline::DampedIntegrator => {
                 let damping_nm_s_rad = simulation.robot.damping_nm_s_rad.clone();
                 let predictor = DampedIntegrator { damping_nm_s_rad };

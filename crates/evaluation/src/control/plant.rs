@@ -3,6 +3,7 @@
 use std::ops::ControlFlow;
 
 use dynamics::{ArmState, DynamicsError, Joints, Motion, Replay, Robot};
+use series::{Series, Shape};
 use spec::SimulateSpec;
 
 use super::forecast::Now;
@@ -76,6 +77,18 @@ impl Plant {
         if !torques.is_empty() {
             self.y.push(self.state.q.map(to_f32));
         }
+    }
+
+    /// The torques and positions so far. `None` if some are not finite.
+    pub fn recorded(&self, rate_hz: f64) -> Option<Series> {
+        let u: Vec<f32> = self.u.iter().flatten().copied().collect();
+        let mut y: Vec<f32> = self.y.iter().flatten().copied().collect();
+        // There is one position more than torques.
+        y.truncate(u.len());
+        let joints = self.robot.joints();
+        let shape = Shape { robots: 1, samples: u.len() / joints, joints };
+        let is_finite = u.iter().chain(&y).all(|value| value.is_finite());
+        Series::new(shape, rate_hz, u, y).ok().filter(|_| is_finite)
     }
 
     /// Whether the state is finite.

@@ -1,19 +1,20 @@
 //! The summary of all trials: means over robots with their intervals.
 
-use spec::{Bootstrap, ControlSpec};
+use spec::{Bootstrap, ControlBaseline, ControlSpec, SimulateSpec};
 use wire::{
     ControlDifference, ControlReport, ControllerInfo, ControllerSummary, Interval, PlanTime,
     PredictorKind, Warning,
 };
 
-use super::trial::{RobotTrials, Tracking, Trial};
+use super::tracking::Tracking;
+use super::trial::{RobotTrials, Trial};
 use crate::bootstrap::stratified_mean;
 
-/// Summarizes the robots of a job. `controllers` has the order of the tables, and every robot has
-/// their trials.
+/// Summarizes the robots of a job, whose data is `simulation`. `controllers` has the order of the
+/// tables, and every robot has their trials.
 pub fn summarize(
     spec: &ControlSpec,
-    rate_hz: f64,
+    simulation: &SimulateSpec,
     controllers: Vec<ControllerInfo>,
     robots: &[RobotTrials],
 ) -> ControlReport {
@@ -30,17 +31,41 @@ pub fn summarize(
             })
         }));
     }
+    let rate_hz = simulation.rate_hz;
+    let plans = simulation.controller.is_none();
+    let mut controllers: Vec<ControllerSummary> =
+        controllers.into_iter().map(|info| of(info, robots, spec.bootstrap)).collect();
+    if !plans {
+        set_oracle_shares(&mut controllers);
+    }
     ControlReport {
         robots: robots.len() as u64,
         steps: spec.steps(rate_hz),
         rate_hz,
         context: spec.context,
-        path: spec.path.clone(),
-        planner: spec.planner.clone(),
+        path: plans.then(|| spec.path.clone()),
+        planner: plans.then(|| spec.planner.clone()),
         bootstrap: spec.bootstrap,
-        controllers: controllers.into_iter().map(|info| of(info, robots, spec.bootstrap)).collect(),
+        controllers,
         paired,
         warnings: Warning::merge(robots.iter().flat_map(|robot| robot.warnings.iter().cloned())),
+    }
+}
+
+/// Says how far each controller goes from the nominal arm's error to the oracle's.
+fn set_oracle_shares(controllers: &mut [ControllerSummary]) {
+    let mean_deg = |name: ControlBaseline| {
+        let found = controllers.iter().find(|controller| controller.info.name == name.as_str());
+        Some(found?.rms_deg?.mean)
+    };
+    let nominal = mean_deg(ControlBaseline::NominalSimulator);
+    let oracle = mean_deg(ControlBaseline::Oracle);
+    let (Some(nominal), Some(oracle)) = (nominal, oracle) else { return };
+    if oracle < nominal {
+        for controller in controllers {
+            let share = |rms: Interval| (nominal - rms.mean) / (nominal - oracle);
+            controller.oracle_share = controller.rms_deg.map(share);
+        }
     }
 }
 
@@ -64,6 +89,7 @@ fn of(info: ControllerInfo, robots: &[RobotTrials], bootstrap: Bootstrap) -> Con
     let failures = || trials.iter().filter_map(|(trial, _)| trial.failure.as_ref());
     ControllerSummary {
         rms_deg,
+        oracle_share: None,
         joint_rms_deg: (0..robots.first().map_or(0, |robot| robot.joints))
             .map(|joint| mean(&|tracking| tracking.joint_rms_deg[joint]))
             .collect(),

@@ -3,16 +3,17 @@
 use std::ops::ControlFlow;
 use std::time::Instant;
 
-use dynamics::{Joints, Scenarios};
+use dynamics::Joints;
 use serde::{Deserialize, Serialize};
-use series::{Series, Shape};
-use spec::{ControlSpec, Range, SimulateSpec};
+use series::Series;
+use spec::{ControlSpec, SimulateSpec};
 use wire::Warning;
 
 use super::forecast::{Controller, Forecast};
 use super::mppi::{self, Key};
 use super::plant::Plant;
 use super::reference::Reference;
+use super::tracking::{Judge, Tracking, excited_nm};
 use crate::EvaluationError;
 use crate::baselines::to_f32;
 
@@ -21,8 +22,7 @@ use crate::baselines::to_f32;
 pub struct Experiment<'a> {
     spec: &'a ControlSpec,
     simulation: &'a SimulateSpec,
-    /// For each joint, the 99th percentile of the excitation's absolute torques, N·m.
-    excited_nm: Joints<f64>,
+    judge: Judge,
 }
 
 /// All trials of one robot.
@@ -59,26 +59,8 @@ pub struct Trial {
     pub plan_ms: Vec<f64>,
 }
 
-/// How well a robot followed its path, and with which torques.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Tracking {
-    /// Mean over joints of `joint_rms_deg`.
-    pub rms_deg: f64,
-    /// Root mean square over time.
-    pub joint_rms_deg: Vec<f64>,
-    /// The largest error of any joint.
-    pub peak_deg: f64,
-    /// Root mean square over time and joints.
-    pub torque_rms_nm: f64,
-    /// Share of torques above the 99th percentile of the same joint's torques in the excitation.
-    pub beyond_excitation: f64,
-    /// Least distance of a joint to one of its limits, rad. It is negative beyond a limit, since
-    /// the simulated arm has no stops.
-    pub clearance_rad: f64,
-}
-
 /// The recording of the robot during control.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Trace {
     /// Torques of control, N·m.
     pub torques: Vec<Joints<f32>>,
@@ -88,10 +70,22 @@ pub struct Trace {
     pub path: Vec<Joints<f64>>,
 }
 
+/// What a controller did to a robot.
+#[derive(Clone, Debug)]
+pub struct Ran {
+    /// How it went.
+    pub trial: Trial,
+    /// The recording of control.
+    pub trace: Trace,
+    /// Torques and positions from the beginning of the excitation on. `None` if some are not finite.
+    pub recorded: Option<Series>,
+}
+
 impl<'a> Experiment<'a> {
     /// The experiment of a `spec` that was checked to fit `simulation`.
     pub fn new(spec: &'a ControlSpec, simulation: &'a SimulateSpec) -> Self {
-        Self { spec, simulation, excited_nm: excited_nm(simulation) }
+        let judge = Judge::new(simulation, excited_nm(simulation));
+        Self { spec, simulation, judge }
     }
 
     /// The robot of trajectory `index` at the beginning of control.
@@ -115,10 +109,10 @@ impl<'a> Experiment<'a> {
         mut plant: Plant,
         controller: &Controller<'_>,
         progress: &dyn Fn(u32) -> ControlFlow<()>,
-    ) -> Option<(Trial, Trace)> {
+    ) -> Option<Ran> {
         let begin = plant.now().u.len();
         let steps = self.steps() as usize;
-        let reference = Reference::new(&self.spec.path, plant.state().q, &self.limits_rad());
+        let reference = Reference::new(&self.spec.path, plant.state().q, self.judge.limits_rad());
         // The path after `step` samples of control.
         let path = |step: usize| reference.at(step as f64 / self.simulation.rate_hz);
         let horizon = self.spec.planner.horizon as usize;
@@ -157,16 +151,13 @@ impl<'a> Experiment<'a> {
         };
         let trial = Trial {
             controller: controller.name.clone(),
-            tracking: failure.is_none().then(|| self.tracking(&trace)),
+            tracking: failure.is_none().then(|| self.judge.tracking(&trace)),
             failure,
-            error_deg: trace
-                .errors()
-                .map(|errors| rms(&errors).to_degrees())
-                .take_while(|error| error.is_finite())
-                .collect(),
+            error_deg: trace.errors_deg().take_while(|error| error.is_finite()).collect(),
             plan_ms,
         };
-        Some((trial, trace))
+        let recorded = plant.recorded(self.simulation.rate_hz);
+        Some(Ran { trial, trace, recorded })
     }
 
     fn plan(
@@ -185,56 +176,16 @@ impl<'a> Experiment<'a> {
             forecast.foresee(&now, plans, steps)
         })
     }
-
-    fn limits_rad(&self) -> Vec<Range> {
-        self.simulation.robot.description().per_joint(|joint| joint.position_rad)
-    }
-
-    fn tracking(&self, trace: &Trace) -> Tracking {
-        let errors: Vec<Joints<f64>> = trace.errors().collect();
-        let joints = self.simulation.joints();
-        let joint_rms_deg = (0..joints).map(|joint| {
-            let of_joint: Vec<f64> = errors.iter().map(|errors| errors[joint]).collect();
-            rms(&of_joint).to_degrees()
-        });
-        let joint_rms_deg: Vec<f64> = joint_rms_deg.collect();
-        let torques: Vec<f64> = trace.torques.iter().flatten().map(|&u| u.into()).collect();
-        let beyond = trace.torques.iter().flat_map(|torques| torques.iter().zip(&self.excited_nm));
-        let beyond = beyond.filter(|(u, excited)| f64::from(u.abs()) > **excited).count();
-        let limits = self.limits_rad();
-        let clearance = trace.positions.iter().flat_map(|positions| {
-            positions.iter().zip(&limits).map(|(&q, limits)| {
-                let q = f64::from(q);
-                (q - limits.min).min(limits.max - q)
-            })
-        });
-        Tracking {
-            rms_deg: joint_rms_deg.iter().sum::<f64>() / joints as f64,
-            joint_rms_deg,
-            peak_deg: errors.iter().flatten().map(|e| e.abs()).fold(0.0, f64::max).to_degrees(),
-            torque_rms_nm: rms(&torques),
-            beyond_excitation: beyond as f64 / torques.len() as f64,
-            clearance_rad: clearance.fold(f64::INFINITY, f64::min),
-        }
-    }
 }
 
 impl Trace {
-    /// The torques and positions since the excitation of `plant`. `None` if some are not finite.
-    pub fn recorded_after(&self, plant: &Plant, rate_hz: f64) -> Option<Series> {
-        let before = plant.now();
-        let u: Vec<f32> = before.u.iter().chain(&self.torques).flatten().copied().collect();
-        let mut y: Vec<f32> = before.y.iter().chain(&self.positions).flatten().copied().collect();
-        // There is one position more than torques.
-        y.truncate(u.len());
-        let joints = before.y.first()?.len();
-        let shape = Shape { robots: 1, samples: u.len() / joints, joints };
-        let is_finite = u.iter().chain(&y).all(|value| value.is_finite());
-        Series::new(shape, rate_hz, u, y).ok().filter(|_| is_finite)
+    /// Root mean square of positions minus the path over joints, at each sample, degrees.
+    pub(super) fn errors_deg(&self) -> impl Iterator<Item = f64> {
+        self.errors().map(|errors| rms(&errors).to_degrees())
     }
 
     /// Positions minus the path, rad.
-    fn errors(&self) -> impl Iterator<Item = Joints<f64>> {
+    pub(super) fn errors(&self) -> impl Iterator<Item = Joints<f64>> {
         self.positions.iter().zip(&self.path).map(|(positions, path)| {
             Joints::from_fn(path.len(), |joint| f64::from(positions[joint]) - path[joint])
         })
@@ -249,28 +200,7 @@ fn advance(plan: &mut [Joints<f64>], count: usize) {
     plan[left..].fill(last);
 }
 
-/// For each joint, the 99th percentile of an excitation's absolute torques, N·m.
-fn excited_nm(simulation: &SimulateSpec) -> Joints<f64> {
-    /// Number of simulated trajectories. One joint then has 25 600 torques, of which 1 % are above
-    /// the percentile.
-    const TRAJECTORIES: u64 = 256;
-    const TIMES: u32 = 100;
-    let scenarios = Scenarios::new(simulation);
-    let duration_s = f64::from(simulation.samples) / simulation.rate_hz;
-    let mut torques: Vec<Joints<f64>> = Vec::new();
-    for index in 0..TRAJECTORIES {
-        let excitation = scenarios.draw(index, 1).excitation;
-        let Some(law) = excitation.torques() else { continue };
-        torques.extend((0..TIMES).map(|k| law.at(duration_s * f64::from(k) / f64::from(TIMES))));
-    }
-    Joints::from_fn(simulation.joints(), |joint| {
-        let mut sizes: Vec<f64> = torques.iter().map(|torques| torques[joint].abs()).collect();
-        let position = sizes.len() * 99 / 100;
-        *sizes.select_nth_unstable_by(position, f64::total_cmp).1
-    })
-}
-
-fn rms(values: &[f64]) -> f64 {
+pub(super) fn rms(values: &[f64]) -> f64 {
     (values.iter().map(|value| value * value).sum::<f64>() / values.len() as f64).sqrt()
 }
 

@@ -1,10 +1,10 @@
 //! The torque that a predictor says for a measured motion, beside the torque that acted.
 
 use dynamics::{Joints, Robot, inverse_dynamics};
-use series::MeasuredMotion;
+use series::JointMotion;
 
 /// The torques that a motion takes of an arm, `[instant, joint]`, N·m.
-pub(crate) fn torques_of_arm(arm: &Robot, motion: &MeasuredMotion) -> Vec<f64> {
+pub(crate) fn torques_of_arm(arm: &Robot, motion: &JointMotion) -> Vec<f64> {
     let joints = motion.joints();
     let of_instant = |instant: usize| {
         let at = |values: &[f64]| -> Joints<f64> {
@@ -34,6 +34,7 @@ pub(crate) fn torque_rmse_nm(said: &[f64], acted: &[f64], joints: usize) -> Opti
 mod tests {
     use std::ops::ControlFlow;
 
+    use series::mean_torques;
     use spec::JobSpec;
 
     use super::*;
@@ -60,9 +61,10 @@ mod tests {
             }
             let (u, q) = (series.u(k).values(), series.true_y(k).values());
             let joints = series.joints();
-            let motion = MeasuredMotion::new(q, joints, rate_hz.into());
+            let motion = JointMotion::measured(q, joints, rate_hz.into());
             let said = torques_of_arm(&arm, &motion);
-            let errors = torque_rmse_nm(&said, &motion.mean_torques(u), joints).unwrap();
+            let errors =
+                torque_rmse_nm(&said, &mean_torques(u, joints, rate_hz.into()), joints).unwrap();
             errors.into_iter().fold(0.0, f64::max)
         };
         robots.map(of_robot).fold(0.0, f64::max)

@@ -4,6 +4,7 @@
 
 mod baselines;
 mod control;
+mod feed_forward;
 mod learned;
 mod no_leak;
 #[path = "../../../models/tests/smallest/mod.rs"]

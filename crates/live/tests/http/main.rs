@@ -4,4 +4,5 @@
 mod fixture;
 mod predictions;
 mod streams;
+mod torques;
 mod warnings;

@@ -35,6 +35,7 @@ mod draws;
 mod features;
 mod filtering;
 mod fitting;
+mod initial;
 mod kinematics;
 mod law;
 mod linear_algebra;
@@ -49,26 +50,22 @@ mod scoring;
 mod tests;
 mod torques;
 
+use std::sync::Arc;
+
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
 use burn::tensor::{Device, Tensor, TensorData, activation};
-use series::MeasuredMotion;
 use simd::InstructionSet;
-use spec::{LagrangianSpec, MAX_JOINTS};
 
 use self::batch::{HostBatch, Points, Posteriors};
 use self::kinematics::Kinematics;
-use self::law::{Calibration, DIRECTIONS, JointLaw, Law, Limits, Network, Places};
+use self::law::{Calibration, JointLaw, Law, Limits, Network, Places};
 use self::linear_algebra::Dense;
-use self::nominal::NominalJoint;
 use self::recorded::{Motion, Recorded};
 use self::regression::{Numbers, Prior};
-use crate::ModelError;
-use crate::architecture::{Architecture, Ask, Draw, Extents, Model, ModelInput};
-use crate::initialization::InitialWeights;
+use crate::architecture::{Ask, Draw, Extents, FittedRobot, Model, ModelInput};
 use crate::layers::Linear;
 use crate::loss::Loss;
 use crate::randomness::Noise;
-use crate::sizes::{LARGEST_WIDTH, MOST_LAYERS, MOST_SAMPLES, within};
 
 /// Scalar parameters are stored divided by this, so that they learn faster. At the pace of weights,
 /// the logarithm of a noise would need a whole training to get from 0.3 N·m to 0.3 mN·m.
@@ -76,125 +73,9 @@ const PACE: f32 = 10.0;
 /// The same factor for [`Calibration`], which follows the law until the last steps of a training.
 const CALIBRATION_PACE: f32 = 30.0;
 
-/// The largest number of particles, and of forces.
-const MOST_PARTS: u32 = 64;
-
-/// Initial Jacobians are uniform on ± this over the root of their number of columns, √(kg m²).
-const INITIAL_JACOBIAN: f32 = 0.9;
-/// Largest initial weight of the heads, times √width.
-const INITIAL_HEAD: f32 = 0.35;
-/// Initial standard deviation of the residual torque, N·m.
-const INITIAL_NOISE: f32 = 0.3;
 /// Least share of the newer value. With a smaller share, the steps of a joint without inertia would
 /// oscillate with growing amplitude.
 const LEAST_SHARE: f32 = 0.5;
-/// Initial spread of weights and strengths over robots.
-const INITIAL_SHARED_SPREAD: f32 = 0.1;
-/// Initial spread of the moments of a load.
-const INITIAL_LOAD_SPREAD: f32 = 1.0;
-/// Initial inertia that all robots have in common, as a share of their rotors', where these are
-/// fitted.
-const LEAST_SHARE_OF_ROTOR: f32 = 0.05;
-/// Initial deviation of the logarithm of a draw's scale.
-const INITIAL_SCALE_SPREAD: f32 = 0.3;
-/// The shortest context in samples: one sample with one before it and one after it.
-const LEAST_CONTEXT: u32 = 3;
-
-impl Architecture for LagrangianSpec {
-    type Model = Lagrangian;
-
-    fn init(
-        &self,
-        Extents { context, joints, .. }: Extents,
-        weights: &mut InitialWeights<'_>,
-    ) -> Result<Lagrangian, ModelError> {
-        within("width", self.width, 1, LARGEST_WIDTH)?;
-        within("layers", self.layers, 1, MOST_LAYERS)?;
-        within("points", self.points, 1, MOST_SAMPLES)?;
-        within("particles", self.particles, 1, MOST_PARTS)?;
-        within("forces", self.forces, 0, MOST_PARTS)?;
-        within("context", context, LEAST_CONTEXT, MOST_SAMPLES)?;
-        let joints_of = |count: usize| u32::try_from(count).unwrap_or(u32::MAX);
-        let kinematics = self.robot.as_ref().map(Kinematics::new);
-        let told = self.robot.as_ref().map(|robot| robot.model.description().joints.len());
-        let fewest = told.unwrap_or(usize::from(self.turns_freely) + 1);
-        let most = told.unwrap_or(MAX_JOINTS);
-        within("joints", joints_of(joints), joints_of(fewest), joints_of(most))?;
-        let first = usize::from(self.turns_freely && kinematics.is_none());
-        let width = self.width as usize;
-        let [particles, forces] = match &kinematics {
-            Some(kinematics) => [kinematics.particles(), 0],
-            None => [self.particles, self.forces].map(|count| count as usize),
-        };
-        let Self { rotor_inertia: rotors, torque_offset: offsets, .. } = *self;
-        let moments = kinematics.is_some();
-        let numbers = Numbers { particles, forces, joints, moments, rotors, offsets };
-        let inputs = |layer: u32| if layer == 0 { 2 * (joints - first) } else { width };
-        let bound = INITIAL_HEAD / (width as f32).sqrt();
-        let paced = |value: f32| value.ln() / PACE;
-        let nominal = match &self.robot {
-            Some(robot) => nominal::of(robot.model.description()),
-            None => nominal::unknown(joints),
-        };
-        let load = kinematics.as_ref().map_or(particles, Kinematics::load)..particles;
-        let spreads = (0..numbers.count()).map(|number| {
-            let joint = number.saturating_sub(particles + forces) % joints;
-            paced(if load.contains(&number) {
-                INITIAL_LOAD_SPREAD
-            } else if numbers.shared().contains(&number) {
-                INITIAL_SHARED_SPREAD
-            } else if numbers.dampings().contains(&number) {
-                nominal[joint].damping_spread
-            } else if numbers.rotors().contains(&number) {
-                nominal[joint].rotor
-            } else {
-                nominal[joint].friction_spread
-            })
-        });
-        let each = |value: fn(&NominalJoint) -> f32| nominal.iter().map(value).map(paced);
-        let layers = if kinematics.is_none() { self.layers } else { 0 };
-        let hidden = (0..layers).map(|layer| {
-            let bound = (6.0 / (inputs(layer) + width) as f32).sqrt();
-            Linear::near(&vec![0.0; width], inputs(layer), bound, weights)
-        });
-        let hidden = hidden.collect();
-        let learned = kinematics.is_none().then(|| {
-            let jacobians = DIRECTIONS * particles * joints;
-            let columns = (DIRECTIONS * particles) as f32;
-            let biases = weights.draws(jacobians, INITIAL_JACOBIAN / columns.sqrt());
-            Linear::near(&biases, width, bound, weights)
-        });
-        let armature = |joint: &NominalJoint| joint.rotor;
-        let least = |joint: &NominalJoint| joint.rotor * LEAST_SHARE_OF_ROTOR;
-        Ok(Lagrangian {
-            hidden,
-            particles: learned,
-            forces: (forces > 0)
-                .then(|| Linear::near(&vec![0.0; (1 + forces) * joints], width, bound, weights)),
-            share: weights.constant([joints], 0.0),
-            armature: weights.given([joints], each(if rotors { least } else { armature })),
-            masses: kinematics
-                .as_ref()
-                .map(|kinematics| weights.given([particles], kinematics.described())),
-            rotor: rotors.then(|| weights.given([joints], each(|joint| joint.rotor))),
-            damping: weights.given([joints], each(|joint| joint.damping)),
-            friction: weights.given([joints], nominal.iter().map(|joint| joint.friction / PACE)),
-            friction_slope: weights.given([joints], each(|joint| joint.slope)),
-            friction_shift: weights.constant([joints], 0.0),
-            spread: weights.given([numbers.count()], spreads),
-            noise: weights.constant([joints], paced(INITIAL_NOISE)),
-            doubt: weights.given([3], [0.0, INITIAL_SCALE_SPREAD / CALIBRATION_PACE, 0.0]),
-            first,
-            numbers,
-            friction_units: nominal.iter().map(|joint| joint.friction_unit).collect(),
-            limits: nominal.iter().map(|joint| joint.limits).collect(),
-            disturbance: self.disturbance,
-            kinematics,
-            points: self.points.min(context - 2) as usize,
-        })
-    }
-}
-
 /// The learned part of the equations of motion, and the distribution of robots.
 #[derive(Module, Debug)]
 pub(crate) struct Lagrangian {
@@ -460,12 +341,17 @@ impl Model for Lagrangian {
         Tensor::from_data(TensorData::new(answer, shape), &input.u.device())
     }
 
-    fn torques(&self, input: ModelInput, motions: &[MeasuredMotion]) -> Option<Vec<Vec<f32>>> {
+    fn fit(&self, input: ModelInput) -> Option<Vec<FittedRobot>> {
         let batch = HostBatch::new(&input);
-        let robots: Vec<Recorded<'_>> =
-            (0..motions.len()).map(|robot| batch.robot(robot)).collect();
-        let instructions = InstructionSet::best();
-        Some(self.law().torques(instructions, &robots, input.measurement_noise, motions))
+        let [count, ..] = input.u.dims();
+        let robots: Vec<Recorded<'_>> = (0..count).map(|robot| batch.robot(robot)).collect();
+        let (instructions, law) = (InstructionSet::best(), Arc::new(self.law()));
+        let fitted = law.most_likely(instructions, &robots, input.measurement_noise).into_iter();
+        let robot = |numbers: Vec<f32>| -> FittedRobot {
+            let law = Arc::clone(&law);
+            Box::new(move |motion| law.torques(instructions, &numbers, motion))
+        };
+        Some(fitted.map(robot).collect())
     }
 
     fn kept(&self, extents: Extents) -> usize {

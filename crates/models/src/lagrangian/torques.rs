@@ -1,9 +1,9 @@
-//! The torques that motions take of robots that were fitted to their contexts: the law in the other
-//! direction. Instants lie in lanes.
+//! Robots that were fitted to their contexts, and the torques that motions take of them: the law in the
+//! other direction. Instants lie in lanes.
 
 use kernels::Interrupt;
 use rayon::prelude::*;
-use series::{MeasuredMotion, MeasurementNoise};
+use series::{JointMotion, MeasurementNoise};
 use simd::{InstructionSet, Kernel, Lanes, MAX_LANES, with_f32_lanes};
 use spec::MAX_JOINTS;
 
@@ -15,26 +15,35 @@ use super::recorded::Recorded;
 use super::regression::{Bounds, Numbers};
 
 impl Law {
-    /// The torques that the motion of each robot takes, `[instant, joint]`, N·m, of the most likely
-    /// robot. They are the same for all instruction sets.
-    pub fn torques(
+    /// The numbers of the most likely robot for each context.
+    pub fn most_likely(
         &self,
         instructions: InstructionSet,
         robots: &[Recorded<'_>],
         noise: MeasurementNoise,
-        motions: &[MeasuredMotion],
     ) -> Vec<Vec<f32>> {
         let Some(first) = robots.first() else { return Vec::new() };
         let smoother = smoother_of(first, noise);
         let filter = smoother.as_ref().map(|smoother| (smoother, noise));
         let interrupt = Interrupt::current();
-        let asked = robots.par_iter().zip(motions).inspect(|_| interrupt.leave_if_raised());
-        let of_robot = |(robot, motion)| {
+        let asked = robots.par_iter().inspect(|_| interrupt.leave_if_raised());
+        let of_robot = |robot| {
             let found = self.posterior(instructions, robot, filter, Bounds::Dissipation);
-            let (law, numbers) = (self, found.most_likely.numbers.as_slice());
-            with_f32_lanes!(instructions, L => L::run(TorquesOfMotion { law, numbers, motion }))
+            found.most_likely.numbers.as_slice().to_vec()
         };
         asked.map(of_robot).collect()
+    }
+
+    /// The torques that a motion takes of the robot with these numbers, `[instant, joint]`, N·m.
+    /// They are the same for all instruction sets.
+    pub fn torques(
+        &self,
+        instructions: InstructionSet,
+        numbers: &[f32],
+        motion: &JointMotion,
+    ) -> Vec<f32> {
+        let law = self;
+        with_f32_lanes!(instructions, L => L::run(TorquesOfMotion { law, numbers, motion }))
     }
 }
 
@@ -119,7 +128,7 @@ fn gathered<L: Lanes>(
 struct TorquesOfMotion<'a> {
     law: &'a Law,
     numbers: &'a [f32],
-    motion: &'a MeasuredMotion,
+    motion: &'a JointMotion,
 }
 
 impl<L: Lanes> Kernel<L> for TorquesOfMotion<'_> {

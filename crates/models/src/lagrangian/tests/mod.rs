@@ -5,7 +5,7 @@
 use burn::module::Param;
 use burn::tensor::{Device, Tensor, TensorData};
 use random::{ChaCha8Rng, Rng, SeedableRng};
-use series::{MeasuredMotion, MeasurementNoise};
+use series::{JointMotion, MeasurementNoise};
 use simd::InstructionSet;
 use spec::LagrangianSpec;
 
@@ -432,14 +432,19 @@ fn the_torques_of_a_motion_are_those_of_the_equations_on_every_processor() {
         law.joints.iter_mut().for_each(|joint| joint.share = 0.5);
         let motions = Motions::new(3, joints);
         let robots = motions.robots();
-        let measured: Vec<MeasuredMotion> = robots
+        let measured: Vec<JointMotion> = robots
             .iter()
-            .map(|robot| MeasuredMotion::new(robot.y, joints, f64::from(RATE_HZ)))
+            .map(|robot| JointMotion::measured(robot.y, joints, f64::from(RATE_HZ)))
             .collect();
         let best = InstructionSet::best();
-        let said = law.torques(best, &robots, EXACT, &measured);
+        let torques = |instructions: InstructionSet| -> Vec<Vec<f32>> {
+            let fitted = law.most_likely(instructions, &robots, EXACT);
+            let each = fitted.iter().zip(&measured);
+            each.map(|(numbers, motion)| law.torques(instructions, numbers, motion)).collect()
+        };
+        let said = torques(best);
         for instructions in InstructionSet::available() {
-            assert_eq!(law.torques(instructions, &robots, EXACT, &measured), said);
+            assert_eq!(torques(instructions), said);
         }
         for (robot, said) in robots.iter().zip(&said) {
             let fitted = law.identify(best, robot, Bounds::Dissipation).numbers;

@@ -1,0 +1,145 @@
+//! The torques that motions take: the inverse question to a checkpoint.
+
+use std::time::Instant;
+
+use axum::body::Bytes;
+use series::{JointMotion, Series, Shape, ShapeError};
+use spec::SpecError;
+use wire::{PredictionLatency, SaidTorques, TorqueAnswer, TorqueRequest, WantedMotion};
+
+use crate::app::App;
+use crate::app::predictions::{HeldModel, milliseconds, rows};
+use crate::app::questions::{RequestViolations, noise_of_positions, series_of};
+use crate::error::ApiError;
+use crate::limits::{MOTION_INSTANTS, TORQUE_SCENARIOS};
+use crate::live::{AboutModel, FittedRobot, LiveError, LiveQueue};
+
+impl App {
+    /// The answer to a [`TorqueRequest`], a [`TorqueAnswer`] as JSON.
+    ///
+    /// # Errors
+    /// Like [`App::held_model`]. [`ApiError::Question`] with everything that is wrong with the
+    /// request.
+    pub(crate) async fn say_torques(
+        &self,
+        checkpoint: i64,
+        body: Bytes,
+    ) -> Result<Vec<u8>, ApiError> {
+        let bytes = body.len();
+        let request: TorqueRequest = self.read_body(body).await?;
+        let asked = Instant::now();
+        let HeldModel { resource, model } = self.held_model(checkpoint).await?;
+        let load = milliseconds(asked.elapsed());
+        let about = model.about().clone();
+        let question = move || question(&request, &about);
+        let (contexts, motions) = self.checks.run(bytes, question).await?;
+        let fit = model.fit(contexts, LiveQueue::Requests).await?;
+        let write = move || {
+            let computing = Instant::now();
+            let said = fit.robots.iter().zip(&motions).map(|(robot, motion)| said(robot, motion));
+            let scenarios = said.collect::<Result<_, _>>()?;
+            let queue = milliseconds(fit.queued);
+            let compute = milliseconds(fit.computed + computing.elapsed());
+            let latency_ms = PredictionLatency { load, queue, compute };
+            let answer =
+                TorqueAnswer { model: resource, scenarios, latency_ms, warnings: fit.warnings };
+            // It has only strings and finite numbers, so this cannot fail.
+            serde_json::to_vec(&answer).map_err(|_| ApiError::Internal)
+        };
+        // A torque takes about as long as ten bytes of JSON.
+        self.checks.run(bytes, write).await
+    }
+}
+
+/// The torques of a motion.
+///
+/// # Errors
+/// [`LiveError::Failed`] if they are not finite.
+pub(super) fn said(robot: &FittedRobot, motion: &JointMotion) -> Result<SaidTorques, ApiError> {
+    let torques = robot(motion);
+    if torques.iter().any(|torque| !torque.is_finite()) {
+        let reason = "it says torques that are not finite".to_owned();
+        return Err(ApiError::Live(LiveError::Failed { reason }));
+    }
+    Ok(SaidTorques { u: rows(&torques, motion.joints()) })
+}
+
+/// The contexts of a request, and its motions.
+///
+/// # Errors
+/// Every violation.
+fn question(
+    request: &TorqueRequest,
+    about: &AboutModel,
+) -> Result<(Series, Vec<JointMotion>), ApiError> {
+    let TorqueRequest { scenarios, position_noise_rad } = request;
+    let AboutModel { context, joints, .. } = *about;
+    let mut violations = RequestViolations::default();
+    if !(1..=TORQUE_SCENARIOS).contains(&scenarios.len()) {
+        let allowed = format!("1 to {TORQUE_SCENARIOS}");
+        violations.add("scenarios", format!("{} of them", scenarios.len()), allowed);
+    }
+    for (index, scenario) in scenarios.iter().enumerate() {
+        let field = |name: &str| format!("scenarios[{index}].{name}");
+        for (name, of_context) in [("u", &scenario.u), ("y", &scenario.y)] {
+            violations.rows(&field(name), of_context, context, "the checkpoint's context");
+            violations.values(&field(name), of_context, joints);
+        }
+        check_motion(&field("motion"), &scenario.motion, joints, &mut violations);
+    }
+    violations.position_noise(*position_noise_rad);
+    violations.finish()?;
+    let u = scenarios.iter().map(|scenario| scenario.u.as_slice());
+    let y = scenarios.iter().map(|scenario| scenario.y.as_slice());
+    let contexts = contexts(u, y, *position_noise_rad, about)?;
+    let motions = scenarios.iter().map(|scenario| motion_of(&scenario.motion, joints));
+    Ok((contexts, motions.collect::<Result<_, _>>()?))
+}
+
+/// Series whose horizon is one sample with the last torque.
+pub(super) fn contexts<'a>(
+    u: impl Iterator<Item = &'a [Vec<f32>]>,
+    y: impl Iterator<Item = &'a [Vec<f32>]>,
+    position_noise_rad: f64,
+    about: &AboutModel,
+) -> Result<Series, ApiError> {
+    let AboutModel { context, joints, rate_hz, .. } = *about;
+    let mut torques = Vec::new();
+    let mut robots = 0;
+    for of_robot in u {
+        robots += 1;
+        torques.extend(of_robot.iter().chain(of_robot.last()).flatten());
+    }
+    let positions = y.flatten().flatten().copied().collect();
+    let shape = Shape { robots, samples: context + 1, joints };
+    let series = series_of(shape, context, rate_hz, torques, positions)?;
+    Ok(series.with_noise(noise_of_positions(position_noise_rad)))
+}
+
+/// Checks a motion that a client sent.
+pub(super) fn check_motion(
+    field: &str,
+    motion: &WantedMotion,
+    joints: usize,
+    violations: &mut RequestViolations,
+) {
+    let instants = motion.q.len();
+    if !(1..=MOTION_INSTANTS).contains(&instants) {
+        let allowed = format!("1 to {MOTION_INSTANTS} rows");
+        violations.add(format!("{field}.q"), format!("{instants} rows"), allowed);
+    }
+    for (name, values) in [("q", &motion.q), ("qd", &motion.qd), ("qdd", &motion.qdd)] {
+        let field = format!("{field}.{name}");
+        violations.rows(&field, values, instants, "as many as q");
+        violations.values(&field, values, joints);
+    }
+}
+
+/// A motion that was checked before, so an error is a fault of this program.
+pub(super) fn motion_of(motion: &WantedMotion, joints: usize) -> Result<JointMotion, ApiError> {
+    let wide = |rows: &[Vec<f32>]| rows.iter().flatten().copied().map(f64::from).collect();
+    let WantedMotion { q, qd, qdd } = motion;
+    let refused =
+        |error: ShapeError| ApiError::Question(SpecError::one("motion", "rows", error.to_string()));
+    JointMotion::new(joints, wide(q), wide(qd), wide(qdd)).map_err(refused)
+}

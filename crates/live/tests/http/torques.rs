@@ -1,0 +1,147 @@
+//! The torques that motions take, over HTTP and WebSocket.
+
+use serde_json::{Value, json};
+use series::{JointMotion, Series, Shape};
+
+use crate::fixture::{self, JOINTS, Server, fields, model, numbers, rows};
+use crate::streams::{ask, connect};
+
+/// Context length of the twin of a `lagrangian`.
+const CONTEXT: usize = 8;
+
+fn motion(instants: usize, scale: f32) -> Value {
+    json!({
+        "q": rows(instants, scale), "qd": rows(instants, 2.0 * scale), "qdd": rows(instants, 5.0 * scale),
+    })
+}
+
+fn scenario(scale: f32, instants: usize) -> Value {
+    json!({
+        "u": rows(CONTEXT, 3.0 * scale), "y": rows(CONTEXT, scale), "motion": motion(instants, scale),
+    })
+}
+
+/// What the model itself says for a motion after a context.
+fn expected(context_scale: f32, instants: usize, scale: f32) -> Vec<f32> {
+    let wide = |scale: f32| -> Vec<f64> {
+        rows(instants, scale).into_iter().flatten().map(f64::from).collect()
+    };
+    let motion = JointMotion::new(JOINTS, wide(scale), wide(2.0 * scale), wide(5.0 * scale));
+    let shape = Shape { robots: 1, samples: CONTEXT + 1, joints: JOINTS };
+    let mut u = rows(CONTEXT, 3.0 * context_scale);
+    u.push(u[CONTEXT - 1]);
+    let y = rows(CONTEXT, context_scale);
+    let context =
+        Series::question(shape, CONTEXT, 60.0, u.into_flattened(), y.into_flattened()).unwrap();
+    let said = model("lagrangian").torques(&context.observed(CONTEXT), &[motion.unwrap()]);
+    said.unwrap().unwrap().remove(0)
+}
+
+#[tokio::test]
+async fn torques_are_those_of_the_model_and_the_robot_of_a_context_is_remembered() {
+    let server = Server::start().await;
+    let checkpoint = server.checkpoint("lagrangian").await;
+    let path = format!("/v1/checkpoints/{checkpoint}/torque");
+    let question = json!({"scenarios": [scenario(0.2, 5), scenario(0.4, 1)]});
+    let (status, answer) = server.post(&path, &question).await;
+    assert_eq!(status, 200, "{answer}");
+    for (index, instants, scale) in [(0, 5, 0.2), (1, 1, 0.4)] {
+        let said = numbers(&answer["scenarios"][index]["u"]);
+        assert_eq!(said, expected(scale, instants, scale));
+    }
+    assert_eq!(answer["checkpoint"], checkpoint);
+    assert!(answer["latency_ms"]["queue"].as_f64().unwrap() > 0.0);
+    // Another motion after the same contexts waits for no computation.
+    let other = json!({"scenarios": [scenario(0.2, 9), scenario(0.4, 2)]});
+    let (_, again) = server.post(&path, &other).await;
+    assert_eq!(again["latency_ms"]["queue"], 0.0, "{again}");
+    assert_eq!(numbers(&again["scenarios"][0]["u"]), expected(0.2, 9, 0.2));
+}
+
+#[tokio::test]
+async fn a_question_for_torques_is_refused_with_all_that_is_wrong_with_it() {
+    let server = Server::start().await;
+    let law = server.checkpoint("lagrangian").await;
+    let network = server.checkpoint("cdt").await;
+    let ask = async |checkpoint: i64, question: Value| {
+        server.post(&format!("/v1/checkpoints/{checkpoint}/torque"), &question).await
+    };
+    let mut longer = scenario(0.2, 1);
+    longer["u"] = json!(rows(fixture::CONTEXT, 0.6));
+    longer["y"] = json!(rows(fixture::CONTEXT, 0.2));
+    let (status, answer) = ask(network, json!({"scenarios": [longer]})).await;
+    assert_eq!((status.as_u16(), fields(&answer)), (422, vec!["checkpoint"]), "{answer}");
+    let (status, _) = ask(99, json!({"scenarios": [scenario(0.2, 1)]})).await;
+    assert_eq!(status, 404);
+
+    let mut wrong = scenario(0.2, 2);
+    wrong["u"] = json!(rows(3, 0.1));
+    wrong["motion"]["qd"] = json!(rows(1, 0.1));
+    wrong["motion"]["qdd"][1] = json!([1, 2]);
+    let (status, answer) = ask(law, json!({"scenarios": [wrong], "position_noise_rad": 1})).await;
+    assert_eq!(status, 422, "{answer}");
+    let expected = [
+        "scenarios[0].u",
+        "scenarios[0].motion.qd",
+        "scenarios[0].motion.qdd[1]",
+        "position_noise_rad",
+    ];
+    assert_eq!(fields(&answer), expected);
+    for (question, field) in [
+        (json!({"scenarios": []}), "scenarios"),
+        (json!({"scenarios": [scenario(0.1, 0)]}), "scenarios[0].motion.q"),
+        (json!({"scenarios": [scenario(0.1, 1001)]}), "scenarios[0].motion.q"),
+    ] {
+        let (status, answer) = ask(law, question).await;
+        assert_eq!((status.as_u16(), fields(&answer)), (422, vec![field]), "{answer}");
+    }
+    let (status, answer) = ask(law, json!({"scenarios": [{"u": [], "y": []}]})).await;
+    assert_eq!(status, 422);
+    assert!(answer.to_string().contains("motion"), "{answer}");
+
+    let exploded = server.exploded_checkpoint("lagrangian").await;
+    let (status, answer) = ask(exploded, json!({"scenarios": [scenario(0.2, 1)]})).await;
+    assert_eq!((status.as_u16(), &answer["kind"]), (500, &json!("model-failed")), "{answer}");
+}
+
+#[tokio::test]
+async fn a_stream_says_torques_of_the_robot_that_it_fitted_last() {
+    let server = Server::start().await;
+    let checkpoint = server.checkpoint("lagrangian").await;
+    let mut stream = connect(&server, checkpoint).await;
+    let error = |answer: &Value| fields(&answer["error"]).join(" ");
+    let answer = ask(&mut stream, &json!({"motion": motion(1, 0.1)})).await;
+    assert_eq!(error(&answer), "motion");
+    ask(&mut stream, &json!({"open": {}})).await;
+    let answer = ask(&mut stream, &json!({"fit": {}})).await;
+    assert_eq!(error(&answer), "fit");
+    let step = json!({"step": {"u": rows(CONTEXT, 3.0 * 0.2), "y": rows(CONTEXT, 0.2)}});
+    ask(&mut stream, &step).await;
+    let fitted = ask(&mut stream, &json!({"fit": {}})).await;
+    assert!(fitted["fitted"]["latency_ms"]["total"].as_f64().unwrap() > 0.0, "{fitted}");
+
+    let answer = ask(&mut stream, &json!({"motion": motion(3, 0.1)})).await;
+    assert_eq!(numbers(&answer["torques"]["u"]), expected(0.2, 3, 0.1));
+    assert_eq!(answer["torques"]["age"], 0);
+    // New samples do not change the robot until the next fit.
+    ask(&mut stream, &json!({"step": {"u": rows(2, 1.0), "y": rows(2, 1.0)}})).await;
+    let answer = ask(&mut stream, &json!({"motion": motion(3, 0.1)})).await;
+    assert_eq!(numbers(&answer["torques"]["u"]), expected(0.2, 3, 0.1));
+    assert_eq!(answer["torques"]["age"], 2);
+    ask(&mut stream, &json!({"fit": {}})).await;
+    let answer = ask(&mut stream, &json!({"motion": motion(3, 0.1)})).await;
+    assert_ne!(numbers(&answer["torques"]["u"]), expected(0.2, 3, 0.1));
+    let answer = ask(&mut stream, &json!({"motion": {"q": [[1]], "qd": [], "qdd": []}})).await;
+    assert!(error(&answer).contains("motion.q[0]"), "{answer}");
+    ask(&mut stream, &json!({"reset": {}})).await;
+    let answer = ask(&mut stream, &json!({"motion": motion(1, 0.1)})).await;
+    assert_eq!(error(&answer), "motion");
+
+    let network = server.checkpoint("cdt").await;
+    let mut stream = connect(&server, network).await;
+    ask(&mut stream, &json!({"open": {}})).await;
+    ask(&mut stream, &step).await;
+    ask(&mut stream, &step).await;
+    let answer = ask(&mut stream, &json!({"fit": {}})).await;
+    assert_eq!(error(&answer), "checkpoint");
+}
