@@ -3,10 +3,10 @@
 use clap::{Parser, Subcommand};
 
 use crate::commands::{
-    access, attempts, copies, delete, doctor, documents, download, events, excite, export, gc,
-    health, identify, import, label, logs, metrics, open, predict, presets, queue, reindex, robot,
-    serve, show, simulate, study, submit, summary, tasks, trajectory, trash, undelete, verify,
-    watch, worker, workers,
+    access, attempts, compare, copies, delete, doctor, documents, download, events, excite, export,
+    gc, health, identify, import, label, logs, metrics, open, predict, presets, queue, reindex,
+    robot, serve, show, simulate, study, submit, summary, tasks, trajectory, trash, undelete,
+    verify, watch, worker, workers,
 };
 use crate::logging::{LOG_FORMAT, LogFormat};
 use crate::{exit, lists};
@@ -81,6 +81,8 @@ pub enum Command {
     Export(export::Arguments),
     /// Print the metrics of a run as CSV
     Metrics(metrics::Arguments),
+    /// Show what runs have set differently, and what came out
+    Compare(compare::Arguments),
     /// Show the channels and spectra of a dataset
     Summary(summary::Arguments),
     /// Print a trajectory of a dataset

@@ -1,5 +1,7 @@
 //! The figures that the server draws.
 
+use std::collections::BTreeMap;
+
 use figures::{Axis, Curve, Figure, FigureError, Point, Size};
 use store::CurvePoint;
 use wire::Summary;
@@ -71,6 +73,82 @@ fn loss_axis<'a>(label: &str, curve: impl IntoIterator<Item = &'a CurvePoint>) -
 #[expect(clippy::cast_precision_loss, reason = "a position in a drawing")]
 fn step(step: u64) -> f64 {
     step as f64
+}
+
+/// The horizontal axis of curves beside each other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Over {
+    /// Optimizer steps.
+    Step,
+    /// Time since the first point of a run.
+    Time,
+}
+
+/// The curves of a run, or of runs that repeat each other.
+pub struct Overlaid {
+    pub name: String,
+    pub curves: Vec<Vec<CurvePoint>>,
+}
+
+/// A metric of several runs in one figure. Of runs that repeat each other it has the mean at the steps that all
+/// of them have, and a band from the least to the largest value. `smoothing` is the weight of what
+/// came before.
+pub fn overlaid(key: &str, over: Over, smoothing: f64, all: &[Overlaid]) -> Figure {
+    let values = all.iter().flat_map(|group| group.curves.iter().flatten());
+    let y = loss_axis(key, values);
+    let curve = |group: &Overlaid| {
+        let curves: Vec<BTreeMap<u64, [f64; 2]>> =
+            group.curves.iter().map(|curve| smoothed(curve, over, smoothing)).collect();
+        let first = curves.first().cloned().unwrap_or_default();
+        let points = first.keys().filter_map(|step| {
+            let at: Vec<[f64; 2]> =
+                curves.iter().map(|curve| curve.get(step).copied()).collect::<Option<_>>()?;
+            let mean = |k: usize| at.iter().map(|point| point[k]).sum::<f64>() / at.len() as f64;
+            let values = at.iter().map(|point| point[1]);
+            let (low, high) =
+                (values.clone().fold(f64::INFINITY, f64::min), values.fold(f64::MIN, f64::max));
+            let several = at.len() > 1;
+            Some(Point {
+                low: several.then_some(low),
+                high: several.then_some(high),
+                ..Point::new(mean(0), mean(1))
+            })
+        });
+        Curve::line(&group.name, points.collect())
+    };
+    Figure {
+        title: key.to_owned(),
+        x: match over {
+            Over::Step => Axis::linear("optimizer step"),
+            Over::Time => Axis::linear("time").in_unit("s"),
+        },
+        y,
+        series: all.iter().map(curve).filter(|curve| !curve.points.is_empty()).collect(),
+        bands: Vec::new(),
+    }
+}
+
+/// Exponentially weighted means, with the weights of the values so far adding up to one: place and value by step.
+fn smoothed(curve: &[CurvePoint], over: Over, smoothing: f64) -> BTreeMap<u64, [f64; 2]> {
+    let start = curve.first().map_or(0, |point| point.time.milliseconds());
+    let (mut sum, mut weight) = (0.0, 0.0);
+    let finite = curve.iter().filter(|point| point.value.is_finite());
+    finite
+        .map(|point| {
+            sum = smoothing * sum + (1.0 - smoothing) * point.value;
+            weight = smoothing * weight + (1.0 - smoothing);
+            let place = match over {
+                Over::Step => step(point.step),
+                Over::Time => seconds(point.time.milliseconds() - start),
+            };
+            (point.step, [place, sum / weight])
+        })
+        .collect()
+}
+
+#[expect(clippy::cast_precision_loss, reason = "a position in a drawing")]
+fn seconds(milliseconds: i64) -> f64 {
+    milliseconds as f64 / 1e3
 }
 
 /// A quantity that a trajectory may have.
@@ -193,6 +271,25 @@ mod tests {
         let time = Timestamp::from_milliseconds(0);
         let steps = (0..).step_by(100);
         steps.zip(values).map(|(step, &value)| CurvePoint { step, time, value }).collect()
+    }
+
+    #[test]
+    fn runs_that_repeat_each_other_are_a_mean_with_a_band_and_smoothing_starts_unbiased() {
+        let group =
+            |curves: Vec<Vec<CurvePoint>>| Overlaid { name: "4 5 train".to_owned(), curves };
+        let both = group(vec![curve(&[1.0, 2.0, 3.0]), curve(&[3.0, 4.0])]);
+        let alone = group(vec![curve(&[4.0, 2.0])]);
+        let figure = overlaid("loss", Over::Step, 0.0, &[both, alone]);
+        let point = figure.series[0].points[1];
+        assert_eq!((point.x, point.y, point.low, point.high), (100.0, 3.0, Some(2.0), Some(4.0)));
+        // The third step is not in both.
+        assert_eq!(figure.series[0].points.len(), 2);
+        let other = figure.series[1].points[0];
+        assert_eq!((other.y, other.low), (4.0, None));
+        let alone = group(vec![curve(&[4.0, 2.0])]);
+        let smooth = overlaid("loss", Over::Time, 0.5, &[alone]);
+        let values: Vec<f64> = smooth.series[0].points.iter().map(|point| point.y).collect();
+        assert!((values[0] - 4.0).abs() < 1e-12 && (values[1] - 8.0 / 3.0).abs() < 1e-12);
     }
 
     /// The loss of the `lagrangian` is a negative log-likelihood. Its curve had 26 of 500 points,

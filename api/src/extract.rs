@@ -161,14 +161,16 @@ impl<S: Send + Sync> FromRequest<S> for PatchBytes {
     }
 }
 
-/// The fields of a form of the page.
-pub struct Form<T>(pub T);
+/// The fields of a form of the page, with at most `LIMIT` bytes.
+pub struct Form<T, const LIMIT: usize = FORM_BYTES>(pub T);
 
-impl<T: DeserializeOwned + Send, S: Send + Sync> FromRequest<S> for Form<T> {
+impl<T: DeserializeOwned + Send, S: Send + Sync, const LIMIT: usize> FromRequest<S>
+    for Form<T, LIMIT>
+{
     type Rejection = ApiError;
 
     async fn from_request(request: Request, state: &S) -> Result<Self, ApiError> {
-        let request = received(request, FORM_BYTES).await?;
+        let request = received(request, LIMIT).await?;
         let form = axum::extract::Form::from_request(request, state).await;
         match form {
             Ok(axum::extract::Form(fields)) => Ok(Self(fields)),

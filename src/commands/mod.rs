@@ -2,6 +2,7 @@
 
 pub mod access;
 pub mod attempts;
+pub mod compare;
 pub mod copies;
 pub mod delete;
 pub mod doctor;
@@ -93,6 +94,7 @@ pub async fn run(command: Command, log: &Logging) -> anyhow::Result<ExitCode> {
         Command::Health(arguments) => health::run(arguments).await,
         Command::Man(arguments) => documents::man(&arguments),
         Command::Metrics(arguments) => metrics::run(arguments).await,
+        Command::Compare(arguments) => compare::run(arguments).await,
         Command::Open(arguments) => open::run(arguments).await,
         Command::Predict(arguments) => predict::run(arguments).await,
         Command::Queue(arguments) => queue::run(arguments).await,

@@ -91,7 +91,42 @@ test("an evaluation shows its error over frequency and every predictor", async (
   // Its grid extends beyond the single frequency of the training.
   assert.match(text, /u of joint \d reaches -?[\d.]+ N·m; the checkpoint was trained on/);
   assert.match(text, /From sample to sample/);
+  // The result comes first: a sentence, then a table of everyone's errors with the models on top.
+  assert.match(await page.locator(".answer").innerText(), /^robomorph predicts the horizon in distribution with an error of/);
+  const table = page.locator("table.result").first();
+  assert.match(await table.locator("tbody tr").first().innerText(), /^robomorph/);
+  const below = async (locator) => (await locator.boundingBox()).y;
+  assert.ok(await below(table) < await below(page.locator("figure").first()));
   assertClean();
+});
+
+test("runs that are ticked in their list stand beside each other", async () => {
+  await page.goto(`${product.url}/runs`);
+  for (const box of await page.getByRole("checkbox").all()) await box.check();
+  await page.getByRole("button", { name: "Compare" }).click();
+  await assertFigureIsDrawn();
+  await page.getByLabel("Metric").selectOption("train/loss");
+  await page.getByLabel("over").selectOption("time");
+  await page.getByRole("button", { name: "Show" }).click();
+  assert.match(page.url(), /metric=train%2Floss&x=time/);
+  assert.match(await page.locator("body").innerText(), /Parameters that differ/);
+  assertClean();
+});
+
+test("a job is duplicated, refused with the field that is wrong, corrected and launched", async () => {
+  await page.goto(`${product.url}/jobs/${member("train-set")}`);
+  await page.getByRole("link", { name: "Duplicate and edit" }).click();
+  const spec = page.getByLabel("Spec, as JSON");
+  const earlier = JSON.parse(await spec.inputValue());
+  await spec.fill(JSON.stringify({ ...earlier, trajectories: -1 }));
+  await page.getByLabel("Name").fill("another seed");
+  await page.getByRole("button", { name: "Launch" }).click();
+  assert.match(await page.getByRole("alert").innerText(), /trajectories is -1; allowed: /);
+  assert.equal(await page.getByLabel("Name").inputValue(), "another seed");
+  await spec.fill(JSON.stringify({ ...earlier, trajectories: 8, seed: 77 }));
+  await page.getByRole("button", { name: "Launch" }).click();
+  await page.waitForURL(/\/jobs\/\d+$/);
+  assert.equal(await page.locator("h1").innerText(), "another seed");
 });
 
 test("the checkpoint downloads with the digest that the API states", async () => {

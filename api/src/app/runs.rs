@@ -87,6 +87,15 @@ impl App {
         })
     }
 
+    /// The points of a metric. Empty for a run without it.
+    pub(crate) async fn metric_points(
+        &self,
+        run: i64,
+        key: &str,
+    ) -> Result<Vec<CurvePoint>, ApiError> {
+        self.curve(RunId(run), key).await
+    }
+
     async fn curve(&self, run: RunId, key: &str) -> Result<Vec<CurvePoint>, ApiError> {
         Ok(self.store.metric_curve(run, key, POINTS_DEFAULT).await?.points)
     }

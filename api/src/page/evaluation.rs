@@ -31,21 +31,30 @@ struct EvaluationPage {
 
 /// The report in sentences and tables.
 struct ReportView {
+    /// The result in a few sentences.
+    answer: String,
     setting: String,
     /// Sentences about predictors without some answers.
     failures: Vec<String>,
     /// Sentences about data outside the checkpoints' training data.
     warnings: Vec<String>,
-    tables: Vec<Table>,
+    /// The errors of all predictors.
+    first: Option<Table>,
+    /// All other tables.
+    others: Vec<Table>,
 }
 
 impl ReportView {
     fn new(report: &Report) -> Self {
+        let report = &reports::evaluation::ranked(report);
+        let mut tables = reports::evaluation::tables(report).into_iter();
         Self {
+            answer: reports::evaluation::answer(report),
             setting: reports::evaluation::setting(report),
             failures: reports::evaluation::failures(report),
             warnings: Warning::sentences(&report.warnings, report.scenarios(), "scenarios"),
-            tables: reports::evaluation::tables(report),
+            first: tables.next(),
+            others: tables.collect(),
         }
     }
 }
@@ -53,6 +62,7 @@ impl ReportView {
 /// A figure among the artifacts.
 struct FigureView {
     url: String,
+    title: String,
     alt: String,
 }
 
@@ -100,8 +110,9 @@ fn figures(artifacts: &[Artifact]) -> Vec<FigureView> {
             };
             let of =
                 if of.is_empty() { String::new() } else { format!(", {}", of.replace('-', " ")) };
-            let alt = format!("{what}{of}. The file with .csv in its name holds the same numbers.");
-            Some(FigureView { url: artifact.url.clone(), alt })
+            let title = format!("{what}{of}");
+            let alt = format!("{title}. The file with .csv in its name holds the same numbers.");
+            Some(FigureView { url: artifact.url.clone(), title, alt })
         })
         .collect()
 }

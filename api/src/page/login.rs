@@ -59,7 +59,7 @@ pub async fn log_in(State(app): State<App>, request: Request) -> Result<Response
     }
     let (headers, method, target) =
         (request.headers().clone(), request.method().clone(), request.uri().clone());
-    let Form(Login { token, back }) = Form::from_request(request, &app).await?;
+    let Form(Login { token, back }): Form<Login> = Form::from_request(request, &app).await?;
     let back = own_page(back);
     let Some((caller, session)) = app.access().log_in(token.trim()).await? else {
         app.access().record_failure(remote, &method, &target).await;

@@ -3,6 +3,7 @@
 mod answer;
 mod assets;
 mod checkpoint;
+mod compare;
 mod dataset;
 mod docs;
 mod evaluation;
@@ -12,6 +13,7 @@ mod job;
 mod job_result;
 mod kinds;
 mod labels;
+mod launch;
 mod lists;
 mod login;
 mod parts;
@@ -44,13 +46,16 @@ pub fn routes() -> Router<App> {
 }
 
 /// Every path of the page, with its handler.
-pub fn paths() -> [(&'static str, MethodRouter<App>); 35] {
+pub fn paths() -> [(&'static str, MethodRouter<App>); 38] {
     [
         ("/", get(experiments::show)),
+        ("/launch", get(launch::show)),
+        ("/jobs", post(launch::submit)),
         ("/jobs/{id}", get(job::show).merge(labels::form(ItemKind::Job))),
         ("/jobs/{id}/cancel", post(job::cancel)),
         ("/jobs/{id}/retry", post(job::retry)),
         ("/runs", get(lists::show::<Run>)),
+        ("/compare", get(compare::show)),
         ("/runs/{id}", get(run::show).merge(labels::form(ItemKind::Run))),
         ("/evaluations", get(lists::show::<Evaluation>)),
         ("/evaluations/{id}", get(evaluation::show)),

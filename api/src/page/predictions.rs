@@ -22,12 +22,15 @@ impl Drawn {
     pub fn new(run: i64, drawn: &DrawnPredictions) -> Self {
         let model = &drawn.model;
         let figure = |scenario| DrawnFigure::new(run, model, scenario);
+        let mut scenarios: Vec<&DrawnScenario> = drawn.scenarios.iter().collect();
+        // The typical one comes first.
+        scenarios.sort_by_key(|scenario| scenario.rank != ScenarioRank::Median);
         Self {
             note: format!(
-                "The scenarios with the largest, the median and the smallest RMSE of {model}. Each figure shows the joint \
+                "The scenarios with the median, the largest and the smallest RMSE of {model}. Each figure shows the joint \
                  with its largest error, and the legend has the RMSE of that joint."
             ),
-            figures: drawn.scenarios.iter().map(figure).collect(),
+            figures: scenarios.into_iter().map(figure).collect(),
         }
     }
 

@@ -3,6 +3,7 @@
 #![expect(clippy::unwrap_used, reason = "a test stops where its case cannot be set up")]
 
 mod access;
+mod compare;
 mod connections;
 mod contract;
 mod damage;
@@ -12,6 +13,7 @@ mod events;
 mod fixture;
 mod fuzz;
 mod labels;
+mod launch;
 mod lists;
 mod logs;
 mod mlflow;

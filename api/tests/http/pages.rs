@@ -29,6 +29,7 @@ async fn every_link_of_every_page_leads_on_from_the_page_itself() {
         "/jobs/1/delete",
         "/runs",
         "/runs/1",
+        "/compare?run=1,2",
         "/datasets",
         "/datasets/1",
         "/checkpoints",

@@ -10,6 +10,7 @@
 mod cell;
 pub mod channels;
 pub mod closed_loop;
+pub mod comparison;
 pub mod evaluation;
 pub mod identification;
 pub mod log_check;
@@ -30,6 +31,7 @@ use wire::{Headline, MeanError, PredictorInfo, PredictorKind, Report, Warning};
 
 /// The report of an evaluation as text: tables of the errors, and a sentence about each model.
 pub fn text(report: &Report) -> String {
+    let report = &evaluation::ranked(report);
     let mut text = format!("\n{}\n\n", evaluation::setting(report));
     for failure in evaluation::failures(report) {
         text += &format!("failed: {failure}\n\n");

@@ -158,7 +158,7 @@ impl Table {
     ///
     /// # Errors
     /// When a row has more or fewer cells than there are columns.
-    pub(crate) fn to_csv(&self) -> Result<String, csv::Error> {
+    pub fn to_csv(&self) -> Result<String, csv::Error> {
         let mut writer = csv::Writer::from_writer(Vec::new());
         writer.write_record(self.columns.iter().map(|column| &column.heading))?;
         for row in &self.rows {

@@ -77,7 +77,7 @@ impl LoadedCheckpoint {
         let info = PredictorInfo {
             name: format!("{}{marks}", training.model.architecture()),
             kind: PredictorKind::Checkpoint,
-            told: Some("the robots it was trained on".to_owned()),
+            told: Some(prior_knowledge(&training)),
             digest: Some(digest),
             file: None,
             replicates,
@@ -92,6 +92,15 @@ impl LoadedCheckpoint {
             own_name: own_name + &marks,
             trained_on: trained_on_together(lineage.trained_on),
         })
+    }
+}
+
+/// What a model knows before it sees a context.
+fn prior_knowledge(training: &TrainSpec) -> String {
+    let trained = "the robots it was trained on".to_owned();
+    match training.model.robot() {
+        Some(_) => trained + ", the arm's description",
+        None => trained,
     }
 }
 

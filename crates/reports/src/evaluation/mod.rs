@@ -10,8 +10,11 @@ use crate::numbers::{count, degrees, value};
 use crate::{Align, Cell, ComparisonOutcome, Table, TableOf};
 
 mod skill;
+mod standing;
 
 pub(crate) use skill::skill;
+use standing::Standing;
+pub use standing::{answer, ranked};
 
 /// All tables with rows, in the order of the page.
 pub fn tables(report: &Report) -> Vec<Table> {
@@ -143,7 +146,7 @@ pub(crate) fn by_frequency(report: &Report) -> Vec<Table> {
     levels.into_iter().flat_map(of_families).collect()
 }
 
-/// The RMSE of each predictor over some scenarios. The lowest is marked, among predictors that compete.
+/// The RMSE of each predictor over some scenarios. The lowest of several equals is marked.
 fn rmse<'a>(
     report: &Report,
     errors: &'a [PredictorSummary],
@@ -151,15 +154,20 @@ fn rmse<'a>(
     let find = |info: &PredictorInfo| {
         errors.iter().find(|error| error.predictor == info.name).map(|error| error.interval)
     };
-    let honest = report.predictors.iter().filter(|info| info.competes());
-    let means = honest.filter_map(find).map(|interval| interval.mean);
-    let lowest = means.fold(f64::INFINITY, f64::min);
-    move |info| match find(info) {
-        None => Cell::Missing,
-        Some(interval) if interval.mean <= lowest && info.competes() => {
-            Cell::Best(interval, Unit::Degrees)
+    let lowest = |standing: Standing| {
+        let equals = report.predictors.iter().filter(|info| Standing::of(info) == standing);
+        let means: Vec<f64> = equals.filter_map(find).map(|interval| interval.mean).collect();
+        let lowest = means.iter().copied().reduce(f64::min).filter(|_| means.len() > 1);
+        (standing, lowest.unwrap_or(f64::NEG_INFINITY))
+    };
+    let lowest = [Standing::Model, Standing::Untold, Standing::Told].map(lowest);
+    move |info| {
+        let Some(interval) = find(info) else { return Cell::Missing };
+        let best = lowest.iter().find(|(standing, _)| *standing == Standing::of(info));
+        match best {
+            Some((_, lowest)) if interval.mean <= *lowest => Cell::Best(interval, Unit::Degrees),
+            _ => Cell::Interval(interval, Unit::Degrees),
         }
-        Some(interval) => Cell::Interval(interval, Unit::Degrees),
     }
 }
 
@@ -369,20 +377,25 @@ mod tests {
     }
 
     #[test]
-    fn the_best_of_each_group_is_marked_unless_it_sees_the_future() {
+    fn the_best_among_equals_is_marked_unless_it_sees_the_future() {
         let mut report = example();
-        report.groups[1].rmse_deg[2].interval.mean = 1.5;
         let best = |report: &Report| -> Vec<Vec<bool>> {
             errors(report).rows.iter().map(|row| row.iter().map(Cell::is_best).collect()).collect()
         };
-        assert_eq!(best(&report), [[false; 3], [false, true, false], [false, false, true]]);
-        report.predictors[2].normalization = Some(Normalization::PaperLeaky);
-        assert!(
-            best(&report)
-                .iter()
-                .zip([0, 2, 0])
-                .all(|(row, count)| { row.iter().filter(|is_best| **is_best).count() == count })
-        );
+        // The only model has no equals, so two baselines compete.
+        assert_eq!(best(&report), [[false; 3], [false, true, true], [false; 3]]);
+        for group in &mut report.groups {
+            let mut other = group.rmse_deg[2].clone();
+            (other.predictor, other.interval.mean) = ("cdt".to_owned(), 3.0);
+            group.rmse_deg.push(other);
+        }
+        report.groups[1].rmse_deg[3].interval.mean = 1.0;
+        let other = PredictorInfo { name: "cdt".to_owned(), ..report.predictors[2].clone() };
+        report.predictors.push(other);
+        let models = best(&report)[2..].to_vec();
+        assert_eq!(models, [[false, true, false], [false, false, true]]);
+        report.predictors[3].normalization = Some(Normalization::PaperLeaky);
+        assert_eq!(best(&report)[2..], [[false; 3]; 2]);
     }
 
     #[test]

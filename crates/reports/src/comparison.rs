@@ -1,0 +1,184 @@
+//! Runs beside each other: what was set differently, and what came out.
+
+use std::collections::BTreeMap;
+
+use serde_json::Value;
+use wire::{Run, Unit};
+
+use crate::{Align, Cell, Table};
+
+/// The longest text of a value in a table.
+const LONGEST: usize = 48;
+
+/// The last values of every metric, a row per metric and a column per run.
+pub fn metrics(runs: &[Run]) -> Table {
+    let mut keys: Vec<&String> = runs.iter().flat_map(|run| run.metrics.keys()).collect();
+    keys.sort_unstable();
+    keys.dedup();
+    let mut table = beside("metric", Align::Right, runs);
+    for key in keys {
+        let value = |run: &Run| {
+            let latest = run.metrics.get(key).and_then(|metric| metric.value);
+            latest.map_or(Cell::Missing, |value| Cell::Number(value, unit(key)))
+        };
+        table.push([vec![Cell::from(key.as_str())], runs.iter().map(value).collect()].concat());
+    }
+    table.title = "Metrics".to_owned();
+    table.note = "The last value of each.".to_owned();
+    table
+}
+
+/// The fields of the runs' specs, a row per field and a column per run. Without `all`, only those
+/// that differ.
+pub fn parameters(runs: &[Run], all: bool) -> Table {
+    let specs: Vec<BTreeMap<String, &Value>> = runs.iter().map(|run| fields(&run.spec)).collect();
+    let mut names: Vec<&String> = specs.iter().flat_map(BTreeMap::keys).collect();
+    names.sort_unstable();
+    names.dedup();
+    let mut table = beside("parameter", Align::Left, runs);
+    for name in names {
+        let values: Vec<Option<&Value>> =
+            specs.iter().map(|spec| spec.get(name).copied()).collect();
+        if all || values.windows(2).any(|pair| pair[0] != pair[1]) {
+            let cells = values.into_iter().map(|value| value.map_or(Cell::Missing, shown));
+            table.push([vec![Cell::from(name.as_str())], cells.collect()].concat());
+        }
+    }
+    table.title = if all { "Parameters" } else { "Parameters that differ" }.to_owned();
+    table
+}
+
+/// The places of runs that repeat each other, whose specs differ in no field but seeds. Each run
+/// is in one group, and groups are in the order of their first runs.
+pub fn repetitions(runs: &[Run]) -> Vec<Vec<usize>> {
+    let without_seeds = |run: &Run| {
+        let is_other = |(name, _): &(String, &Value)| {
+            name != "seed" && !name.ends_with(".seed") && !name.starts_with("execution.")
+        };
+        let fields = fields(&run.spec).into_iter().filter(is_other);
+        fields.map(|(name, value)| (name, value.clone())).collect::<BTreeMap<String, Value>>()
+    };
+    let specs: Vec<BTreeMap<String, Value>> = runs.iter().map(without_seeds).collect();
+    let mut groups: Vec<Vec<usize>> = Vec::new();
+    for (place, spec) in specs.iter().enumerate() {
+        match groups.iter_mut().find(|group| specs[group[0]] == *spec) {
+            Some(group) => group.push(place),
+            None => groups.push(vec![place]),
+        }
+    }
+    groups
+}
+
+/// The name of a run in a comparison.
+pub fn label(run: &Run) -> String {
+    format!("{} {}", run.id, run.name)
+}
+
+fn beside(first: &str, align: Align, runs: &[Run]) -> Table {
+    let columns = runs.iter().map(|run| (label(run), align));
+    Table::new([(first.to_owned(), Align::Left)].into_iter().chain(columns))
+}
+
+fn unit(key: &str) -> Unit {
+    if key.ends_with("_deg") { Unit::Degrees } else { Unit::Other }
+}
+
+/// The values of a spec by their paths, such as `optimizer.learning_rate`. A list is one value.
+fn fields(spec: &Value) -> BTreeMap<String, &Value> {
+    fn collect<'a>(path: &str, value: &'a Value, found: &mut BTreeMap<String, &'a Value>) {
+        let Value::Object(fields) = value else {
+            found.insert(path.to_owned(), value);
+            return;
+        };
+        for (name, value) in fields {
+            let path = if path.is_empty() { name.clone() } else { format!("{path}.{name}") };
+            collect(&path, value, found);
+        }
+    }
+    let mut found = BTreeMap::new();
+    collect("", spec, &mut found);
+    found
+}
+
+fn shown(value: &Value) -> Cell {
+    let text = match value {
+        Value::String(text) => text.clone(),
+        other => other.to_string(),
+    };
+    match text.char_indices().nth(LONGEST) {
+        Some((end, _)) => Cell::Text(format!("{}…", &text[..end])),
+        None => Cell::Text(text),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    fn run(id: i64, spec: &Value, rmse_deg: Option<f64>) -> Run {
+        let mut metrics = json!({"train/loss": {"step": 10, "value": 0.25}});
+        if let Some(rmse_deg) = rmse_deg {
+            metrics["validation/rmse_deg"] = json!({"step": 10, "value": rmse_deg});
+        }
+        let run = json!({
+            "id": id, "job": id, "kind": "train", "name": "train", "digest": "0".repeat(64),
+            "state": "succeeded", "error": null, "spec": spec, "metrics": metrics, "artifacts": [],
+            "created_at": "2026-11-28T12:00:00Z",
+        });
+        serde_json::from_value(run).unwrap()
+    }
+
+    fn three() -> Vec<Run> {
+        let spec = |seed: u32, rate: f64| json!({"seed": seed, "steps": 100, "optimizer": {"learning_rate": rate}});
+        vec![
+            run(4, &spec(0, 0.01), Some(1.5)),
+            run(7, &spec(0, 0.02), None),
+            run(9, &spec(1, 0.01), Some(0.123_456)),
+        ]
+    }
+
+    #[test]
+    fn only_what_differs_is_shown_unless_all_is_asked_for() {
+        let lines = |table: &Table| -> Vec<String> {
+            table
+                .render()
+                .lines()
+                .map(|line| line.split_whitespace().collect::<Vec<_>>().join(" "))
+                .collect()
+        };
+        assert_eq!(
+            lines(&parameters(&three(), false)),
+            [
+                "parameter 4 train 7 train 9 train",
+                "optimizer.learning_rate 0.01 0.02 0.01",
+                "seed 0 0 1",
+            ]
+        );
+        assert_eq!(parameters(&three(), true).rows.len(), 3);
+        assert_eq!(
+            lines(&metrics(&three())),
+            [
+                "metric 4 train 7 train 9 train",
+                "train/loss 0.25 0.25 0.25",
+                "validation/rmse_deg 1.50 - 0.123",
+            ]
+        );
+    }
+
+    #[test]
+    fn a_field_that_one_run_lacks_and_a_long_list_have_their_rows() {
+        let list: Vec<u32> = (0..100).collect();
+        let runs = [run(1, &json!({"a": list}), None), run(2, &json!({"b": null}), None)];
+        let table = parameters(&runs, false);
+        assert_eq!(table.rows.len(), 2);
+        assert_eq!(table.rows[0][2], Cell::Missing);
+        assert!(table.rows[0][1].value().ends_with('…'));
+    }
+
+    #[test]
+    fn runs_that_differ_in_their_seeds_repeat_each_other() {
+        assert_eq!(repetitions(&three()), [vec![0, 2], vec![1]]);
+    }
+}
