@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use futures::future::BoxFuture;
 use series::{JointMotion, Series};
-use spec::{SamplerSpec, SpecError};
+use spec::{Digest, SamplerSpec, SpecError};
 use store::{Checkpoint, StoreError};
 use thiserror::Error;
 use wire::Warning;
@@ -40,6 +40,11 @@ pub trait LiveModel: Send + Sync {
     fn fit(&self, _: Series, _: LiveQueue) -> BoxFuture<'static, Result<LiveFit, LiveError>> {
         Box::pin(async { Err(LiveError::says_no_torques()) })
     }
+
+    /// An earlier fit, if it is remembered.
+    fn remembered(&self, _: Digest) -> Option<LiveFit> {
+        None
+    }
 }
 
 /// A robot that explains a context. It says the torques that a motion takes, `[instant, joint]`, N·m.
@@ -48,6 +53,8 @@ pub type FittedRobot = Arc<dyn Fn(&JointMotion) -> Vec<f32> + Send + Sync>;
 /// The robots that explain some contexts.
 #[derive(Clone)]
 pub struct LiveFit {
+    /// The digest of everything that the fit depends on beside the model.
+    pub digest: Digest,
     /// One for each context.
     pub robots: Vec<FittedRobot>,
     /// Warnings about the contexts.

@@ -6,7 +6,8 @@ use clap::Args;
 use reports::comparison;
 use wire::Run;
 
-use crate::arguments::ServerArguments;
+use crate::arguments::{OutputArguments, ServerArguments};
+use crate::output::write_json;
 
 #[derive(Debug, Args)]
 pub struct Arguments {
@@ -19,8 +20,11 @@ pub struct Arguments {
     all: bool,
 
     /// Print CSV
-    #[arg(long)]
+    #[arg(long, conflicts_with = "json")]
     csv: bool,
+
+    #[command(flatten)]
+    output: OutputArguments,
 
     #[command(flatten)]
     server: ServerArguments,
@@ -31,6 +35,10 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let mut runs: Vec<Run> = Vec::new();
     for id in arguments.runs {
         runs.push(client.get(&format!("/v1/runs/{id}")).await?);
+    }
+    if arguments.output.json {
+        write_json(&runs)?;
+        return Ok(ExitCode::SUCCESS);
     }
     let tables = [comparison::metrics(&runs), comparison::parameters(&runs, arguments.all)];
     for table in tables.iter().filter(|table| !table.rows.is_empty()) {

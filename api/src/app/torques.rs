@@ -4,7 +4,7 @@ use std::time::Instant;
 
 use axum::body::Bytes;
 use series::{JointMotion, Series, Shape, ShapeError};
-use spec::SpecError;
+use spec::{Digest, SpecError};
 use wire::{PredictionLatency, SaidTorques, TorqueAnswer, TorqueRequest, WantedMotion};
 
 use crate::app::App;
@@ -12,7 +12,7 @@ use crate::app::predictions::{HeldModel, milliseconds, rows};
 use crate::app::questions::{RequestViolations, noise_of_positions, series_of};
 use crate::error::ApiError;
 use crate::limits::{MOTION_INSTANTS, TORQUE_SCENARIOS};
-use crate::live::{AboutModel, FittedRobot, LiveError, LiveQueue};
+use crate::live::{AboutModel, FittedRobot, LiveError, LiveFit, LiveQueue};
 
 impl App {
     /// The answer to a [`TorqueRequest`], a [`TorqueAnswer`] as JSON.
@@ -32,8 +32,15 @@ impl App {
         let load = milliseconds(asked.elapsed());
         let about = model.about().clone();
         let question = move || question(&request, &about);
-        let (contexts, motions) = self.checks.run(bytes, question).await?;
-        let fit = model.fit(contexts, LiveQueue::Requests).await?;
+        let (robots, motions) = self.checks.run(bytes, question).await?;
+        let fit = match robots {
+            Robots::Of(digest) => {
+                let is_of_these = |fit: &LiveFit| fit.robots.len() == motions.len();
+                let known = model.remembered(digest).filter(is_of_these);
+                known.ok_or_else(|| forgotten(digest))?
+            }
+            Robots::Observed(contexts) => model.fit(contexts, LiveQueue::Requests).await?,
+        };
         let write = move || {
             let computing = Instant::now();
             let said = fit.robots.iter().zip(&motions).map(|(robot, motion)| said(robot, motion));
@@ -41,14 +48,26 @@ impl App {
             let queue = milliseconds(fit.queued);
             let compute = milliseconds(fit.computed + computing.elapsed());
             let latency_ms = PredictionLatency { load, queue, compute };
-            let answer =
-                TorqueAnswer { model: resource, scenarios, latency_ms, warnings: fit.warnings };
+            let answer = TorqueAnswer {
+                model: resource,
+                fit: fit.digest,
+                scenarios,
+                latency_ms,
+                warnings: fit.warnings,
+            };
             // It has only strings and finite numbers, so this cannot fail.
             serde_json::to_vec(&answer).map_err(|_| ApiError::Internal)
         };
         // A torque takes about as long as ten bytes of JSON.
         self.checks.run(bytes, write).await
     }
+}
+
+/// The refusal of robots that are not remembered.
+fn forgotten(digest: Digest) -> ApiError {
+    let allowed = "that of an earlier answer to as many scenarios, which the server still remembers; \
+                   ask again with u and y";
+    ApiError::Question(SpecError::one("fit", digest.to_string(), allowed))
 }
 
 /// The torques of a motion.
@@ -64,16 +83,28 @@ pub(super) fn said(robot: &FittedRobot, motion: &JointMotion) -> Result<SaidTorq
     Ok(SaidTorques { u: rows(&torques, motion.joints()) })
 }
 
-/// The contexts of a request, and its motions.
+/// The robots that a request asks about.
+enum Robots {
+    /// Those of an earlier fit.
+    Of(Digest),
+    /// Those that explain contexts.
+    Observed(Series),
+}
+
+/// The robots of a request, and its motions.
 ///
 /// # Errors
 /// Every violation.
 fn question(
     request: &TorqueRequest,
     about: &AboutModel,
-) -> Result<(Series, Vec<JointMotion>), ApiError> {
-    let TorqueRequest { scenarios, position_noise_rad } = request;
+) -> Result<(Robots, Vec<JointMotion>), ApiError> {
+    let TorqueRequest { scenarios, fit, position_noise_rad } = request;
     let AboutModel { context, joints, .. } = *about;
+    let (context, why) = match fit {
+        Some(_) => (0, "because fit names the robots"),
+        None => (context, "the checkpoint's context"),
+    };
     let mut violations = RequestViolations::default();
     if !(1..=TORQUE_SCENARIOS).contains(&scenarios.len()) {
         let allowed = format!("1 to {TORQUE_SCENARIOS}");
@@ -82,7 +113,7 @@ fn question(
     for (index, scenario) in scenarios.iter().enumerate() {
         let field = |name: &str| format!("scenarios[{index}].{name}");
         for (name, of_context) in [("u", &scenario.u), ("y", &scenario.y)] {
-            violations.rows(&field(name), of_context, context, "the checkpoint's context");
+            violations.rows(&field(name), of_context, context, why);
             violations.values(&field(name), of_context, joints);
         }
         check_motion(&field("motion"), &scenario.motion, joints, &mut violations);
@@ -91,7 +122,10 @@ fn question(
     violations.finish()?;
     let u = scenarios.iter().map(|scenario| scenario.u.as_slice());
     let y = scenarios.iter().map(|scenario| scenario.y.as_slice());
-    let contexts = contexts(u, y, *position_noise_rad, about)?;
+    let contexts = match fit {
+        Some(digest) => Robots::Of(*digest),
+        None => Robots::Observed(contexts(u, y, *position_noise_rad, about)?),
+    };
     let motions = scenarios.iter().map(|scenario| motion_of(&scenario.motion, joints));
     Ok((contexts, motions.collect::<Result<_, _>>()?))
 }

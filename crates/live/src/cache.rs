@@ -62,6 +62,12 @@ impl<K: Copy + PartialEq, V> Cache<K, V> {
         loaded
     }
 
+    /// The value of `key`, if it is loaded.
+    pub fn loaded(&self, key: K) -> Option<Arc<V>> {
+        let slots = self.lock();
+        slots.iter().find(|slot| slot.key == key)?.value.get().cloned()
+    }
+
     fn slot(&self, key: K, bytes: u64) -> Result<Arc<OnceCell<Arc<V>>>, LiveError> {
         let mut slots = self.lock();
         if let Some(at) = slots.iter().position(|slot| slot.key == key) {
@@ -123,6 +129,14 @@ mod tests {
         }
         assert!(!loads(&cache, 1, 1).await && !loads(&cache, 3, 1).await);
         assert!(loads(&cache, 2, 1).await);
+    }
+
+    #[tokio::test]
+    async fn what_is_loaded_is_found_without_loading_it() {
+        let cache = cache(1, 100);
+        assert_eq!(cache.loaded(1), None);
+        loads(&cache, 1, 1).await;
+        assert_eq!(cache.loaded(1).as_deref(), Some(&1));
     }
 
     #[tokio::test]

@@ -14,7 +14,7 @@ use models::{
 };
 use series::Series;
 use sha2::{Digest as _, Sha256};
-use spec::SpecError;
+use spec::{Digest, SpecError};
 use wire::Warning;
 
 use crate::cache::{Cache, Capacity};
@@ -28,7 +28,7 @@ pub struct Loaded {
     about: AboutModel,
     queues: Arc<LiveQueues>,
     /// By the digest of their contexts.
-    fits: Arc<Cache<[u8; 32], LiveFit>>,
+    fits: Arc<Cache<Digest, LiveFit>>,
 }
 
 impl Loaded {
@@ -82,13 +82,13 @@ impl LiveModel for Loaded {
         let (model, queues, fits) =
             (Arc::clone(&self.model), Arc::clone(&self.queues), Arc::clone(&self.fits));
         async move {
-            let key = digest_of(&contexts);
+            let digest = digest_of(&contexts);
             let mut is_new = false;
             let load = || {
                 is_new = true;
-                fit(model, contexts, queue, queues)
+                fit(model, contexts, digest, queue, queues)
             };
-            let found = fits.get(key, 0, load).await?;
+            let found = fits.get(digest, 0, load).await?;
             let mut found = LiveFit::clone(&found);
             if !is_new {
                 (found.queued, found.computed) = (Duration::ZERO, Duration::ZERO);
@@ -97,11 +97,17 @@ impl LiveModel for Loaded {
         }
         .boxed()
     }
+
+    fn remembered(&self, digest: Digest) -> Option<LiveFit> {
+        let found = self.fits.loaded(digest)?;
+        Some(LiveFit { queued: Duration::ZERO, computed: Duration::ZERO, ..LiveFit::clone(&found) })
+    }
 }
 
 async fn fit(
     model: Arc<TrainedModel>,
     contexts: Series,
+    digest: Digest,
     queue: LiveQueue,
     queues: Arc<LiveQueues>,
 ) -> Result<LiveFit, LiveError> {
@@ -117,17 +123,17 @@ async fn fit(
         result.map_err(|Panic(reason)| LiveError::Failed { reason })?.map_err(live_error)?;
     let robots = robots.ok_or_else(LiveError::says_no_torques)?;
     let robots = robots.into_iter().map(FittedRobot::from).collect();
-    Ok(LiveFit { robots, warnings, queued, computed })
+    Ok(LiveFit { digest, robots, warnings, queued, computed })
 }
 
 /// The digest of everything that a fit depends on.
-fn digest_of(contexts: &Series) -> [u8; 32] {
+fn digest_of(contexts: &Series) -> Digest {
     let mut digest = Sha256::new();
     digest.update(contexts.noise().position_rad.to_le_bytes());
     for value in [contexts.u(), contexts.y()].into_iter().flatten() {
         digest.update(value.to_le_bytes());
     }
-    digest.finalize().into()
+    Digest::from_bytes(digest.finalize().into())
 }
 
 /// The predicted positions, with the warnings about the request and about them.

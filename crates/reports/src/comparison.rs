@@ -162,7 +162,7 @@ mod tests {
             [
                 "metric 4 train 7 train 9 train",
                 "train/loss 0.25 0.25 0.25",
-                "validation/rmse_deg 1.50 - 0.123",
+                "validation/rmse_deg 1.50 - 0.12",
             ]
         );
     }

@@ -89,6 +89,10 @@ pub struct Prediction {
 pub struct TorqueRequest {
     /// At least one scenario. The answers have the same order.
     pub scenarios: Vec<MovedScenario>,
+    /// In place of every `u` and `y`: the `fit` of an earlier answer, whose robots are asked again, in the
+    /// same order.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fit: Option<Digest>,
     /// Standard deviation of the noise of `y`, rad, 0 to 0.1. The model filters `y` with it.
     #[serde(default)]
     pub position_noise_rad: f64,
@@ -98,9 +102,11 @@ pub struct TorqueRequest {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct MovedScenario {
-    /// Torques of the context `[context][joint]`, N·m.
+    /// Torques of the context `[context][joint]`, N·m. Left out with `fit`.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub u: Vec<Vec<f32>>,
-    /// Joint positions of the context `[context][joint]`, rad.
+    /// Joint positions of the context `[context][joint]`, rad. Left out with `fit`.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub y: Vec<Vec<f32>>,
     /// The motion whose torques are asked for.
     pub motion: WantedMotion,
@@ -124,6 +130,8 @@ pub struct TorqueAnswer {
     /// The model and its device.
     #[serde(flatten)]
     pub model: PredictingModel,
+    /// The fitted robots, for further questions without their contexts.
+    pub fit: Digest,
     /// One answer for each scenario of the request, in the same order.
     pub scenarios: Vec<SaidTorques>,
     /// How long the parts of the answer took.
