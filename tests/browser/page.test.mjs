@@ -92,9 +92,9 @@ test("an evaluation shows its error over frequency and every predictor", async (
   assert.match(text, /u of joint \d reaches -?[\d.]+ N·m; the checkpoint was trained on/);
   assert.match(text, /From sample to sample/);
   // The result comes first: a sentence, then a table of everyone's errors with the models on top.
-  assert.match(await page.locator(".answer").innerText(), /^robomorph predicts the horizon in distribution with an error of/);
+  assert.match(await page.locator(".answer").innerText(), /^lagrangian predicts the horizon in distribution with an error of/);
   const table = page.locator("table.result").first();
-  assert.match(await table.locator("tbody tr").first().innerText(), /^robomorph/);
+  assert.match(await table.locator("tbody tr").first().innerText(), /^lagrangian/);
   const below = async (locator) => (await locator.boundingBox()).y;
   assert.ok(await below(table) < await below(page.locator("figure").first()));
   assertClean();
@@ -105,8 +105,8 @@ test("runs that are ticked in their list stand beside each other", async () => {
   for (const box of await page.getByRole("checkbox").all()) await box.check();
   await page.getByRole("button", { name: "Compare" }).click();
   await assertFigureIsDrawn();
-  await page.getByLabel("Metric").selectOption("train/loss");
-  await page.getByLabel("over").selectOption("time");
+  await page.locator("select[name=metric]").selectOption("train/loss");
+  await page.locator("select[name=x]").selectOption("time");
   await page.getByRole("button", { name: "Show" }).click();
   assert.match(page.url(), /metric=train%2Floss&x=time/);
   assert.match(await page.locator("body").innerText(), /Parameters that differ/);
