@@ -31,7 +31,7 @@ struct ComparePage {
     tables: Vec<Table>,
 }
 
-/// What the page is asked to show.
+/// The query of the page.
 struct Asked {
     runs: Vec<i64>,
     metric: Option<String>,

@@ -36,7 +36,7 @@ struct Choice {
     about: &'static str,
 }
 
-/// What the page begins with.
+/// The query of the page: the job or the preset that its form begins with.
 #[derive(Deserialize)]
 pub struct Begin {
     job: Option<i64>,

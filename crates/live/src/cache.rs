@@ -62,10 +62,12 @@ impl<K: Copy + PartialEq, V> Cache<K, V> {
         loaded
     }
 
-    /// The value of `key`, if it is loaded.
+    /// The value of `key`, if it is loaded. This counts as a request.
     pub fn loaded(&self, key: K) -> Option<Arc<V>> {
-        let slots = self.lock();
-        slots.iter().find(|slot| slot.key == key)?.value.get().cloned()
+        let mut slots = self.lock();
+        let at = slots.iter().position(|slot| slot.key == key)?;
+        slots[..=at].rotate_right(1);
+        slots[0].value.get().cloned()
     }
 
     fn slot(&self, key: K, bytes: u64) -> Result<Arc<OnceCell<Arc<V>>>, LiveError> {
@@ -137,6 +139,17 @@ mod tests {
         assert_eq!(cache.loaded(1), None);
         loads(&cache, 1, 1).await;
         assert_eq!(cache.loaded(1).as_deref(), Some(&1));
+    }
+
+    #[tokio::test]
+    async fn what_was_found_again_is_given_up_last() {
+        let cache = cache(2, 100);
+        for key in [1, 2] {
+            loads(&cache, key, 1).await;
+        }
+        assert!(cache.loaded(1).is_some());
+        loads(&cache, 3, 1).await;
+        assert!(cache.loaded(2).is_none() && cache.loaded(1).is_some());
     }
 
     #[tokio::test]

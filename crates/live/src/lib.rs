@@ -90,6 +90,7 @@ impl Live {
     ) -> Result<Loaded, LiveError> {
         let _place = self.loading.acquire().await;
         let device = self.device().await?;
+        let size = weights.size;
         let (weights, config) =
             (self.store.read_object(weights).await?, self.store.read_object(config).await?);
         let read = move || TrainedModel::load(&weights, &config, &device);
@@ -98,7 +99,7 @@ impl Live {
             .await
             .map_err(|panic| unusable(panic.to_string()))?
             .map_err(|error| unusable(error.to_string()))?;
-        Ok(Loaded::new(model, self.options.device, Arc::clone(&self.queues)))
+        Ok(Loaded::new(model, size, self.options.device, Arc::clone(&self.queues)))
     }
 }
 

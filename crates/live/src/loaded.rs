@@ -23,16 +23,28 @@ use crate::queues::{Done, LiveQueues, Panic};
 /// Number of questions whose fitted robots a model remembers.
 const REMEMBERED_FITS: usize = 256;
 
+/// Limit of the memory of these robots, in bytes. Each fit holds the law, which is as large as the
+/// weights. One fit is always remembered.
+const REMEMBERED_BYTES: u64 = 64 << 20;
+
 pub struct Loaded {
     model: Arc<TrainedModel>,
     about: AboutModel,
     queues: Arc<LiveQueues>,
     /// By the digest of their contexts.
     fits: Arc<Cache<Digest, LiveFit>>,
+    /// Bytes of the weights.
+    bytes: u64,
 }
 
 impl Loaded {
-    pub fn new(model: TrainedModel, device: DeviceKind, queues: Arc<LiveQueues>) -> Self {
+    /// A model whose weights take `bytes` bytes.
+    pub fn new(
+        model: TrainedModel,
+        bytes: u64,
+        device: DeviceKind,
+        queues: Arc<LiveQueues>,
+    ) -> Self {
         let about = AboutModel {
             context: model.context(),
             horizon: model.horizon(),
@@ -42,8 +54,8 @@ impl Loaded {
             device: device.name().to_owned(),
             threads: queues.threads,
         };
-        let capacity = Capacity { count: REMEMBERED_FITS, bytes: u64::MAX };
-        Self { model: Arc::new(model), about, queues, fits: Arc::new(Cache::new(capacity)) }
+        let capacity = Capacity { count: REMEMBERED_FITS, bytes: REMEMBERED_BYTES.max(bytes) };
+        Self { model: Arc::new(model), about, queues, fits: Arc::new(Cache::new(capacity)), bytes }
     }
 }
 
@@ -81,6 +93,7 @@ impl LiveModel for Loaded {
     ) -> BoxFuture<'static, Result<LiveFit, LiveError>> {
         let (model, queues, fits) =
             (Arc::clone(&self.model), Arc::clone(&self.queues), Arc::clone(&self.fits));
+        let bytes = self.bytes;
         async move {
             let digest = digest_of(&contexts);
             let mut is_new = false;
@@ -88,7 +101,7 @@ impl LiveModel for Loaded {
                 is_new = true;
                 fit(model, contexts, digest, queue, queues)
             };
-            let found = fits.get(digest, 0, load).await?;
+            let found = fits.get(digest, bytes, load).await?;
             let mut found = LiveFit::clone(&found);
             if !is_new {
                 (found.queued, found.computed) = (Duration::ZERO, Duration::ZERO);

@@ -95,7 +95,7 @@ impl LoadedCheckpoint {
     }
 }
 
-/// What a model knows before it sees a context.
+/// The knowledge of a model before it sees a context.
 fn prior_knowledge(training: &TrainSpec) -> String {
     let trained = "the robots it was trained on".to_owned();
     match training.model.robot() {

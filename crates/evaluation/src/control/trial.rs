@@ -70,7 +70,7 @@ pub struct Trace {
     pub path: Vec<Joints<f64>>,
 }
 
-/// What a controller did to a robot.
+/// The trial of a controller on a robot, with its recordings.
 #[derive(Clone, Debug)]
 pub struct Ran {
     /// How it went.

@@ -21,7 +21,7 @@ fn scenario(scale: f32, instants: usize) -> Value {
     })
 }
 
-/// What the model itself says for a motion after a context.
+/// The torques that the model itself says for a motion after a context.
 fn expected(context_scale: f32, instants: usize, scale: f32) -> Vec<f32> {
     let wide = |scale: f32| -> Vec<f64> {
         rows(instants, scale).into_iter().flatten().map(f64::from).collect()
