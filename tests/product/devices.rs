@@ -57,6 +57,7 @@ fn devices_are_listed_with_what_became_of_trying_them() {
         ("gpu", cfg!(feature = "gpu")),
         ("cuda", cfg!(feature = "cuda")),
         ("ndarray", cfg!(feature = "ndarray")),
+        ("torch", cfg!(feature = "torch")),
     ] {
         let hint = line(name).contains(&format!("--features {name}"));
         assert_eq!(hint, !is_built, "{output}");

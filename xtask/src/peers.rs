@@ -78,6 +78,13 @@ pub fn pytorch() -> anyhow::Result<PathBuf> {
     environment("pytorch", "crates/models/tests/peers/requirements.txt")
 }
 
+/// The folder of [`pytorch`] with its libraries and headers.
+pub fn pytorch_libraries() -> anyhow::Result<PathBuf> {
+    let print = "import os, torch; print(os.path.dirname(torch.__file__))";
+    let found = Command::new(pytorch()?).args(["-c", print]).output()?;
+    Ok(PathBuf::from(String::from_utf8(found.stdout)?.trim()))
+}
+
 /// A Python with frax, and the JAX version with which it is fastest.
 pub fn frax() -> anyhow::Result<PathBuf> {
     environment("frax", "tests/peers/frax-requirements.txt")

@@ -9,14 +9,28 @@ use super::vectorized;
 /// Elements of a task: 64 KiB of each of four arrays.
 const TASK: usize = 16_384;
 
-/// The constants of a step of AdamW (Loshchilov and Hutter 2019), the same for every parameter.
+/// A step of AdamW (Loshchilov and Hutter 2019), the same for every parameter.
 #[derive(Clone, Copy, Debug)]
 pub struct AdamWStep {
+    /// The number of the step. The first one is 1.
+    pub time: usize,
     /// Factor of the gradient. It is applied first.
-    pub scale: f32,
+    pub scale: f64,
+    /// The learning rate.
+    pub learning_rate: f64,
     /// β₁ and β₂: the decay of the averages of the gradient and of its square.
-    pub betas: [f32; 2],
+    pub betas: [f64; 2],
     /// ε, which keeps the division finite.
+    pub epsilon: f64,
+    /// The share of a weight that a step takes away, divided by the learning rate.
+    pub weight_decay: f64,
+}
+
+/// The numbers of an [`AdamWStep`] that its loop reads.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Constants {
+    pub scale: f32,
+    pub betas: [f32; 2],
     pub epsilon: f32,
     /// 1 / (1 - β₂ᵗ), the bias correction of the second moment.
     pub second_correction: f32,
@@ -24,6 +38,22 @@ pub struct AdamWStep {
     pub rate: f32,
     /// 1 - learning rate · weight decay.
     pub keep: f32,
+}
+
+impl AdamWStep {
+    #[expect(clippy::cast_possible_truncation, reason = "weights are updated in f32")]
+    fn constants(&self) -> Constants {
+        let [beta_1, beta_2] = self.betas;
+        let time = i32::try_from(self.time).unwrap_or(i32::MAX);
+        Constants {
+            scale: self.scale as f32,
+            betas: self.betas.map(|beta| beta as f32),
+            epsilon: self.epsilon as f32,
+            second_correction: (1.0 / (1.0 - beta_2.powi(time))) as f32,
+            rate: (self.learning_rate / (1.0 - beta_1.powi(time))) as f32,
+            keep: (1.0 - self.learning_rate * self.weight_decay) as f32,
+        }
+    }
 }
 
 /// Weight and moments after `step`. They keep their memory if nothing else uses it. [`is_fused`]
@@ -34,7 +64,7 @@ pub fn adam_w(
     moments: [Tensor<1>; 2],
     step: &AdamWStep,
 ) -> [Tensor<1>; 3] {
-    let device = weight.device();
+    let (device, step) = (weight.device(), &step.constants());
     let [mut first, mut second] = moments.map(in_memory);
     let (mut weight, gradient) = (in_memory(weight), in_memory(gradient));
     weight
@@ -85,7 +115,7 @@ pub fn sum_of_squares(x: &Tensor<1>) -> Option<f64> {
 fn values(tensor: &Tensor<1>) -> Option<Array> {
     match operand(tensor)? {
         Operand::Plain(tensor) => Some(Array::of(&tensor)),
-        Operand::Tracked(_) => None,
+        _ => None,
     }
 }
 
@@ -118,12 +148,12 @@ mod tests {
             let gradient = wave(LENGTH, 0.7 * time as f32);
             (plain, state) = rule.step(1e-2, plain, gradient.clone() * 0.5, state);
             let step = AdamWStep {
+                time,
                 scale: 0.5,
+                learning_rate: 1e-2,
                 betas: [0.9, 0.95],
                 epsilon: 1e-8,
-                second_correction: 1.0 / (1.0 - 0.95_f32.powi(time)),
-                rate: 1e-2 / (1.0 - 0.9_f32.powi(time)),
-                keep: 1.0 - 1e-2 * 0.1,
+                weight_decay: 0.1,
             };
             assert!(is_fused(&gradient));
             let [weight, first, second] = adam_w(fused, gradient, moments, &step);

@@ -118,11 +118,11 @@ pub(super) fn plain(
 /// and quick to compute. Masked blocks are skipped. The backward pass has a task per trajectory,
 /// since dK and dV are sums over tokens.
 #[derive(Clone, Debug)]
-struct Attention {
-    heads: usize,
-    mask: Mask,
-    dropout: Option<DropoutMask>,
-    factors: Factors,
+pub(super) struct Attention {
+    pub heads: usize,
+    pub mask: Mask,
+    pub dropout: Option<DropoutMask>,
+    pub factors: Factors,
 }
 
 /// Tokens in a block of rows of P: a multiple of a register tile's rows.

@@ -45,8 +45,8 @@ pub(super) fn plain(
 /// dx is the adjoint correlation of dy, db = Σ dy over trajectories and samples.
 #[derive(Clone, Debug)]
 pub(super) struct Conv1d {
-    stride: usize,
-    padding: usize,
+    pub stride: usize,
+    pub padding: usize,
     /// The place for the kernel at the points of tiles.
     at_points: Option<Arc<Kept<Vec<f32>>>>,
 }

@@ -34,9 +34,9 @@ pub(super) fn plain(
 
 /// The backward pass is the correlation whose adjoint this is.
 #[derive(Clone, Debug)]
-struct ConvTranspose1d {
-    stride: usize,
-    padding: usize,
+pub(super) struct ConvTranspose1d {
+    pub stride: usize,
+    pub padding: usize,
 }
 
 impl ConvTranspose1d {

@@ -19,11 +19,11 @@ pub type DropoutKeys = Arc<[Key]>;
 /// column) does not depend on the rest of the batch.
 #[derive(Clone, Debug)]
 pub struct DropoutMask {
-    keys: DropoutKeys,
-    place: u32,
+    pub(super) keys: DropoutKeys,
+    pub(super) place: u32,
     /// 32-bit random numbers below this drop their value.
-    threshold: u32,
-    scale: f32,
+    pub(super) threshold: u32,
+    pub(super) scale: f32,
 }
 
 impl DropoutMask {
@@ -36,6 +36,21 @@ impl DropoutMask {
     pub fn new(keys: DropoutKeys, place: u32, rate: f64) -> Self {
         let threshold = (rate * 4_294_967_296.0) as u32;
         Self { keys, place, threshold, scale: (1.0 / (1.0 - rate)) as f32 }
+    }
+
+    /// The probability of a drop.
+    #[cfg(feature = "torch")]
+    pub(super) fn rate(&self) -> f64 {
+        f64::from(self.threshold) / 4_294_967_296.0
+    }
+
+    /// A number for generators that know nothing of trajectories.
+    #[cfg(feature = "torch")]
+    pub(super) fn seed(&self) -> u64 {
+        let [first, second, ..] = self.keys.first().copied().unwrap_or_default();
+        let seed = u64::from(first) | u64::from(second) << 32;
+        // The step of Weyl's sequence that splitmix64 takes.
+        seed.wrapping_add(u64::from(self.place).wrapping_mul(0x9e37_79b9_7f4a_7c15))
     }
 
     /// Applies the mask to `values` in rows of `width`. The first one is row `first` of all rows,
@@ -88,8 +103,8 @@ pub(super) fn plain<const D: usize>(x: Tensor<D>, mask: Option<&DropoutMask>) ->
 
 /// y = M x with dx = M dy.
 #[derive(Clone, Debug)]
-struct Dropout {
-    mask: DropoutMask,
+pub(super) struct Dropout {
+    pub mask: DropoutMask,
 }
 
 impl Dropout {

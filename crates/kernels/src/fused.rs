@@ -12,9 +12,13 @@ use burn_autodiff::ops::{Backward, Ops, OpsKind};
 use burn_flex::{Flex, FlexTensor};
 
 use crate::interruption::leave_if_interrupted;
+#[cfg(feature = "torch")]
+use crate::torch::{self, WithTorch};
 
 /// An operation on `N` tensors and its backward pass.
-pub(super) trait FusedOp<const N: usize>: Clone + Debug + Send + 'static {
+pub(super) trait FusedOp<const N: usize>:
+    WithTorch<N> + Clone + Debug + Send + 'static
+{
     fn forward(&self, inputs: &[Array; N]) -> Array;
 
     /// The inputs that are kept for the backward pass. Others may be replaced by empty arrays.
@@ -25,6 +29,13 @@ pub(super) trait FusedOp<const N: usize>: Clone + Debug + Send + 'static {
     /// The gradient of each input, from that of the output.
     fn backward(&self, inputs: &[Array; N], gradient: &Array) -> [Array; N];
 }
+
+/// Without PyTorch's libraries an operation needs no form of theirs.
+#[cfg(not(feature = "torch"))]
+pub(super) trait WithTorch<const N: usize> {}
+
+#[cfg(not(feature = "torch"))]
+impl<T, const N: usize> WithTorch<N> for T {}
 
 /// A contiguous float tensor in memory. Clones share it.
 #[derive(Clone, Debug)]
@@ -55,16 +66,22 @@ impl Array {
     }
 }
 
-/// A tensor of the CPU backend.
+/// A tensor of a backend with fused operations.
 pub(super) enum Operand {
     Plain(FlexTensor),
     Tracked(FloatTensor<Autodiff<Flex>>),
+    #[cfg(feature = "torch")]
+    Torch(torch::Operand),
 }
 
-/// The tensor, if it is a float32 tensor of the CPU backend.
+/// The tensor, if it is a float32 tensor of such a backend.
 pub(super) fn operand<const D: usize>(tensor: &Tensor<D>) -> Option<Operand> {
     if tensor.dtype() != DType::F32 {
         return None;
+    }
+    #[cfg(feature = "torch")]
+    if let Some(operand) = torch::operand(tensor.clone()) {
+        return Some(Operand::Torch(operand));
     }
     let tensor = tensor.clone();
     if tensor.is_autodiff() {
@@ -74,7 +91,7 @@ pub(super) fn operand<const D: usize>(tensor: &Tensor<D>) -> Option<Operand> {
     }
 }
 
-/// Computes `op` and records it for gradients. `None` if an operand is not on the CPU backend, or
+/// Computes `op` and records it for gradients. `None` if an operand is on another backend, or
 /// if only some operands record gradients. The caller then uses burn's own operations.
 pub(super) fn apply<const N: usize, O: FusedOp<N>>(
     op: O,
@@ -82,16 +99,24 @@ pub(super) fn apply<const N: usize, O: FusedOp<N>>(
 ) -> Option<Tensor<3>> {
     leave_if_interrupted();
     let operands = all(operands)?;
+    #[cfg(feature = "torch")]
+    if operands.iter().all(|operand| matches!(operand, Operand::Torch(_))) {
+        let operands = operands.map(|operand| match operand {
+            Operand::Torch(operand) => Some(operand),
+            _ => None,
+        });
+        return torch::apply(&op, all(operands)?);
+    }
     if operands.iter().all(|operand| matches!(operand, Operand::Plain(_))) {
         let inputs = all(operands.map(|operand| match operand {
             Operand::Plain(tensor) => Some(Array(tensor.to_contiguous())),
-            Operand::Tracked(_) => None,
+            _ => None,
         }))?;
         return Some(Tensor::from_primitive::<Flex>(op.forward(&inputs).0));
     }
     let tracked = all(operands.map(|operand| match operand {
-        Operand::Plain(_) => None,
         Operand::Tracked(tensor) => Some(tensor),
+        _ => None,
     }))?;
     let nodes = tracked.each_ref().map(|tensor| tensor.node());
     let inputs = tracked.map(|tensor| Array(tensor.into_primitive().to_contiguous()));

@@ -55,9 +55,9 @@ fn gelu(x: Tensor<3>) -> Tensor<3> {
 /// dW = dyᵀ gelu(x), db = Σ dy, dx = gelu'(x) (dy W). The residual's gradient is dy. The backward
 /// pass uses the same masks as the forward pass.
 #[derive(Clone, Debug)]
-struct GeluLinear {
-    packing: Packing,
-    masks: [Option<DropoutMask>; 2],
+pub(super) struct GeluLinear {
+    pub packing: Packing,
+    pub masks: [Option<DropoutMask>; 2],
 }
 
 impl FusedOp<4> for GeluLinear {

@@ -8,7 +8,7 @@ use super::vectorized::ChannelGradients;
 use super::{mish, vectorized};
 
 /// PyTorch's default, added to the variance.
-const EPSILON: f32 = 1e-5;
+pub(super) const EPSILON: f32 = 1e-5;
 
 /// Mish of the group-normalized x (Wu and He 2018) `[batch, channel, sample]`. Each of `groups`
 /// sets of neighbouring channels is normalized to mean 0 and biased variance 1 over channels and

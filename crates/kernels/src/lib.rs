@@ -1,7 +1,9 @@
 //! The operations in which Transformers and U-Nets spend their time.
 //!
-//! Each has two forms with the same result. The plain form consists of burn's own operations and
-//! runs on every device. The fused form runs on burn's CPU backend and has its own backward pass.
+//! Each has two forms with the same result, and with the feature `torch` a third. The plain form
+//! consists of burn's own operations and runs on every device. The fused form runs on burn's CPU
+//! backend and has its own backward pass. The third form consists of PyTorch's functions, which
+//! PyTorch differentiates; see `torch`.
 //! burn-flex 0.22 computes GELU and Mish in serial scalar loops, fuses softmax, norms and attention
 //! only where no gradient is recorded, and writes every intermediate result to memory; see `fused`.
 //!
@@ -52,6 +54,9 @@ mod product;
 mod softmax;
 mod tanh;
 mod threefry;
+mod together;
+#[cfg(feature = "torch")]
+pub mod torch;
 mod transposition;
 mod vectorized;
 mod windows;
@@ -73,3 +78,4 @@ pub use norm_conv1d::{PerChannel, norm_conv1d};
 pub use norm_linear::{norm_linear, norm_linear_of_three};
 pub use packed::{PackedKernel, PackedWeight};
 pub use tanh::tanh;
+pub use together::{Stepped, Together};

@@ -30,8 +30,8 @@ pub(super) fn plain(x: Tensor<3>, weight: Tensor<2>, bias: Tensor<1>) -> Tensor<
 ///
 /// Tasks divide the rows of x, dx and dW, so that each sum belongs to one task.
 #[derive(Clone, Debug)]
-struct Linear {
-    packing: Packing,
+pub(super) struct Linear {
+    pub packing: Packing,
 }
 
 impl FusedOp<3> for Linear {

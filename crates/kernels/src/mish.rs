@@ -20,7 +20,7 @@ pub(super) fn plain(x: Tensor<3>) -> Tensor<3> {
 
 /// d/dx = tanh(s) + x (1 - tanh² s) σ(x) with s = ln(1 + eˣ) and the logistic function σ.
 #[derive(Clone, Debug)]
-struct Mish;
+pub(super) struct Mish;
 
 impl FusedOp<1> for Mish {
     fn forward(&self, [x]: &[Array; 1]) -> Array {

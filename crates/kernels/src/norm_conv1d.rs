@@ -68,9 +68,9 @@ pub(super) fn plain(
 /// With h = Mish(norm(x)) and z = scale h + shift: dz and the kernel's gradient are those of the
 /// convolution. The other gradients follow from dz.
 #[derive(Clone, Debug)]
-struct NormConv1d {
-    norm: GroupNormMish,
-    conv: Conv1d,
+pub(super) struct NormConv1d {
+    pub norm: GroupNormMish,
+    pub conv: Conv1d,
 }
 
 impl NormConv1d {

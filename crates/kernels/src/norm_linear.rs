@@ -59,8 +59,8 @@ pub(super) fn plain(
 /// With n = norm(x): dn = dy W, dW = dyᵀ n and db = Σ dy. dx and the norm's gradients follow from
 /// dn.
 #[derive(Clone, Debug)]
-struct NormLinear {
-    packing: Packing,
+pub(super) struct NormLinear {
+    pub packing: Packing,
 }
 
 impl NormLinear {

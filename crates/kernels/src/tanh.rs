@@ -20,7 +20,7 @@ pub(super) fn plain(x: Tensor<3>) -> Tensor<3> {
 
 /// d/dx = 1 - tanh² x.
 #[derive(Clone, Debug)]
-struct Tanh;
+pub(super) struct Tanh;
 
 impl FusedOp<1> for Tanh {
     fn forward(&self, [x]: &[Array; 1]) -> Array {

@@ -102,11 +102,15 @@ fn measure(
     let JobSpec::Train(spec) = spec::parse(job.to_string().as_bytes())? else {
         return Err("not a training".into());
     };
+    #[cfg(feature = "torch")]
+    let _ = kernels::torch::peak_bytes();
     let mut trainer = Trainer::new(&spec, DATA, "none", device)?;
     if what == What::Training {
         let batch = waves(batch as usize)?;
         let times = times_ms(steps, || trainer.step(&batch))?;
         let times = json!({"step_ms": measured_quantile(&times, 0.5), "peak_memory_mib": peak_memory_mib()});
+        #[cfg(feature = "torch")]
+        let times = with_device_memory(times);
         return Ok((serde_json::from_slice(&trainer.checkpoint()?.config)?, times));
     }
 
@@ -164,6 +168,14 @@ fn times_ms<T>(
     }
     times.sort_by(f64::total_cmp);
     Ok(times)
+}
+
+/// The times with the most memory that tensors have had on the GPU, in MiB.
+#[cfg(feature = "torch")]
+fn with_device_memory(mut times: Value) -> Value {
+    times["peak_device_memory_mib"] =
+        json!(kernels::torch::peak_bytes() as f64 / f64::from(1 << 20));
+    times
 }
 
 /// The most memory that this process has had, in MiB, where Linux reports it.

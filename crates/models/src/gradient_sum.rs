@@ -77,6 +77,13 @@ pub(crate) fn over_micro_batches(
         0 | 1 => vec![model.clone()],
         several => (0..several).map(|_| model.clone().map(&mut OwnParameters)).collect(),
     };
+    if let [model] = &models[..] {
+        let mut sum = None;
+        for index in 0..count {
+            sum = Some(plus(sum, part(model, index)));
+        }
+        return sum.expect(NOT_EMPTY);
+    }
     let next = AtomicUsize::new(0);
     let sum = InOrder::default();
     // If every thread has the same number of micro-batches, none could help another one.
@@ -97,7 +104,17 @@ pub(crate) fn over_micro_batches(
             scope.spawn(move |_| if is_even { on_one_thread(place, work) } else { work() });
         }
     });
-    sum.total().expect("every batch has a micro-batch")
+    sum.total().expect(NOT_EMPTY)
+}
+
+const NOT_EMPTY: &str = "every batch has a micro-batch";
+
+fn plus(sum: Option<Summand>, term: Summand) -> Summand {
+    match (sum, term) {
+        (None, term) => term,
+        (Some(Ok(sum)), Ok(term)) => Ok(sum.plus(term)),
+        (Some(Err(error)), _) | (Some(Ok(_)), Err(error)) => Err(error),
+    }
 }
 
 /// Makes parameters with the same values, whose gradients are recorded apart.
@@ -145,11 +162,7 @@ impl InOrder {
             // The addition may run other tasks of the pool meanwhile, so that it must not hold the
             // lock.
             drop(arrived);
-            let sum = match (sum, term) {
-                (None, term) => term,
-                (Some(Ok(sum)), Ok(term)) => Ok(sum.plus(term)),
-                (Some(Err(error)), _) | (Some(Ok(_)), Err(error)) => Err(error),
-            };
+            let sum = plus(sum, term);
             arrived = self.lock();
             arrived.sum = Some(sum);
         }

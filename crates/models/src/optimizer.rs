@@ -6,7 +6,7 @@ use std::f64::consts::PI;
 use burn::module::{ModuleMapper, Param};
 use burn::optim::{AdamW, AdamWConfig, AdamWState, AdaptiveMomentumState, Optimizer};
 use burn::tensor::{Tensor, TensorData};
-use kernels::AdamWStep;
+use kernels::{AdamWStep, Stepped, Together};
 use spec::{OptimizerSpec, TrainSpec};
 
 use crate::ModelError;
@@ -126,7 +126,11 @@ impl ModelOptimizer {
             gradients: gradients.gradients,
             scale,
             learning_rate,
+            updated: BTreeMap::new(),
         };
+        if let Some(together) = update.gradients.values().next().and_then(Together::of) {
+            update.step_together(together, &model);
+        }
         model.map(&mut update)
     }
 }
@@ -138,7 +142,11 @@ impl NamedGradients {
     }
 
     pub fn new(gradients: BTreeMap<String, Tensor<1>>) -> Result<Self, ModelError> {
-        Ok(Self { norm: sum_of_squares(&gradients)?.sqrt(), gradients })
+        let norm = match gradients.values().next().and_then(Together::of) {
+            Some(together) => together.norm(gradients.values()),
+            None => sum_of_squares(&gradients)?.sqrt(),
+        };
+        Ok(Self { norm, gradients })
     }
 }
 
@@ -188,6 +196,8 @@ struct Update<'a> {
     gradients: BTreeMap<String, Tensor<1>>,
     scale: Option<f64>,
     learning_rate: f64,
+    /// The weights after the step, of a device that takes it for all parameters at once.
+    updated: BTreeMap<String, Tensor<1>>,
 }
 
 impl ModuleMapper for Update<'_> {
@@ -201,6 +211,10 @@ impl ModuleMapper for Update<'_> {
 
     fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
         let name = self.path.name();
+        if let Some(updated) = self.updated.remove(&name) {
+            return param
+                .map(|value| Tensor::from_inner(updated.reshape(value.dims())).require_grad());
+        }
         let Some(gradient) = self.gradients.remove(&name) else { return param };
         let Some(AdamWState { momentum }) = self.moments.remove(&name) else { return param };
         param.map(|value| {
@@ -214,6 +228,26 @@ impl ModuleMapper for Update<'_> {
 }
 
 impl Update<'_> {
+    /// Takes the step of all parameters at once.
+    fn step_together(&mut self, together: Together, model: &SequenceModel) {
+        let (mut names, mut parameters, mut time) = (Vec::new(), Vec::new(), 0);
+        for_each_parameter(model, |name, parameter| {
+            let Some(gradient) = self.gradients.remove(&name) else { return };
+            let Some(AdamWState { momentum }) = self.moments.remove(&name) else { return };
+            // Parameters that train have taken the same steps.
+            time = momentum.time + 1;
+            let moments = [momentum.moment_1, momentum.moment_2];
+            parameters.push(Stepped { weight: parameter.numbers(), gradient, moments });
+            names.push(name);
+        });
+        let updated = together.adam_w(parameters, &self.fused_step(time));
+        for (name, [weight, first, second]) in names.into_iter().zip(updated) {
+            let momentum = AdaptiveMomentumState::new(time, first, second);
+            self.moments.insert(name.clone(), AdamWState::new(momentum));
+            self.updated.insert(name, weight);
+        }
+    }
+
     /// The weight after a step, and its moments.
     fn step(
         &self,
@@ -238,18 +272,15 @@ impl Update<'_> {
         (updated, momentum)
     }
 
-    /// The constants of step `time`, which counts from 1.
-    #[expect(clippy::cast_possible_truncation, reason = "weights are updated in f32")]
+    /// Step `time`, which counts from 1.
     fn fused_step(&self, time: usize) -> AdamWStep {
-        let [beta_1, beta_2] = self.spec.betas;
-        let time = i32::try_from(time).unwrap_or(i32::MAX);
         AdamWStep {
-            scale: self.scale.unwrap_or(1.0) as f32,
-            betas: self.spec.betas.map(|beta| beta as f32),
-            epsilon: self.spec.epsilon as f32,
-            second_correction: (1.0 / (1.0 - beta_2.powi(time))) as f32,
-            rate: (self.learning_rate / (1.0 - beta_1.powi(time))) as f32,
-            keep: (1.0 - self.learning_rate * self.spec.weight_decay) as f32,
+            time,
+            scale: self.scale.unwrap_or(1.0),
+            learning_rate: self.learning_rate,
+            betas: self.spec.betas,
+            epsilon: self.spec.epsilon,
+            weight_decay: self.spec.weight_decay,
         }
     }
 }

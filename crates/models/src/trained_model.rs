@@ -111,7 +111,7 @@ impl TrainedModel {
         let statistics = self.statistics(observed)?;
         let predictor = self.predictor(observed);
         let interrupt = Interrupt::current();
-        rayon::scope(|_| interrupt.guard(|| Ok(predictor.fit(observed, &statistics))))
+        self.device.answer(|| interrupt.guard(|| Ok(predictor.fit(observed, &statistics))))
     }
 
     /// The torques that a motion of each robot takes, `[instant, joint]`, N·m, of the robots of
@@ -265,8 +265,6 @@ impl TrainedModel {
         let predictor = self.predictor(observed);
         let interrupt = Interrupt::current();
         let answer = || predictor.answer(observed, statistics, sampling, draw);
-        // The answer runs on a thread of the pool. Its parallel loops then need not wake another
-        // thread.
-        rayon::scope(|_| interrupt.guard(answer))
+        self.device.answer(|| interrupt.guard(answer))
     }
 }

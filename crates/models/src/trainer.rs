@@ -279,10 +279,11 @@ impl Trainer {
         if !gradient_norm.is_finite() {
             return Err(ModelError::GradientNotFinite { step, gradient_norm, loss, learning_rate });
         }
-        rayon::scope(|_| {
-            self.model = self.optimizer.step(self.model.clone(), gradients, learning_rate);
-            if let Some(average) = &mut self.average {
-                average.update(&self.model, step);
+        let Self { device, model, optimizer, average, .. } = self;
+        device.train(|| {
+            *model = optimizer.step(model.clone(), gradients, learning_rate);
+            if let Some(average) = average {
+                average.update(model, step);
             }
         });
         // A checkpoint without ranges lacks those of its earlier batches.
@@ -298,13 +299,12 @@ impl Trainer {
         Ok(StepReport { step, loss, gradient_norm, learning_rate })
     }
 
-    /// Runs `action` on a thread of the pool. From any other thread, each of the hundreds of
-    /// parallel loops of a step would wake a worker and wait for it.
+    /// Runs `work` where the device computes.
     fn compute<T: Send>(
         &self,
         work: impl FnOnce() -> Result<T, ModelError> + Send,
     ) -> Result<T, ModelError> {
-        rayon::scope(|_| self.interrupt.guard(work))
+        self.device.train(|| self.interrupt.guard(work))
     }
 
     /// The gradients of the next step, and its loss.

@@ -24,8 +24,10 @@ pub const ALL: [Installation; 5] = [
 ];
 
 /// For the device tests.
-pub const SOFTWARE_VULKAN: Installation =
-    Installation { name: "install a Vulkan driver", run: software_vulkan };
+pub const FOR_DEVICES: [Installation; 2] = [
+    Installation { name: "install a Vulkan driver", run: software_vulkan },
+    Installation { name: "install PyTorch", run: || peers::pytorch().map(drop) },
+];
 
 /// The program that shows that a package is installed, and the package's name in Debian.
 const SYSTEM: [(&str, &str); 7] = [

@@ -12,6 +12,7 @@ use std::time::Instant;
 
 use clap::Args;
 
+use crate::peers;
 use crate::places::repository;
 use crate::process::{self, command};
 use counts::Counts;
@@ -23,7 +24,7 @@ pub struct Arguments {
     quick: bool,
 
     /// Test models on devices other than the processor, too. This builds torqued with `gpu` and
-    /// `ndarray` and takes as long as everything else together
+    /// `ndarray`, then with `torch`, and takes longer than everything else together
     #[arg(long)]
     devices: bool,
 
@@ -57,7 +58,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         }
     };
     let all = install::ALL.iter().filter(|_| !arguments.quick);
-    let further = arguments.devices.then_some(&install::SOFTWARE_VULKAN);
+    let further = install::FOR_DEVICES.iter().filter(|_| arguments.devices);
     for installation in all.chain(further) {
         eprintln!("\n== {}", installation.name);
         let result = (installation.run)();
@@ -162,7 +163,12 @@ fn steps(Arguments { quick, devices, .. }: &Arguments) -> Vec<Vec<Step>> {
     if *devices {
         steps.push(Step {
             name: "device tests",
-            command: with_skipped_tests(device_tests()),
+            command: with_skipped_tests(device_tests("torqued/gpu,torqued/ndarray")),
+            count: Some(counts::nextest),
+        });
+        steps.push(Step {
+            name: "device tests with PyTorch",
+            command: with_skipped_tests(with_pytorch(device_tests("torqued/torch"))),
             count: Some(counts::nextest),
         });
     }
@@ -256,14 +262,25 @@ fn test_threads() -> usize {
     std::thread::available_parallelism().map_or(1, NonZeroUsize::get).max(4)
 }
 
-/// Builds models and program with further devices, and runs only their tests.
-fn device_tests() -> Command {
+/// Builds models and program with the `features` of devices, and runs only their tests.
+fn device_tests(features: &str) -> Command {
     let mut command = command("cargo", &["nextest", "run", "--cargo-profile", "release"]);
     // It has the workspace's features, so that both builds share their common parts.
     command.arg("--workspace");
-    command.args(["--features", "torqued/gpu,torqued/ndarray"]);
+    command.args(["--features", features]);
     command.args(["--test", "devices", "--test", "product", "--no-fail-fast"]);
-    command.args(["--filterset", "binary(devices) | test(/^devices::/)"]);
+    command.args(["--filterset", "binary(devices) | test(/^devices::/) | test(/^torch::/)"]);
+    command
+}
+
+/// Lets the build and the tests find the PyTorch that the peers of networks have.
+fn with_pytorch(mut command: Command) -> Command {
+    // A failure to install it is reported apart. Without its folder, the build fails and says why.
+    let folder = peers::pytorch_libraries().unwrap_or_default();
+    command.env("LD_LIBRARY_PATH", folder.join("lib"));
+    // The crate `kernels` has tests of its own.
+    command.arg("--lib");
+    command.env("LIBTORCH", folder).env("LIBTORCH_BYPASS_VERSION_CHECK", "1");
     command
 }
 

@@ -7,7 +7,7 @@ mod functions;
 
 use std::mem::MaybeUninit;
 
-use super::adam_w::AdamWStep;
+use super::adam_w::Constants;
 use functions::{
     exponential, mish_and_slope, mish_of, mish_slope, multiply_add, normal_distribution,
 };
@@ -259,7 +259,7 @@ vectorized! {
         gradient: &[f32],
         first: &mut [f32],
         second: &mut [f32],
-        step: &AdamWStep,
+        step: &Constants,
     ) {
         let [beta_1, beta_2] = step.betas;
         let moments = first.iter_mut().zip(second.iter_mut());

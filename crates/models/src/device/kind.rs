@@ -17,11 +17,16 @@ pub enum DeviceKind {
     Cuda,
     /// The processor, with burn-ndarray: slow and plain.
     NdArray,
+    /// A GPU of NVIDIA, or else the processor, through PyTorch's libraries.
+    Torch,
+    /// The same with products and convolutions that round their factors to TF32.
+    TorchTf32,
 }
 
 impl DeviceKind {
     /// All kinds.
-    pub const ALL: [Self; 4] = [Self::Cpu, Self::Gpu, Self::Cuda, Self::NdArray];
+    pub const ALL: [Self; 6] =
+        [Self::Cpu, Self::Gpu, Self::Cuda, Self::NdArray, Self::Torch, Self::TorchTf32];
 
     /// The kinds that this program was built with.
     pub fn built() -> impl Iterator<Item = Self> {
@@ -35,6 +40,8 @@ impl DeviceKind {
             Self::Gpu => "gpu",
             Self::Cuda => "cuda",
             Self::NdArray => "ndarray",
+            Self::Torch => "torch",
+            Self::TorchTf32 => "torch-tf32",
         }
     }
 
@@ -43,6 +50,7 @@ impl DeviceKind {
         match self {
             Self::Cpu => None,
             Self::Gpu | Self::Cuda | Self::NdArray => Some(self.name()),
+            Self::Torch | Self::TorchTf32 => Some("torch"),
         }
     }
 
@@ -53,6 +61,7 @@ impl DeviceKind {
             Self::Gpu => cfg!(feature = "gpu"),
             Self::Cuda => cfg!(feature = "cuda"),
             Self::NdArray => cfg!(feature = "ndarray"),
+            Self::Torch | Self::TorchTf32 => cfg!(feature = "torch"),
         }
     }
 
@@ -61,7 +70,15 @@ impl DeviceKind {
     pub fn is_apart(self) -> bool {
         match self {
             Self::Cpu | Self::NdArray => false,
-            Self::Gpu | Self::Cuda => true,
+            Self::Gpu | Self::Cuda | Self::Torch | Self::TorchTf32 => true,
+        }
+    }
+
+    /// Whether the library keeps what it chose for an operation, such as the plan of a convolution, for each thread apart.
+    pub fn keeps_plans_by_thread(self) -> bool {
+        match self {
+            Self::Cpu | Self::Gpu | Self::Cuda | Self::NdArray => false,
+            Self::Torch | Self::TorchTf32 => true,
         }
     }
 
@@ -72,6 +89,7 @@ impl DeviceKind {
             Self::Gpu => "burn-wgpu",
             Self::Cuda => "burn-cuda",
             Self::NdArray => "burn-ndarray",
+            Self::Torch | Self::TorchTf32 => "burn-tch",
         }
     }
 }

@@ -8,12 +8,15 @@ mod check;
 #[cfg(feature = "gpu")]
 mod gpu;
 mod kind;
+#[cfg(feature = "torch")]
+mod torch;
 
 use burn::tensor::Tensor;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use crate::ModelError;
+use crate::single_threads::on_one_thread;
 
 pub use kind::DeviceKind;
 
@@ -58,8 +61,8 @@ pub enum DeviceError {
 
     #[error(
         "this program was built without device `{kind}`, allowed: {}; build it with \
-         `--features {kind}`",
-        built()
+         `--features {}`",
+        built(), kind.feature().unwrap_or_default()
     )]
     NotBuilt { kind: DeviceKind },
 
@@ -97,7 +100,14 @@ impl Device {
             #[cfg(feature = "ndarray")]
             #[expect(deprecated, reason = "burn keeps it for one more release; it is a reference")]
             DeviceKind::NdArray => Ok(Self::plain(kind, burn::tensor::Device::ndarray())),
-            #[cfg(not(all(feature = "gpu", feature = "cuda", feature = "ndarray")))]
+            #[cfg(feature = "torch")]
+            DeviceKind::Torch | DeviceKind::TorchTf32 => Ok(torch::open(kind)),
+            #[cfg(not(all(
+                feature = "gpu",
+                feature = "cuda",
+                feature = "ndarray",
+                feature = "torch"
+            )))]
             _ => Err(DeviceError::NotBuilt { kind }),
         }
     }
@@ -110,6 +120,21 @@ impl Device {
     /// The backend, the hardware and the driver of this device.
     pub fn description(&self) -> &DeviceDescription {
         &self.description
+    }
+
+    /// Computes an answer on the thread that serves this device best. For the processor that is one of the pool: from any
+    /// other, each of hundreds of parallel loops would wake a thread of the pool and wait for it.
+    pub(crate) fn answer<T: Send>(&self, work: impl FnOnce() -> T + Send) -> T {
+        if self.kind.keeps_plans_by_thread() {
+            on_one_thread(0, work)
+        } else {
+            rayon::scope(|_| work())
+        }
+    }
+
+    /// Computes a part of a training, whose parts all come from the same thread.
+    pub(crate) fn train<T: Send>(&self, work: impl FnOnce() -> T + Send) -> T {
+        if self.kind.keeps_plans_by_thread() { work() } else { self.answer(work) }
     }
 
     /// A device that computes values only.

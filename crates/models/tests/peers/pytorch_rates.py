@@ -116,4 +116,5 @@ def main() -> None:
     print(json.dumps({"version": torch.__version__, "times": times}))
 
 
-main()
+if __name__ == "__main__":
+    main()
