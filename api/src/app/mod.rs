@@ -17,6 +17,7 @@ mod experiments;
 pub mod files;
 mod jobs;
 pub mod labels;
+mod lineage;
 pub mod listing;
 pub mod logs;
 pub mod mlflow;

@@ -11,6 +11,7 @@ use crate::app::checkpoints::Extents;
 use crate::extract::Path;
 use crate::page::answer::{InPage, PageError, html};
 use crate::page::labels::Labelled;
+use crate::page::lineage::Lineage;
 use crate::page::parts::{Commands, Fact, FileRow};
 use crate::page::predictions::{Drawn, DrawnFigure};
 use crate::page::spec_text::spec_text;
@@ -30,6 +31,8 @@ struct CheckpointPage {
     architecture: String,
     digest: String,
     short_digest: String,
+    /// Where it comes from and what was made from it.
+    lineage: Option<Lineage>,
     files: Vec<FileRow>,
     snippet: String,
     question: Option<String>,
@@ -67,6 +70,7 @@ pub async fn show(
         metrics: facts(&checkpoint),
         snippet: snippet(&commands, &checkpoint.files),
         drawn,
+        lineage: Lineage::of(&app, &job).await?,
         evaluation: newest.map_or(0, |(job, _)| job.id),
         question: extents.map(|extents| question(&commands, id, extents)),
         architecture: checkpoint.architecture,

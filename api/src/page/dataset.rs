@@ -13,6 +13,7 @@ use crate::app::App;
 use crate::extract::{Path, Query};
 use crate::page::answer::{InPage, PageError, html};
 use crate::page::labels::Labelled;
+use crate::page::lineage::Lineage;
 use crate::page::parts::{Commands, Fact, FileRow, JobHeader};
 use crate::page::recordings::Imported;
 use crate::page::spec_text::spec_text;
@@ -48,6 +49,8 @@ struct DatasetPage {
     /// A sentence about trajectories that the channels do not cover.
     left_out: String,
     viewer: Option<Viewer>,
+    /// Where it comes from and what was made from it.
+    lineage: Option<Lineage>,
     files: Vec<FileRow>,
     files_left_out: usize,
     snippet: Option<String>,
@@ -105,6 +108,7 @@ pub async fn show(
             0 => String::new(),
             left_out => format!("{} trajectories are not among them", text::count(left_out)),
         },
+        lineage: Lineage::of(&app, &job).await?,
         viewer: Viewer::new(&app, &dataset, &summary, view.trajectory).await?,
         files: dataset.files.iter().take(FILES).map(FileRow::of_dataset).collect(),
         files_left_out: dataset.files.len().saturating_sub(FILES),

@@ -10,6 +10,7 @@ use crate::app::App;
 use crate::extract::Path;
 use crate::page::answer::{InPage, PageError, html};
 use crate::page::labels::Labelled;
+use crate::page::lineage::Lineage;
 use crate::page::parts::{FileLink, JobHeader};
 use crate::page::predictions::Drawn;
 use crate::page::spec_text::spec_text;
@@ -23,6 +24,8 @@ struct EvaluationPage {
     report: Option<ReportView>,
     /// Single predictions beside the truth.
     drawn: Option<Drawn>,
+    /// Where it comes from and what was made from it.
+    lineage: Option<Lineage>,
     figures: Vec<FigureView>,
     artifacts: Vec<FileLink>,
     cells: Vec<CellTask>,
@@ -79,6 +82,7 @@ pub async fn show(
         labelled: Labelled::of_job(&job),
         report: evaluation.report.as_ref().map(ReportView::new),
         drawn: drawn.map(|drawn| Drawn::new(evaluation.run, &drawn)),
+        lineage: Lineage::of(&app, &job).await?,
         figures: figures(&evaluation.artifacts),
         artifacts: evaluation.artifacts.into_iter().map(FileLink::from).collect(),
         cells: evaluation.cells,

@@ -19,6 +19,7 @@ use crate::page::answer::{InPage, PageError, html};
 use crate::page::job_result::JobResult;
 use crate::page::kinds::{headlines, own_page};
 use crate::page::labels::Labelled;
+use crate::page::lineage::Lineage;
 use crate::page::parts::{Bar, Commands, FileLink, JobHeader, Link};
 use crate::page::rows::{Row, results};
 use crate::page::spec_text::spec_text;
@@ -42,6 +43,8 @@ struct JobPage {
     short_digest: String,
     results: Vec<Link>,
     result: Option<JobResult>,
+    /// Where it comes from and what was made from it.
+    lineage: Option<Lineage>,
     files: Vec<FileLink>,
     rows: Vec<Row>,
     tasks: Vec<TaskRow>,
@@ -110,6 +113,7 @@ pub async fn show(
         short_digest: job.digest.short(),
         results: results(&job),
         result,
+        lineage: Lineage::of(&app, &job).await?,
         files: files.into_iter().map(FileLink::from).collect(),
         rows,
         tasks_left_out: all.saturating_sub(tasks.len() as u64),

@@ -14,6 +14,7 @@ mod job_result;
 mod kinds;
 mod labels;
 mod launch;
+mod lineage;
 mod lists;
 mod login;
 mod parts;

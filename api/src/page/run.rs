@@ -13,6 +13,7 @@ use crate::extract::Path;
 use crate::page::answer::{InPage, PageError, html};
 use crate::page::kinds::own_page;
 use crate::page::labels::Labelled;
+use crate::page::lineage::Lineage;
 use crate::page::parts::{Fact, JobHeader};
 use crate::page::spec_text::spec_text;
 use crate::page::text;
@@ -25,6 +26,8 @@ struct RunPage {
     labelled: Labelled,
     loss: String,
     metrics: Vec<Fact>,
+    /// Where it comes from and what was made from it.
+    lineage: Option<Lineage>,
     checkpoints: Vec<CheckpointRow>,
     spec: String,
 }
@@ -63,6 +66,7 @@ pub async fn show(
         ),
         loss,
         metrics: facts(&run.metrics),
+        lineage: Lineage::of(&app, &job).await?,
         checkpoints: checkpoints.iter().rev().map(CheckpointRow::from).collect(),
         spec: spec_text(&job.spec),
     };

@@ -54,6 +54,15 @@ pub fn title(heading: &str) -> String {
     letters.next().map_or_else(String::new, |first| first.to_uppercase().chain(letters).collect())
 }
 
+/// At most `most` characters, with an ellipsis in place of the others.
+pub fn shortened(text: &str, most: usize) -> String {
+    if text.chars().count() <= most {
+        return text.to_owned();
+    }
+    let kept: String = text.chars().take(most.saturating_sub(1)).collect();
+    format!("{}…", kept.trim_end())
+}
+
 /// An RFC 3339 time to the second.
 pub fn instant(time: &str) -> String {
     let seconds = time.split('.').next().unwrap_or("").trim_end_matches('Z');

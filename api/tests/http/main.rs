@@ -14,6 +14,7 @@ mod fixture;
 mod fuzz;
 mod labels;
 mod launch;
+mod lineage;
 mod lists;
 mod logs;
 mod mlflow;

@@ -274,9 +274,26 @@ impl Store {
             .all(&mut self.read("reading the needs of jobs"))
             .await
     }
+
+    /// Pairs of a job and a job of `jobs` that it needs, the newest job first, and at most
+    /// [`USERS`].
+    ///
+    /// # Errors
+    /// When the database fails.
+    #[boxed]
+    pub async fn users(&self, jobs: &[JobId]) -> Result<Vec<(JobId, JobId)>, StoreError> {
+        sql("SELECT job, needs FROM job_need WHERE needs IN {ids $1} ORDER BY job DESC, needs LIMIT $2")
+            .bind(json(&jobs))
+            .bind(USERS)
+            .all(&mut self.read("reading the users of jobs"))
+            .await
+    }
 }
 
 const READING: &str = "reading jobs";
+
+/// Pairs that [`Store::users`] gives.
+const USERS: i64 = 1000;
 
 /// Followed by a condition.
 pub(crate) const SELECT_JOB: &str = "SELECT job.*, asked.cpus, asked.gpus, asked.memory_mb, asked.tags, {tags job_tag job job.id} \

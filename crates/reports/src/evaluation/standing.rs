@@ -60,7 +60,11 @@ pub fn answer(report: &Report) -> String {
     };
     let mut sentences = Vec::new();
     if let Some((info, Interval { mean, low, high })) = best(Standing::Model) {
-        let group = if group.name.is_empty() { String::new() } else { format!(" {}", group.name) };
+        let group = match group.name.as_str() {
+            "" => String::new(),
+            name if name.starts_with("in ") || name.starts_with("out of ") => format!(" {name}"),
+            name => format!(" in {name}"),
+        };
         let [mean, low, high] = [mean, low, high].map(degrees);
         sentences.push(format!(
             "{} predicts the horizon{group} with an error of {mean}° [{low}, {high}].",
@@ -97,6 +101,15 @@ mod tests {
             "robomorph predicts the horizon in distribution with an error of 2.50° [2.00, 3.00]. The \
              best baseline that is told nothing, hold-last, has 8.00°. The best that is told the arm, \
              damped-integrator, has 2.00°."
+        );
+    }
+
+    #[test]
+    fn a_group_that_is_no_place_gets_a_preposition() {
+        let mut report = example();
+        report.groups[0].name = "all scenarios".to_owned();
+        assert!(
+            answer(&report).starts_with("robomorph predicts the horizon in all scenarios with")
         );
     }
 

@@ -1,0 +1,70 @@
+//! Where the results of jobs come from, and what was made from them.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use store::JobId;
+use wire::Job;
+
+use crate::app::App;
+use crate::error::ApiError;
+
+/// Jobs of a lineage.
+const MOST: usize = 40;
+
+/// Some jobs, the jobs that they need, and the jobs that need them, whatever the distance.
+pub(crate) struct Lineage {
+    pub jobs: BTreeMap<i64, Job>,
+    /// Pairs of a job and a job that it needs, both among `jobs`.
+    pub needs: Vec<(i64, i64)>,
+    /// Whether there are more jobs than a lineage may have. Those furthest away are left out, and
+    /// of several users the oldest.
+    pub is_cut: bool,
+}
+
+/// Which way to go from a job.
+#[derive(Clone, Copy)]
+enum Towards {
+    Sources,
+    Users,
+}
+
+impl App {
+    /// The lineage of `roots`.
+    pub(crate) async fn lineage(&self, roots: &[i64]) -> Result<Lineage, ApiError> {
+        let mut known: BTreeSet<JobId> = roots.iter().copied().map(JobId).collect();
+        let mut is_cut = false;
+        for towards in [Towards::Sources, Towards::Users] {
+            let mut frontier: Vec<JobId> = roots.iter().copied().map(JobId).collect();
+            while !frontier.is_empty() {
+                let pairs = match towards {
+                    Towards::Sources => self.store.needs(&frontier).await?,
+                    Towards::Users => self.store.users(&frontier).await?,
+                };
+                let mut next = Vec::new();
+                for (job, need) in pairs {
+                    let found = match towards {
+                        Towards::Sources => need,
+                        Towards::Users => job,
+                    };
+                    if known.contains(&found) {
+                        continue;
+                    }
+                    if known.len() >= MOST {
+                        is_cut = true;
+                        continue;
+                    }
+                    known.insert(found);
+                    next.push(found);
+                }
+                frontier = next;
+            }
+        }
+        let known: Vec<JobId> = known.into_iter().collect();
+        let needs = self.store.needs(&known).await?;
+        // A job in the trash is not among them.
+        let jobs = self.jobs_by_id(&known.iter().map(|job| job.0).collect::<Vec<_>>()).await?;
+        let is_shown = |job: &JobId| jobs.contains_key(&job.0);
+        let needs = needs.into_iter().filter(|(job, need)| is_shown(job) && is_shown(need));
+        Ok(Lineage { needs: needs.map(|(job, need)| (job.0, need.0)).collect(), jobs, is_cut })
+    }
+}
