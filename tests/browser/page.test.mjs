@@ -100,6 +100,21 @@ test("an evaluation shows its error over frequency and every predictor", async (
   assertClean();
 });
 
+test("the lineage leads from a dataset over its training to the evaluation, and back", async () => {
+  const train = await (await fetch(`${product.url}/v1/jobs/${member("train-set")}`)).json();
+  await page.goto(`${product.url}/datasets/${train.dataset}`);
+  const lineage = page.locator(".lineage");
+  const of = (name) => lineage.locator("a").filter({ has: page.locator("text", { hasText: new RegExp(`^${name}`) }) });
+  await of("train, ").click();
+  await page.waitForURL(/\/runs\/\d+$/);
+  assert.equal(await lineage.locator("[aria-current]").count(), 1);
+  await of("evaluate, ").click();
+  await page.waitForURL(/\/evaluations\/\d+$/);
+  // The evaluation has its own dataset, too.
+  assert.equal(await of("simulate, ").count(), 2);
+  assertClean();
+});
+
 test("runs that are ticked in their list stand beside each other", async () => {
   await page.goto(`${product.url}/runs`);
   for (const box of await page.getByRole("checkbox").all()) await box.check();
