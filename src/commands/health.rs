@@ -41,7 +41,10 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     if !arguments.ask.output.json {
         let Health { status, version, workers, free_bytes, .. } = &health;
         let free = measure::size(*free_bytes);
-        println!("{status}: torqued {version}, {workers} workers, {free} free");
+        println!(
+            "{status}: torqued {version}, {}, {free} free",
+            measure::counted(*workers, "worker")
+        );
         for reason in &health.reasons {
             println!("  {reason}");
         }

@@ -52,6 +52,11 @@ pub fn ago(from: &str) -> String {
     since(from, None).map(|age| format!("{} ago", duration(age))).unwrap_or_default()
 }
 
+/// A count with its noun: `1 worker`, `3 workers`.
+pub fn counted(count: usize, noun: &str) -> String {
+    if count == 1 { format!("1 {noun}") } else { format!("{count} {noun}s") }
+}
+
 /// A size in a suitable unit, e.g. `12.3 MB`.
 pub fn size(bytes: u64) -> String {
     match bytes {

@@ -33,7 +33,8 @@ async fn a_missing_and_a_damaged_file_are_found_beside_a_running_server() {
     let with_bytes = ["--bytes", "--server", url.as_str()];
     let (code, output) = doctor(&data, &server);
     assert_eq!(code, Some(0), "{output}");
-    for words in ["clock", "behind seccomp", "mode 700", "sound", "8 of ", "1 workers", "0 wrong"] {
+    for words in ["clock", "behind seccomp", "mode 700", "sound", "8 of ", ", 1 worker", "0 wrong"]
+    {
         assert!(output.contains(words), "no {words:?} in {output}");
     }
 

@@ -93,8 +93,13 @@ impl App {
             version: VERSION.to_owned(),
             database_schema: self.store.schema_version(),
             workers: workers.iter().filter(|worker| worker.alive).count(),
-            free_bytes: self.store.disk_space()?.free_bytes,
+            free_bytes: self.free_bytes()?,
         })
+    }
+
+    /// Free space on the disk of the data folder.
+    pub(crate) fn free_bytes(&self) -> Result<u64, ApiError> {
+        Ok(self.store.disk_space()?.free_bytes)
     }
 }
 

@@ -8,12 +8,14 @@ use spec::JobKind;
 use wire::{Job, JobState, Listed as _};
 
 use crate::app::App;
+use crate::error::ApiError;
 use crate::extract::QueryPairs;
 use crate::page::answer::{PageError, html};
 use crate::page::filter_query::{FilterQuery, Order};
 use crate::page::labels::TagLink;
 use crate::page::parts::{Commands, JobHeader};
 use crate::page::rows::Row;
+use crate::page::text;
 
 /// Number of experiments on a page. Each shows all its jobs.
 const PAGE: u32 = 20;
@@ -32,10 +34,22 @@ struct ExperimentsPage {
     sort: String,
     orders: Vec<Order>,
     settled: bool,
-    /// Sentences about why experiments wait.
-    obstacles: Vec<String>,
+    /// What happens now, if nothing else is asked for.
+    now: Option<Now>,
     experiments: Vec<Experiment>,
     older: Option<String>,
+}
+
+/// What runs and what waits. It stands above the experiments that have ended, however many wait.
+struct Now {
+    /// How many tasks run and wait, and where.
+    sentence: String,
+    /// Sentences about why experiments wait.
+    obstacles: Vec<String>,
+    running: Vec<Experiment>,
+    /// Those of the newest experiments that wait, and how many these are.
+    waiting: Vec<Experiment>,
+    wait: String,
 }
 
 struct Filter {
@@ -64,20 +78,18 @@ pub async fn show(
 ) -> Result<Response, PageError> {
     let asked = FilterQuery::new("/".to_owned(), pairs);
     let jobs = app.experiments(asked.pairs(), PAGE).await?;
-    let rows = Row::of_each(&app, &jobs.jobs).await?;
-    let experiments = jobs.jobs.iter().zip(rows).map(|(job, rows)| Experiment {
-        job: JobHeader::of(job),
-        tags: TagLink::all(&job.tags),
-        is_single: job.kind != JobKind::Pipeline,
-        rows,
-    });
     let settled = jobs.jobs.iter().all(|job| job.state.is_final());
-    let obstacles =
-        if settled { Vec::new() } else { app.obstacles(&app.workers().await?.workers).await? };
+    let mut experiments = Experiment::of_each(&app, &jobs.jobs).await?;
+    let is_first = asked.pairs().is_empty();
+    let now = if is_first {
+        Now::among(&app, &mut experiments, jobs.next.is_some()).await?
+    } else {
+        None
+    };
     let (state, kind) = (asked.value("state"), asked.value("kind"));
     let choice = |known: &JobKind| Choice { kind: known.as_str(), current: kind == known.as_str() };
     let page = ExperimentsPage {
-        obstacles,
+        now,
         commands: Commands::new(&headers),
         filters: filters(&asked, &state),
         text: asked.value("text"),
@@ -87,11 +99,70 @@ pub async fn show(
         orders: asked.orders(&Job::LIST),
         sort: asked.order(),
         settled,
-        experiments: experiments.collect(),
+        experiments,
         older: jobs.next.map(|cursor| asked.with("cursor", Some(&cursor))),
         state,
     };
     Ok(html(&page)?)
+}
+
+impl Experiment {
+    async fn of_each(app: &App, jobs: &[Job]) -> Result<Vec<Self>, ApiError> {
+        let rows = Row::of_each(app, jobs).await?;
+        let experiment = |(job, rows): (&Job, Vec<Row>)| Self {
+            job: JobHeader::of(job),
+            tags: TagLink::all(&job.tags),
+            is_single: job.kind != JobKind::Pipeline,
+            rows,
+        };
+        Ok(jobs.iter().zip(rows).map(experiment).collect())
+    }
+}
+
+impl Now {
+    /// Takes what runs and waits out of the newest experiments. Older ones that run are added. `None` if nothing runs or waits.
+    async fn among(
+        app: &App,
+        newest: &mut Vec<Experiment>,
+        has_older: bool,
+    ) -> Result<Option<Self>, ApiError> {
+        let is_running = [("state".to_owned(), JobState::Running.as_str().to_owned())];
+        let running = app.experiments(&is_running, PAGE).await?.jobs;
+        let running = Experiment::of_each(app, &running).await?;
+        let (ended, open): (Vec<_>, Vec<_>) = newest.drain(..).partition(|one| one.job.settled);
+        *newest = ended;
+        let waiting: Vec<Experiment> =
+            open.into_iter().filter(|one| one.job.state != JobState::Running).collect();
+        if running.is_empty() && waiting.is_empty() {
+            return Ok(None);
+        }
+        let (queue, workers) = (app.queue().await?, app.workers().await?.workers);
+        let tasks = |count: u64, says: [&str; 2]| match count {
+            1 => format!("1 task {}", says[0]),
+            _ => format!("{} tasks {}", text::count(count), says[1]),
+        };
+        let alive = match workers.iter().filter(|worker| worker.alive).count() {
+            1 => "1 worker".to_owned(),
+            count => format!("{count} workers"),
+        };
+        let wait = match (waiting.len(), has_older) {
+            (1, _) => "1 experiment waits".to_owned(),
+            (count, false) => format!("{count} experiments wait"),
+            (count, true) => format!("The newest {count} experiments that wait"),
+        };
+        Ok(Some(Self {
+            sentence: format!(
+                "{}, {} · {alive} · {} free",
+                tasks(queue.running, ["runs", "run"]),
+                tasks(queue.queued, ["waits", "wait"]),
+                text::size(app.free_bytes()?),
+            ),
+            obstacles: app.obstacles(&workers).await?,
+            running,
+            waiting,
+            wait,
+        }))
+    }
 }
 
 fn filters(asked: &FilterQuery, current: &str) -> Vec<Filter> {

@@ -19,6 +19,7 @@ mod lists;
 mod logs;
 mod mlflow;
 mod monitoring;
+mod now;
 mod pages;
 mod problems;
 mod references;

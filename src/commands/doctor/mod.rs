@@ -16,6 +16,7 @@ use crate::arguments::{ConfigArguments, OutputArguments, ServerArguments, StoreA
 use crate::client::{Client, ClientError};
 use crate::device;
 use crate::output::write_json;
+use crate::progress::measure;
 
 /// Checks without changing anything; it can run beside a server. The exit code is 1 if something is
 /// wrong.
@@ -124,7 +125,8 @@ async fn look_at_server(client: &Client, report: &mut Findings) -> anyhow::Resul
     };
     let own = env!("CARGO_PKG_VERSION");
     if health.version == own {
-        report.good("server", format!("torqued {own} at {url}, {} workers", health.workers))?;
+        let workers = measure::counted(health.workers, "worker");
+        report.good("server", format!("torqued {own} at {url}, {workers}"))?;
     } else {
         let found = format!("torqued {} at {url}, and this is {own}", health.version);
         report.note("server", found, "install the same version for both")?;
