@@ -13,7 +13,7 @@ use burn_flex::{Flex, FlexTensor};
 
 use crate::interruption::leave_if_interrupted;
 #[cfg(feature = "torch")]
-use crate::torch::{self, WithTorch};
+use crate::torch;
 
 /// An operation on `N` tensors and its backward pass.
 pub(super) trait FusedOp<const N: usize>:
@@ -28,6 +28,12 @@ pub(super) trait FusedOp<const N: usize>:
 
     /// The gradient of each input, from that of the output.
     fn backward(&self, inputs: &[Array; N], gradient: &Array) -> [Array; N];
+}
+
+/// The form of an operation that PyTorch computes and differentiates.
+#[cfg(feature = "torch")]
+pub(super) trait WithTorch<const N: usize> {
+    fn with_torch(&self, inputs: [&tch::Tensor; N]) -> tch::Tensor;
 }
 
 /// Without PyTorch's libraries an operation needs no form of theirs.

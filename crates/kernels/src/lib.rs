@@ -25,6 +25,7 @@
 #![warn(missing_docs)]
 
 mod adam_w;
+mod adam_w_step;
 mod affine;
 #[cfg(test)]
 mod agreement;
@@ -62,7 +63,8 @@ mod vectorized;
 mod windows;
 mod winograd;
 
-pub use adam_w::{AdamWStep, adam_w, is_fused, sum_of_squares};
+pub use adam_w::{adam_w, is_fused, sum_of_squares};
+pub use adam_w_step::AdamWStep;
 pub use attention::{Mask, attention, self_attention};
 pub use conv_transpose1d::conv_transpose1d;
 pub use conv1d::{conv1d, scratch_of_conv1d};

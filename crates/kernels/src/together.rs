@@ -2,7 +2,7 @@
 
 use burn::tensor::Tensor;
 
-use super::adam_w::AdamWStep;
+use super::adam_w_step::AdamWStep;
 #[cfg(feature = "torch")]
 use super::torch;
 

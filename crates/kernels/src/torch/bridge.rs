@@ -5,7 +5,7 @@ use std::ptr;
 
 use tch::Tensor;
 
-use crate::adam_w::AdamWStep;
+use crate::adam_w_step::AdamWStep;
 
 #[repr(C)]
 struct Opaque([u8; 0]);

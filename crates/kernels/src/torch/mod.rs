@@ -6,6 +6,7 @@
 //! `torch.nn`: a layer norm, an attention or a convolution is one kernel there.
 
 #![expect(deprecated, reason = "burn keeps burn-tch for one more release")]
+
 mod bridge;
 mod operations;
 
@@ -20,14 +21,13 @@ use burn_autodiff::grads::Gradients;
 use burn_autodiff::ops::{Backward, Ops, OpsKind};
 use burn_tch::{LibTorch, Storage, TchTensor};
 
-use super::adam_w::AdamWStep;
+use super::adam_w_step::AdamWStep;
 use super::fused::FusedOp;
 use super::interruption::leave_if_interrupted;
 use super::together::Stepped;
 use bridge::Recorded;
 
 pub use bridge::{configure, gpu, peak_bytes, version};
-pub(super) use operations::WithTorch;
 
 /// A tensor of PyTorch.
 pub(super) enum Operand {
@@ -166,7 +166,7 @@ mod tests {
 
     use burn::tensor::{Device, Tensor};
 
-    use crate::adam_w::AdamWStep;
+    use crate::adam_w_step::AdamWStep;
     use crate::dropout::{DropoutKeys, DropoutMask, dropout};
     use crate::together::{Stepped, Together};
 

@@ -8,6 +8,7 @@ use crate::conv_transpose1d::ConvTranspose1d;
 use crate::conv1d::Conv1d;
 use crate::dropout::{Dropout, DropoutMask};
 use crate::factors::Factors;
+use crate::fused::WithTorch;
 use crate::gelu_linear::GeluLinear;
 use crate::group_norm_mish::{self, GroupNormMish};
 use crate::layer_norm::{self, LayerNorm};
@@ -16,11 +17,6 @@ use crate::mish::Mish;
 use crate::norm_conv1d::NormConv1d;
 use crate::norm_linear::NormLinear;
 use crate::tanh::Tanh;
-
-/// The form of an operation that PyTorch computes and differentiates.
-pub(crate) trait WithTorch<const N: usize> {
-    fn with_torch(&self, inputs: [&Tensor; N]) -> Tensor;
-}
 
 impl WithTorch<3> for Linear {
     fn with_torch(&self, [x, weight, bias]: [&Tensor; 3]) -> Tensor {

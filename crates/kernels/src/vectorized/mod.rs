@@ -7,7 +7,7 @@ mod functions;
 
 use std::mem::MaybeUninit;
 
-use super::adam_w::Constants;
+use super::adam_w_step::Constants;
 use functions::{
     exponential, mish_and_slope, mish_of, mish_slope, multiply_add, normal_distribution,
 };
