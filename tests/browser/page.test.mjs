@@ -105,7 +105,7 @@ test("the lineage leads from a dataset over its training to the evaluation, and 
   await page.goto(`${product.url}/datasets/${train.dataset}`);
   const lineage = page.locator(".lineage");
   const of = (name) => lineage.locator("a").filter({ has: page.locator("text", { hasText: new RegExp(`^${name}`) }) });
-  await of("train, ").click();
+  await of("train, ").first().click();
   await page.waitForURL(/\/runs\/\d+$/);
   assert.equal(await lineage.locator("[aria-current]").count(), 1);
   await of("evaluate, ").click();
