@@ -99,7 +99,7 @@ fn check_gradients(kind: DeviceKind) {
         let gradients =
             |trainer: &Trainer| tensors(&trainer.checkpoint().unwrap().optimizer, "exp_avg.");
         let (expected, found) = (gradients(&expected), gradients(&found));
-        assert!(expected.len() > 10 && expected.keys().eq(found.keys()), "{name}");
+        assert!(!expected.is_empty() && expected.keys().eq(found.keys()), "{name}");
         // A gradient that is zero up to rounding, such as that of a bias before a norm, is compared
         // with the size of the others.
         let overall = largest(expected.values().flatten().copied());
