@@ -78,10 +78,12 @@ pub fn pytorch() -> anyhow::Result<PathBuf> {
     environment("pytorch", "crates/models/tests/peers/requirements.txt")
 }
 
-/// The folder of [`pytorch`] with its libraries and headers.
+/// The folder of PyTorch's libraries and headers, in the version that the devices `torch` and `torch-tf32` are built with.
 pub fn pytorch_libraries() -> anyhow::Result<PathBuf> {
+    let requirements = "crates/models/tests/peers/libraries-requirements.txt";
+    let python = environment("pytorch-libraries", requirements)?;
     let print = "import os, torch; print(os.path.dirname(torch.__file__))";
-    let found = Command::new(pytorch()?).args(["-c", print]).output()?;
+    let found = Command::new(python).args(["-c", print]).output()?;
     Ok(PathBuf::from(String::from_utf8(found.stdout)?.trim()))
 }
 

@@ -26,7 +26,7 @@ pub const ALL: [Installation; 5] = [
 /// For the device tests.
 pub const FOR_DEVICES: [Installation; 2] = [
     Installation { name: "install a Vulkan driver", run: software_vulkan },
-    Installation { name: "install PyTorch", run: || peers::pytorch().map(drop) },
+    Installation { name: "install PyTorch", run: || peers::pytorch_libraries().map(drop) },
 ];
 
 /// The program that shows that a package is installed, and the package's name in Debian.

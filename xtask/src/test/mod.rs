@@ -273,7 +273,7 @@ fn device_tests(features: &str) -> Command {
     command
 }
 
-/// Lets the build and the tests find the PyTorch that the peers of networks have.
+/// Lets the build and the tests find PyTorch.
 fn with_pytorch(mut command: Command) -> Command {
     // A failure to install it is reported apart. Without its folder, the build fails and says why.
     let folder = peers::pytorch_libraries().unwrap_or_default();
