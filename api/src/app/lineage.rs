@@ -1,4 +1,4 @@
-//! Where the results of jobs come from, and what was made from them.
+//! The jobs from which results come, and the jobs that use them.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -8,7 +8,7 @@ use wire::Job;
 use crate::app::App;
 use crate::error::ApiError;
 
-/// Jobs of a lineage.
+/// Jobs of a lineage. One that begins with more has no others.
 const MOST: usize = 40;
 
 /// Some jobs, the jobs that they need, and the jobs that need them, whatever the distance.
@@ -60,11 +60,10 @@ impl App {
             }
         }
         let known: Vec<JobId> = known.into_iter().collect();
-        let needs = self.store.needs(&known).await?;
         // A job in the trash is not among them.
         let jobs = self.jobs_by_id(&known.iter().map(|job| job.0).collect::<Vec<_>>()).await?;
-        let is_shown = |job: &JobId| jobs.contains_key(&job.0);
-        let needs = needs.into_iter().filter(|(job, need)| is_shown(job) && is_shown(need));
-        Ok(Lineage { needs: needs.map(|(job, need)| (job.0, need.0)).collect(), jobs, is_cut })
+        let needs = jobs.values().flat_map(|job| job.needs.iter().map(|need| (job.id, *need)));
+        let needs = needs.filter(|(_, need)| jobs.contains_key(need)).collect();
+        Ok(Lineage { needs, jobs, is_cut })
     }
 }

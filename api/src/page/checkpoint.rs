@@ -31,7 +31,7 @@ struct CheckpointPage {
     architecture: String,
     digest: String,
     short_digest: String,
-    /// Where it comes from and what was made from it.
+    /// The picture of the jobs before and after it.
     lineage: Option<Lineage>,
     files: Vec<FileRow>,
     snippet: String,

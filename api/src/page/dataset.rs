@@ -49,7 +49,7 @@ struct DatasetPage {
     /// A sentence about trajectories that the channels do not cover.
     left_out: String,
     viewer: Option<Viewer>,
-    /// Where it comes from and what was made from it.
+    /// The picture of the jobs before and after it.
     lineage: Option<Lineage>,
     files: Vec<FileRow>,
     files_left_out: usize,

@@ -24,7 +24,7 @@ struct EvaluationPage {
     report: Option<ReportView>,
     /// Single predictions beside the truth.
     drawn: Option<Drawn>,
-    /// Where it comes from and what was made from it.
+    /// The picture of the jobs before and after it.
     lineage: Option<Lineage>,
     figures: Vec<FigureView>,
     artifacts: Vec<FileLink>,

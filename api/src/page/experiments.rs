@@ -34,13 +34,13 @@ struct ExperimentsPage {
     sort: String,
     orders: Vec<Order>,
     settled: bool,
-    /// What happens now, if nothing else is asked for.
+    /// The experiments that run or wait. A filtered list and a later page have none.
     now: Option<Now>,
     experiments: Vec<Experiment>,
     older: Option<String>,
 }
 
-/// What runs and what waits. It stands above the experiments that have ended, however many wait.
+/// The experiments that run or wait. They stand above those that have ended, however many wait.
 struct Now {
     /// How many tasks run and wait, and where.
     sentence: String,
@@ -78,7 +78,7 @@ pub async fn show(
 ) -> Result<Response, PageError> {
     let asked = FilterQuery::new("/".to_owned(), pairs);
     let jobs = app.experiments(asked.pairs(), PAGE).await?;
-    let settled = jobs.jobs.iter().all(|job| job.state.is_final());
+    let are_final = jobs.jobs.iter().all(|job| job.state.is_final());
     let mut experiments = Experiment::of_each(&app, &jobs.jobs).await?;
     let is_first = asked.pairs().is_empty();
     let now = if is_first {
@@ -89,7 +89,6 @@ pub async fn show(
     let (state, kind) = (asked.value("state"), asked.value("kind"));
     let choice = |known: &JobKind| Choice { kind: known.as_str(), current: kind == known.as_str() };
     let page = ExperimentsPage {
-        now,
         commands: Commands::new(&headers),
         filters: filters(&asked, &state),
         text: asked.value("text"),
@@ -98,7 +97,9 @@ pub async fn show(
         filtered: asked.is_filtered(),
         orders: asked.orders(&Job::LIST),
         sort: asked.order(),
-        settled,
+        // An experiment that runs may be older than those of this page.
+        settled: are_final && now.is_none(),
+        now,
         experiments,
         older: jobs.next.map(|cursor| asked.with("cursor", Some(&cursor))),
         state,
@@ -120,7 +121,8 @@ impl Experiment {
 }
 
 impl Now {
-    /// Takes what runs and waits out of the newest experiments. Older ones that run are added. `None` if nothing runs or waits.
+    /// Takes the running and waiting experiments out of the newest ones, and adds older ones that
+    /// run. `None` if none runs or waits.
     async fn among(
         app: &App,
         newest: &mut Vec<Experiment>,

@@ -43,7 +43,7 @@ struct JobPage {
     short_digest: String,
     results: Vec<Link>,
     result: Option<JobResult>,
-    /// Where it comes from and what was made from it.
+    /// The picture of the jobs before and after it.
     lineage: Option<Lineage>,
     files: Vec<FileLink>,
     rows: Vec<Row>,

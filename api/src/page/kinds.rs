@@ -58,6 +58,9 @@ impl Source {
 pub async fn headlines(app: &App, jobs: &[&Job]) -> Result<BTreeMap<i64, String>, ApiError> {
     let sources: Vec<(&Job, Source)> =
         jobs.iter().filter_map(|job| Some((*job, Source::of(job)?))).collect();
+    if sources.is_empty() {
+        return Ok(BTreeMap::new());
+    }
     let of = |id: fn(&Job, Source) -> Option<i64>| -> Vec<i64> {
         sources.iter().filter_map(|(job, source)| id(job, *source)).collect()
     };
@@ -83,11 +86,26 @@ pub async fn headlines(app: &App, jobs: &[&Job]) -> Result<BTreeMap<i64, String>
         has_result.then_some(job.id)
     });
 
-    let datasets = app.datasets_by_id(&datasets).await?;
-    let recorded = app.latest_values(&recorded, ValidationMetric::RmseDeg.key()).await?;
-    let evaluations = app.evaluation_headlines(&evaluations).await?;
-    let agreements = app.agreements(&verifications).await?;
-    let results = app.sole_results(&others).await?;
+    let datasets = match datasets.as_slice() {
+        [] => Default::default(),
+        ids => app.datasets_by_id(ids).await?,
+    };
+    let recorded = match recorded.as_slice() {
+        [] => Default::default(),
+        runs => app.latest_values(runs, ValidationMetric::RmseDeg.key()).await?,
+    };
+    let evaluations = match evaluations.as_slice() {
+        [] => Default::default(),
+        ids => app.evaluation_headlines(ids).await?,
+    };
+    let agreements = match verifications.as_slice() {
+        [] => Default::default(),
+        jobs => app.agreements(jobs).await?,
+    };
+    let results = match others.as_slice() {
+        [] => Default::default(),
+        jobs => app.sole_results(jobs).await?,
+    };
     let mut headlines = BTreeMap::new();
     for (job, source) in sources {
         let headline = match source {

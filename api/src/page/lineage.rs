@@ -1,5 +1,5 @@
-//! A picture of where results come from and what was made from them: a box for each job, with
-//! links.
+//! A picture of the jobs from which results come and of those that use them: a box for each job,
+//! with links.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -37,7 +37,7 @@ pub struct Node {
     /// The page of its result, or its own.
     pub href: String,
     pub name: String,
-    /// What it is, and what came out.
+    /// Its kind, its state if it has not succeeded, and its main result.
     pub said: String,
     /// The same without a limit.
     pub title: String,
@@ -100,12 +100,18 @@ impl Lineage {
 
 /// The names by which people know jobs: in this pipeline, or of the dataset that they filled.
 async fn names(app: &App, job: &Job, shown: &[&Job]) -> Result<BTreeMap<i64, String>, ApiError> {
-    let filled: Vec<i64> = shown.iter().filter_map(|job| job.dataset).collect();
-    let datasets = app.datasets_by_id(&filled).await?;
+    let members = &job.members;
+    let is_member = |job: &Job| members.iter().any(|member| member.job == job.id);
+    let others = shown.iter().filter(|job| !is_member(job));
+    let filled: Vec<i64> = others.filter_map(|job| job.dataset).collect();
+    let datasets = match filled.as_slice() {
+        [] => BTreeMap::new(),
+        ids => app.datasets_by_id(ids).await?,
+    };
     let of_dataset = shown.iter().filter_map(|job| Some((job.id, job.dataset?)));
     let named = of_dataset.filter_map(|(job, id)| Some((job, datasets.get(&id)?.name.clone())));
     let mut names: BTreeMap<i64, String> = named.collect();
-    names.extend(job.members.iter().map(|member| (member.job, member.name.clone())));
+    names.extend(members.iter().map(|member| (member.job, member.name.clone())));
     Ok(names)
 }
 

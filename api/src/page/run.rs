@@ -26,7 +26,7 @@ struct RunPage {
     labelled: Labelled,
     loss: String,
     metrics: Vec<Fact>,
-    /// Where it comes from and what was made from it.
+    /// The picture of the jobs before and after it.
     lineage: Option<Lineage>,
     checkpoints: Vec<CheckpointRow>,
     spec: String,

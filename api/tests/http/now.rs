@@ -1,4 +1,4 @@
-//! What runs and what waits stands on top of the front page.
+//! The front page puts running and waiting experiments on top.
 
 use crate::fixture::{Server, small_simulation};
 
@@ -25,6 +25,22 @@ async fn what_runs_stands_above_what_waits_and_both_above_what_has_ended() {
     let succeeded = server.get("/?state=succeeded").await;
     assert!(succeeded.text().contains(&named(&ended)));
     assert!(!succeeded.text().contains("tasks wait"), "{}", succeeded.text());
+}
+
+#[tokio::test]
+async fn an_old_experiment_that_still_runs_is_shown_and_keeps_the_page_alive() {
+    let server = Server::start().await;
+    let old = server.submitted(&small_simulation(1)).await;
+    assert!(server.claim().await.is_some());
+    for seed in 2..=22 {
+        server.submitted(&small_simulation(seed)).await;
+    }
+    server.work().await;
+    let page = server.get("/").await;
+    let page = page.text();
+    assert!(page.contains(old["name"].as_str().unwrap()), "{page}");
+    assert!(page.contains("1 task runs, 0 tasks wait"), "{page}");
+    assert!(!page.contains("data-settled"), "{page}");
 }
 
 #[tokio::test]
