@@ -1,4 +1,4 @@
-//! What a step of AdamW does to every parameter.
+//! The constants of a step of AdamW.
 
 /// A step of AdamW (Loshchilov and Hutter 2019), the same for every parameter.
 #[derive(Clone, Copy, Debug)]

@@ -1,5 +1,5 @@
-// What PyTorch's libraries offer in C++ and the crate `tch` does not bind. A function that can fail returns null, or a message
-// that `torqued_free` frees.
+// Functions of PyTorch's libraries that the crate `tch` does not bind. One that can fail returns null if it did not, and else a
+// message that `torqued_free` frees.
 
 #include <ATen/ATen.h>
 #include <ATen/Context.h>

@@ -63,7 +63,7 @@ fn pointers<'a>(tensors: impl IntoIterator<Item = &'a Tensor>) -> Vec<*const c_v
     tensors.into_iter().map(|tensor| tensor.as_ptr().cast()).collect()
 }
 
-/// What the derivative of an output with respect to its inputs needs.
+/// The graph from inputs to an output, with the values that its derivative needs.
 #[derive(Debug)]
 pub struct Recorded {
     graph: *mut Opaque,

@@ -5,7 +5,7 @@
 //! a single node of burn's graph instead. Its forward pass records a small graph of PyTorch, whose derivatives are those of
 //! `torch.nn`: a layer norm, an attention or a convolution is one kernel there.
 
-#![expect(deprecated, reason = "burn keeps burn-tch for one more release")]
+#![expect(deprecated, reason = "burn will remove burn-tch in a later release")]
 
 mod bridge;
 mod operations;
@@ -118,7 +118,7 @@ pub(super) fn norm<'a>(tensors: impl Iterator<Item = &'a Tensor<1>>) -> f64 {
     bridge::norm(tensors.iter().map(|tensor| &tensor.tensor))
 }
 
-/// What the backward pass needs.
+/// The state that the backward pass needs.
 #[derive(Clone, Debug)]
 struct State {
     recorded: Arc<Recorded>,

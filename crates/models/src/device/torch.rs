@@ -5,7 +5,7 @@ use burn::tensor::DeviceIndex;
 use super::{Device, DeviceDescription, DeviceKind};
 
 /// The first GPU, or the processor if there is none. How products are rounded is chosen for the whole process.
-#[expect(deprecated, reason = "burn keeps burn-tch for one more release")]
+#[expect(deprecated, reason = "burn will remove burn-tch in a later release")]
 pub(super) fn open(kind: DeviceKind) -> Device {
     kernels::torch::configure(kind == DeviceKind::TorchTf32);
     let has_gpu = tch::Cuda::is_available();
