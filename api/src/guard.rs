@@ -44,11 +44,11 @@ pub async fn refuse_repeated(request: Request, next: Next) -> Result<Response, A
 }
 
 /// Everything the page needs comes from this server, and nothing may frame it. The one style within a page is that of figures,
-/// known by its digest.
+/// known by its digest. An image of the page's own making (`blob:`) is on the way to a PNG.
 static POLICY: LazyLock<HeaderValue> = LazyLock::new(|| {
     let figures = STANDARD.encode(Digest::of(figures::style().as_bytes()).as_bytes());
     let policy = format!(
-        "default-src 'none'; style-src 'self' 'sha256-{figures}'; script-src 'self'; img-src 'self'; \
+        "default-src 'none'; style-src 'self' 'sha256-{figures}'; script-src 'self'; img-src 'self' blob:; \
          connect-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
     );
     // Base64 has no character that a header cannot have.

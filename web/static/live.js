@@ -1,6 +1,8 @@
 // Keeps the page current: after an event of the server, fetches the page again and replaces the parts that changed.
 // Everything works without this script; reloading does the same. Without events, the page is fetched at intervals.
 
+import { asSent, carryOn, states } from "./charts.js";
+
 const SHORTEST_WAIT = 1500;
 const LONGEST_WAIT = 30000;
 const REQUEST_TIMEOUT = 15000;
@@ -40,7 +42,9 @@ function replace(stale, fresh) {
   const focused = stale.contains(document.activeElement) ? document.activeElement.id : "";
   const scrolled = [...stale.querySelectorAll(".scroll")].map((region) => region.scrollLeft);
   const shown = document.importNode(fresh, true);
+  const drawn = states(stale);
   stale.replaceWith(shown);
+  carryOn(shown, drawn);
   shown.querySelectorAll(".scroll").forEach((region, at) => (region.scrollLeft = scrolled[at] ?? 0));
   if (focused) document.getElementById(focused)?.focus();
 }
@@ -50,8 +54,8 @@ function update(page) {
   for (const stale of document.querySelectorAll("[data-live]")) {
     const fresh = page.getElementById(stale.id);
     if (!fresh || fresh.isEqualNode(stale)) continue;
-    // `open` is the reader's and does not count as a change.
-    const comparable = stale.cloneNode(true);
+    // `open` is the reader's and does not count as a change, nor do figures that answer.
+    const comparable = asSent(stale);
     for (const details of comparable.querySelectorAll("details[open]")) {
       details.removeAttribute("open");
     }

@@ -14,7 +14,7 @@ struct Asset {
     bytes: &'static [u8],
 }
 
-const ASSETS: [Asset; 5] = [
+const ASSETS: [Asset; 6] = [
     Asset {
         name: "page.css",
         media_type: "text/css; charset=utf-8",
@@ -24,6 +24,11 @@ const ASSETS: [Asset; 5] = [
         name: "live.js",
         media_type: "text/javascript; charset=utf-8",
         bytes: include_bytes!("../../../web/static/live.js"),
+    },
+    Asset {
+        name: "charts.js",
+        media_type: "text/javascript; charset=utf-8",
+        bytes: include_bytes!("../../../web/static/charts.js"),
     },
     Asset {
         name: "docs.css",

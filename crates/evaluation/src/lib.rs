@@ -34,7 +34,7 @@ pub use cell::{
 pub use error::EvaluationError;
 pub use examples::{Example, Examples, examples};
 pub use figure::{
-    DrawnAnswer, calibration_figure, crps_figure, horizon_figure, latency_figure,
+    DrawnAnswer, calibration_figure, colour_of, crps_figure, horizon_figure, latency_figure,
     prediction_figure, rmse_figure, sampler_steps_figure,
 };
 pub use given::Given;

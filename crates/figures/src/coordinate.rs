@@ -87,6 +87,11 @@ impl Coordinate {
         })
     }
 
+    /// The ends of the axis, the lower one first.
+    pub(crate) fn ends(&self) -> (f64, f64) {
+        (self.low, self.high)
+    }
+
     /// The width of the widest tick label in pixels.
     pub(crate) fn label_width(&self, font_size: f64) -> f64 {
         self.ticks.iter().map(|tick| text::width(&tick.label, font_size)).fold(0.0, f64::max)

@@ -15,7 +15,7 @@ use crate::layout::{
 };
 use crate::marks::{CurveStyle, Drawn};
 use crate::trace::Trace;
-use crate::{Figure, FigureError, SERIES_ALLOWED, Size, Stroke, description, text, theme};
+use crate::{Figure, FigureError, SERIES_ALLOWED, Size, Stroke, description, numbers, text, theme};
 
 const INK: RGBColor = color(theme::INK);
 const AXIS: RGBColor = color(theme::AXIS);
@@ -90,18 +90,19 @@ fn draw(
         .collect();
 
     let empty = traces.iter().all(|trace| trace.drawable == 0);
-    let mut body = bands(layout)?;
-    body.push_str(&frame(layout)?);
+    let mut body = format!("<g class=\"frame\">\n{}{}</g>\n", bands(layout)?, frame(layout)?);
     body.push_str(&data(figure, layout, &curve_styles, traces)?);
     body.push_str(&legend(layout, &curve_styles)?);
     body.push_str(&titles(layout, empty)?);
-    Ok(document(figure, traces, layout.size, (place, style), &body))
+    let numbers = numbers::json(figure, layout, &curve_styles, traces);
+    Ok(document(figure, traces, &numbers, layout.size, (place, style), &body))
 }
 
 /// The root element around the drawn groups.
 fn document(
     figure: &Figure,
     traces: &[Trace],
+    numbers: &str,
     size: Size,
     (place, style): (&str, &str),
     body: &str,
@@ -110,11 +111,13 @@ fn document(
     let ground = theme::hex(theme::GROUND);
     let title = text::xml(&figure.title);
     let description = text::xml(&description::describe(figure, traces));
+    let numbers = text::xml(numbers);
     let shrink = 1.0 / f64::from(SUBPIXELS);
     format!(
         r##"<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" {place} role="img">
 <title>{title}</title>
 <desc>{description}</desc>
+<metadata>{numbers}</metadata>
 {style}<rect width="{width}" height="{height}" rx="8" fill="{ground}"/>
 <g transform="scale({shrink})" stroke-linejoin="round">
 {body}</g>
@@ -225,17 +228,21 @@ fn data(
     ]
     .map(subpixels);
     let mut clipped = format!(
-        "<svg x=\"{x}\" y=\"{y}\" width=\"{width}\" height=\"{height}\" \
+        "<svg class=\"data\" x=\"{x}\" y=\"{y}\" width=\"{width}\" height=\"{height}\" \
          viewBox=\"{x} {y} {width} {height}\">\n"
     );
     // All ribbons lie below all lines.
-    for (curve_style, trace) in curve_styles.iter().zip(traces) {
-        clipped.push_str(&canvas(layout, "ribbons", |mut canvas| {
+    for (place, (curve_style, trace)) in curve_styles.iter().zip(traces).enumerate() {
+        let ribbons = canvas(layout, "ribbons", |mut canvas| {
             curve_style.draw_ribbons(&mut canvas, layout, trace)?;
             canvas.present()
-        })?);
+        })?;
+        if !ribbons.is_empty() {
+            clipped.push_str(&format!("<g data-series=\"{place}\">\n{ribbons}</g>\n"));
+        }
     }
-    for ((series, curve_style), trace) in figure.series.iter().zip(curve_styles).zip(traces) {
+    let series = figure.series.iter().zip(curve_styles).zip(traces);
+    for (place, ((series, curve_style), trace)) in series.enumerate() {
         let lines = canvas(layout, "lines", |mut canvas| {
             curve_style.draw_lines(&mut canvas, layout, trace)?;
             canvas.present()
@@ -246,7 +253,9 @@ fn data(
         })?;
         let name = text::xml(&series.name);
         let lines = stroked(curve_style.stroke, &lines);
-        clipped.push_str(&format!("<g>\n<title>{name}</title>\n{lines}{points}</g>\n"));
+        clipped.push_str(&format!(
+            "<g data-series=\"{place}\">\n<title>{name}</title>\n{lines}{points}</g>\n"
+        ));
     }
     clipped.push_str("</svg>\n");
     Ok(clipped)
@@ -256,14 +265,15 @@ fn legend(layout: &Layout, curve_styles: &[CurveStyle]) -> Result<String, Figure
     let mut legend = String::new();
     for entry in &layout.legend {
         let curve_style = entry.series.and_then(|series| curve_styles.get(series));
+        let mut drawn = String::new();
         if let Some(curve_style) = curve_style {
             let line = canvas(layout, "legend", |mut canvas| {
                 curve_style.draw_legend_line(&mut canvas, entry)?;
                 canvas.present()
             })?;
-            legend.push_str(&stroked(curve_style.stroke, &line));
+            drawn.push_str(&stroked(curve_style.stroke, &line));
         }
-        legend.push_str(&canvas(layout, "legend", |mut canvas| {
+        drawn.push_str(&canvas(layout, "legend", |mut canvas| {
             if let Some(curve_style) = curve_style {
                 curve_style.draw_legend_marker(&mut canvas, entry)?;
             }
@@ -272,6 +282,11 @@ fn legend(layout: &Layout, curve_styles: &[CurveStyle]) -> Result<String, Figure
             canvas.draw_text(&entry.name, &style, (left, subpixels(entry.middle)))?;
             canvas.present()
         })?);
+        match entry.series {
+            Some(series) => legend
+                .push_str(&format!("<g class=\"key\" data-series=\"{series}\">\n{drawn}</g>\n")),
+            None => legend.push_str(&drawn),
+        }
     }
     Ok(legend)
 }
@@ -294,7 +309,7 @@ fn titles(layout: &Layout, empty: bool) -> Result<String, FigureError> {
 /// Lines in a group, dashed if their series is.
 fn stroked(stroke: Stroke, lines: &str) -> String {
     match stroke {
-        Stroke::Solid => lines.to_owned(),
+        Stroke::Solid | Stroke::Wide | Stroke::Faint => lines.to_owned(),
         Stroke::Dashed => {
             let (dash, gap) = (subpixels(7.0), subpixels(4.0));
             format!("<g stroke-dasharray=\"{dash} {gap}\">\n{lines}</g>\n")

@@ -1,5 +1,7 @@
 //! A figure as data: axes, series and bands, with their limits.
 
+use crate::theme::MEASURED;
+
 /// Largest number of drawn points per series. The crate's documentation says how the rest is left
 /// out.
 pub const POINTS_DRAWN: usize = 2000;
@@ -58,6 +60,8 @@ pub struct Curve {
     pub mark: Mark,
     /// How the connecting line is drawn.
     pub stroke: Stroke,
+    /// The place of its colour in the palette, which begins again after its end; by default the curve's own place.
+    pub colour: Option<usize>,
 }
 
 /// One point and, if known, an interval of its y.
@@ -89,6 +93,10 @@ pub enum Stroke {
     Solid,
     /// Dashed, for a reference.
     Dashed,
+    /// Wide and pale, for what others are compared with: narrower lines on it stay visible, and so does it.
+    Wide,
+    /// Thin and pale, for one of many alike, such as a sample. It has no place in the legend.
+    Faint,
 }
 
 /// A shaded range of x with a label above it.
@@ -196,7 +204,25 @@ impl Curve {
     /// An unbroken line without markers.
     #[must_use]
     pub fn line(name: impl Into<String>, points: Vec<Point>) -> Self {
-        Self { name: name.into(), points, mark: Mark::Line, stroke: Stroke::Solid }
+        Self { name: name.into(), points, mark: Mark::Line, stroke: Stroke::Solid, colour: None }
+    }
+
+    /// The series as what was measured: wide, pale and black, or white on a dark page. Put it before those that are compared with it.
+    #[must_use]
+    pub fn measured(self) -> Self {
+        Self { stroke: Stroke::Wide, ..self.coloured(MEASURED) }
+    }
+
+    /// The series as one of many alike: thin, pale and not in the legend.
+    #[must_use]
+    pub fn faint(self) -> Self {
+        Self { stroke: Stroke::Faint, ..self }
+    }
+
+    /// The series in the palette's colour at `place`, whatever stands before it.
+    #[must_use]
+    pub fn coloured(self, place: usize) -> Self {
+        Self { colour: Some(place), ..self }
     }
 
     /// The series with a marker at each point.

@@ -4,7 +4,7 @@ use plotters::coord::ranged1d::Ranged;
 
 use crate::coordinate::{Coordinate, Direction, subpixels};
 use crate::trace::{Dot, Trace, drawable};
-use crate::{Axis, Band, Figure, FigureError, Size, text};
+use crate::{Axis, Band, Figure, FigureError, Size, Stroke, text};
 
 pub(crate) const FONT_SIZE: f64 = 12.0;
 pub(crate) const TITLE_FONT_SIZE: f64 = 15.0;
@@ -195,15 +195,21 @@ fn fit_heading(axis: &Axis, room: f64) -> String {
     }
 }
 
+/// The places of the series with an entry in the legend.
+fn listed(figure: &Figure) -> Vec<usize> {
+    let series = figure.series.iter().enumerate();
+    series.filter(|(_, curve)| curve.stroke != Stroke::Faint).map(|(place, _)| place).collect()
+}
+
 /// Chooses the legend's side. It is beside the plot if it would take several rows below, and the
 /// drawing is wide enough.
 fn legend_room(figure: &Figure, width: f64, spare_height: f64) -> LegendRoom {
     let room = width - 2.0 * MARGIN - 60.0;
     let entry_width = |name: &str| LEGEND_LINE + LEGEND_SPACE + text::width(name, FONT_SIZE);
-    let widths: Vec<f64> = figure
-        .series
+    let listed = listed(figure);
+    let widths: Vec<f64> = listed
         .iter()
-        .map(|series| entry_width(&text::printable(&series.name)).min(room))
+        .map(|&place| entry_width(&text::printable(&figure.series[place].name)).min(room))
         .collect();
 
     let in_one_row = widths.iter().sum::<f64>() + row_count(widths.len()) * LEGEND_GAP <= room;
@@ -214,7 +220,7 @@ fn legend_room(figure: &Figure, width: f64, spare_height: f64) -> LegendRoom {
 
     let mut rows: Vec<Vec<(usize, f64)>> = Vec::new();
     let mut row_end = f64::INFINITY;
-    for (series, entry) in widths.iter().enumerate() {
+    for (series, entry) in listed.into_iter().zip(&widths) {
         if row_end + entry > room {
             rows.push(Vec::new());
             row_end = 0.0;
@@ -235,16 +241,23 @@ fn legend_room(figure: &Figure, width: f64, spare_height: f64) -> LegendRoom {
 }
 
 fn legend_right(figure: &Figure, plot: &Plot, width: f64) -> Vec<LegendEntry> {
-    let count = figure.series.len();
+    let listed = listed(figure);
+    let count = listed.len();
     let fitting =
         (1..=count).rev().find(|n| row_count(*n) * LEGEND_ROW <= plot.height()).unwrap_or(0);
     let named = if fitting < count { fitting.saturating_sub(1) } else { count };
     let left = plot.right + LEGEND_GAP;
     let middle = |row: usize| plot.top + (row_count(row) + 0.5) * LEGEND_ROW;
     let name_room = width - LEGEND_GAP - LEGEND_LINE - LEGEND_SPACE;
-    let names = names_that_fit(figure, name_room).into_iter().take(named).enumerate();
-    let mut legend: Vec<LegendEntry> = names
-        .map(|(i, name)| LegendEntry { series: Some(i), left, middle: middle(i), name })
+    let names = names_that_fit(figure, name_room);
+    let mut legend: Vec<LegendEntry> = listed
+        .into_iter()
+        .take(named)
+        .enumerate()
+        .map(|(row, series)| {
+            let name = names[series].clone();
+            LegendEntry { series: Some(series), left, middle: middle(row), name }
+        })
         .collect();
     if named < count {
         legend.push(more(count - named, left, middle(named)));

@@ -7,7 +7,9 @@
 //! The drawing is one self-contained SVG element: no scripts, no ids (so that several can stand in one page), no fonts of
 //! its own. The same figure and size give the same bytes. It stretches to the width of its container and has a ground of its
 //! own: white, or dark for readers who prefer dark pages. Its only style sheet, [`style`], makes that difference.
-//! `<title>` and `<desc>` say in words what it shows.
+//! `<title>` and `<desc>` say in words what it shows, and `<metadata>` holds the drawn numbers as JSON, with which a script can
+//! show values and draw a part of the figure again. The groups `frame` and `data`, and those of each series (`data-series`),
+//! are what such a script finds by name.
 //!
 //! # What is not drawn
 //!
@@ -27,6 +29,7 @@ mod drawing;
 mod figure;
 mod layout;
 mod marks;
+mod numbers;
 mod stack;
 mod table;
 mod text;
@@ -40,7 +43,7 @@ pub use figure::{
     SERIES_ALLOWED, Scale, Size, Stroke,
 };
 pub use stack::stacked;
-pub use theme::style;
+pub use theme::{COMPARED, MEASURED, style};
 
 impl Figure {
     /// Draws the figure as one self-contained `<svg>` element.

@@ -12,6 +12,9 @@ use crate::trace::Trace;
 use crate::{Curve, MARKERS_DRAWN, Mark, Stroke};
 
 const LINE_WIDTH: f64 = 2.0;
+const WIDE_WIDTH: f64 = 6.0;
+const WIDE_OPACITY: f64 = 0.35;
+const FAINT_OPACITY: f64 = 0.45;
 /// A line through more points than this is dense.
 const DENSE: usize = 500;
 const RIBBON_OPACITY: f64 = 0.18;
@@ -40,10 +43,10 @@ impl BackendStyle for Pen {
 /// The style of the curve at an index of a figure's list.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct CurveStyle {
-    rgb: (u8, u8, u8),
+    pub(crate) rgb: (u8, u8, u8),
     shape: Shape,
     pub(crate) stroke: Stroke,
-    markers: bool,
+    pub(crate) markers: bool,
     bars: bool,
 }
 
@@ -60,6 +63,7 @@ impl CurveStyle {
         // The cycle of shapes is shorter than that of colours, so a repeated colour gets a new
         // shape.
         let shapes = [Shape::Circle, Shape::Square, Shape::Triangle, Shape::Diamond];
+        let index = series.colour.unwrap_or(index);
         let marked = series.mark == Mark::LineAndMarkers && trace.drawable <= MARKERS_DRAWN;
         Self {
             rgb: PALETTE[index % PALETTE.len()],
@@ -98,9 +102,14 @@ impl CurveStyle {
 
     pub(crate) fn draw_lines(&self, canvas: &mut SVGBackend, at: &Layout, trace: &Trace) -> Drawn {
         // A dense curve moves up and down within its own width, and a thin line keeps that visible.
-        let width = if trace.drawable > DENSE { 1.0 } else { LINE_WIDTH };
+        let pen = match self.stroke {
+            Stroke::Wide => self.pen(WIDE_WIDTH, WIDE_OPACITY),
+            Stroke::Faint => self.pen(1.0, FAINT_OPACITY),
+            _ if trace.drawable > DENSE => self.pen(1.0, 1.0),
+            _ => self.pen(LINE_WIDTH, 1.0),
+        };
         for run in trace.runs.iter().filter(|run| run.len() > 1) {
-            canvas.draw_path(run.iter().map(|dot| at.place(dot)), &self.pen(width, 1.0))?;
+            canvas.draw_path(run.iter().map(|dot| at.place(dot)), &pen)?;
         }
         Ok(())
     }
@@ -162,7 +171,10 @@ impl CurveStyle {
     pub(crate) fn draw_legend_line(&self, canvas: &mut SVGBackend, entry: &LegendEntry) -> Drawn {
         let y = subpixels(entry.middle);
         let ends = [(subpixels(entry.left), y), (subpixels(entry.left + LEGEND_LINE), y)];
-        canvas.draw_path(ends, &self.pen(LINE_WIDTH, 1.0))
+        match self.stroke {
+            Stroke::Wide => canvas.draw_path(ends, &self.pen(WIDE_WIDTH, WIDE_OPACITY)),
+            _ => canvas.draw_path(ends, &self.pen(LINE_WIDTH, 1.0)),
+        }
     }
 
     pub(crate) fn draw_legend_marker(&self, canvas: &mut SVGBackend, entry: &LegendEntry) -> Drawn {

@@ -1,6 +1,6 @@
 //! Figures of measured torques and motions beside those of an arm.
 
-use figures::{Axis, Curve, Figure, FigureError, Mark, Point, Size, Stroke, stacked};
+use figures::{Axis, Curve, Figure, FigureError, Point, Size, stacked};
 
 use crate::arm::{Arm, Prior};
 use crate::motion::Motion;
@@ -78,23 +78,23 @@ fn panels(title: &str, y: &Axis, traces: &[Trace]) -> Result<String, FigureError
 
     let panel = |(joint, trace): (usize, &Trace)| {
         let (low, high) = range(&trace.measured);
-        let curve = |name: &str, values: &[f64], stroke: Stroke| {
+        let curve = |name: &str, values: &[f64]| {
             let points = trace.times_s.iter().zip(values);
             // A point that is not a number breaks the line.
             let points = points.map(|(time, value)| {
                 let is_inside = (low..=high).contains(value);
                 Point::new(*time, if is_inside { *value } else { f64::NAN })
             });
-            Curve { name: name.to_owned(), points: points.collect(), mark: Mark::Line, stroke }
+            Curve::line(name, points.collect())
         };
         Figure {
             title: format!("Joint {joint}"),
             x: Axis::linear("Time").in_unit("s"),
             y: Axis { range: Some((low, high)), ..y.clone() },
             series: vec![
-                curve("measured", &trace.measured, Stroke::Solid),
-                curve("description", &trace.described, Stroke::Dashed),
-                curve("identified", &trace.identified, Stroke::Solid),
+                curve("measured", &trace.measured).measured(),
+                curve("description", &trace.described).dashed(),
+                curve("identified", &trace.identified),
             ],
             bands: Vec::new(),
         }

@@ -1,7 +1,7 @@
 //! Asks the best predictors again for a few scenarios, and draws their answers.
 
 use evaluation::{
-    CellResult, DrawnAnswer, Example, Examples, Predictor, examples, prediction_figure,
+    CellResult, DrawnAnswer, Example, Examples, Predictor, colour_of, examples, prediction_figure,
 };
 use figures::Size;
 use series::SeriesView;
@@ -99,7 +99,8 @@ fn draw(
         let predictor = predictors.iter().find(|predictor| predictor.name() == name);
         let (Some(info), Some(predictor)) = (info, predictor) else { continue };
         if let Some(positions) = ask(attempt, &**predictor, &scenario, (pre_roll, context))? {
-            answers.push(DrawnAnswer { name: name.clone(), kind: info.kind, positions });
+            let colour = colour_of(asked.predictors, name);
+            answers.push(DrawnAnswer { name: name.clone(), kind: info.kind, colour, positions });
         }
     }
     let Some(model) =

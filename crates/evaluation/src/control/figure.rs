@@ -24,6 +24,7 @@ pub fn tracking_figure(report: &ControlReport, robots: &[RobotTrials]) -> Figure
                 Some(Point::new((step + 1) as f64 / report.rate_hz, mean))
             });
             Curve {
+                colour: None,
                 name: name.clone(),
                 points: points.collect(),
                 mark: Mark::Line,
@@ -64,7 +65,7 @@ pub fn robot_figure(
         let longest = traces.iter().map(|(_, trace)| &trace.path).max_by_key(|path| path.len());
         let path = longest.map(|path| {
             let points = over_time(&mut path.iter().map(|q| q[joint].to_degrees()));
-            Curve::line("path", points).dashed()
+            Curve::line("path", points).measured()
         });
         let followed = traces.iter().map(|(name, trace)| {
             let degrees = trace.positions.iter().map(|q| f64::from(q[joint]).to_degrees());
@@ -74,8 +75,7 @@ pub fn robot_figure(
             title: format!("Joint {}", joint + 1),
             x: Axis::linear("Time since control began").in_unit("s"),
             y: Axis::linear("Position").in_unit("deg"),
-            // The path lies on top, because a trace that follows it well would hide it.
-            series: followed.chain(path).collect(),
+            series: path.into_iter().chain(followed).collect(),
             bands: Vec::new(),
         }
     });

@@ -1,11 +1,13 @@
 //! Figures of a report.
 
+mod colours;
 mod over_frequency;
 mod over_steps;
 mod prediction;
 
 use figures::{Axis, Curve, Figure, Mark, Point, SERIES_ALLOWED, Stroke};
 
+pub use colours::colour_of;
 pub use over_frequency::{crps_figure, rmse_figure};
 pub use over_steps::{latency_figure, sampler_steps_figure};
 pub use prediction::{DrawnAnswer, prediction_figure};
@@ -33,7 +35,7 @@ pub fn calibration_figure(report: &Report, group: &GroupSummary) -> Figure {
         scores.calibration.iter().map(|at| Point::new(at.nominal, at.coverage)).collect()
     });
     let ideal = vec![Point::new(0.0, 0.0), Point::new(1.0, 1.0)];
-    series.push(Curve::line("calibrated", ideal).dashed());
+    series.push(Curve::line("calibrated", ideal).dashed().coloured(figures::MEASURED));
     let share = |label: &str| Axis { range: Some((0.0, 1.0)), ..Axis::linear(label) };
     Figure {
         title: format!("Calibration, {}", group.name),
@@ -54,7 +56,7 @@ fn of_predictors(
 ) -> Vec<Curve> {
     let found = drawn(report).filter_map(|info| {
         let scores = scores.iter().find(|scores| scores.predictor == info.name)?;
-        Some(line(info, points(scores)))
+        Some(line(report, info, points(scores)))
     });
     // One place is kept for a diagonal.
     found.filter(|curve| !curve.points.is_empty()).take(SERIES_ALLOWED - 1).collect()
@@ -70,8 +72,9 @@ fn drawn(report: &Report) -> impl Iterator<Item = &PredictorInfo> {
 }
 
 /// Checkpoints and files of predictions are solid, baselines dashed.
-fn line(info: &PredictorInfo, points: Vec<Point>) -> Curve {
+fn line(report: &Report, info: &PredictorInfo, points: Vec<Point>) -> Curve {
     Curve {
+        colour: Some(colour_of(&report.predictors, &info.name)),
         name: info.name.clone(),
         points,
         mark: Mark::LineAndMarkers,

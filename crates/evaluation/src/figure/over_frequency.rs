@@ -46,7 +46,7 @@ fn over_frequency(
         let points: Vec<Point> = cells()
             .filter_map(|cell| Some(point(cell.frequency_hz?, found(cell, info)?)))
             .collect();
-        line(info, points)
+        line(report, info, points)
     });
     let bands =
         report.in_distribution.iter().filter(|seen| seen.family == family).map(|seen| Band {

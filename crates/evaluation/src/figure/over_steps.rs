@@ -3,7 +3,7 @@
 use figures::{Axis, Curve, Figure, Point, SERIES_ALLOWED};
 use wire::{GroupSummary, PredictorInfo, Report, SamplingInfo};
 
-use super::point;
+use super::{colour_of, point};
 
 /// RMSE over the sampler's steps on the scenarios of one group. Each curve has predictors that
 /// differ only in the steps.
@@ -49,7 +49,11 @@ fn curves(
         let Some(point) = at(info, sampling) else { continue };
         match curves.iter_mut().find(|curve| curve.name == sampling.curve) {
             Some(curve) => curve.points.push(point),
-            None => curves.push(Curve::line(&sampling.curve, vec![point]).with_markers()),
+            None => {
+                let colour = colour_of(&report.predictors, &sampling.curve);
+                let curve = Curve::line(&sampling.curve, vec![point]).with_markers();
+                curves.push(curve.coloured(colour));
+            }
         }
     }
     curves.truncate(SERIES_ALLOWED);

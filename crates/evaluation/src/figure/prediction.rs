@@ -10,6 +10,8 @@ pub struct DrawnAnswer {
     pub name: String,
     /// Kind of the predictor.
     pub kind: PredictorKind,
+    /// The place of its colour in the palette.
+    pub colour: usize,
     /// Positions of the horizon, `[sample, joint]`, rad.
     pub positions: Vec<f32>,
 }
@@ -47,14 +49,15 @@ pub fn prediction_figure(
     let time = |sample: usize| (sample as f64 - (context as f64 - 1.0)) / scenario.rate_hz();
     let truth = scenario.true_y(0).joint(joint).enumerate().skip(first);
     let truth = truth.map(|(sample, q)| Point::new(time(sample), f64::from(q).to_degrees()));
-    let mut series = vec![Curve::line("truth", truth.collect())];
+    let mut series = vec![Curve::line("truth", truth.collect()).measured()];
     for answer in answers {
         let rmse_deg = answer.joint_rmse_deg(scenario, context)[joint];
         let positions = answer.positions.iter().skip(joint).step_by(joints).enumerate();
         let points = positions
             .map(|(step, q)| Point::new(time(context + step), f64::from(*q).to_degrees()))
             .collect();
-        let line = Curve::line(format!("{}° {}", short(rmse_deg), answer.name), points);
+        let line = Curve::line(format!("{}° {}", short(rmse_deg), answer.name), points)
+            .coloured(answer.colour);
         let is_baseline = answer.kind == PredictorKind::Baseline;
         series.push(if is_baseline { line.dashed() } else { line });
     }
@@ -142,7 +145,7 @@ mod tests {
     }
 
     fn held(name: &str, kind: PredictorKind, value: f32) -> DrawnAnswer {
-        DrawnAnswer { name: name.to_owned(), kind, positions: [0.0, value].repeat(4) }
+        DrawnAnswer { name: name.to_owned(), kind, colour: 0, positions: [0.0, value].repeat(4) }
     }
 
     #[test]
