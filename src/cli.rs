@@ -197,6 +197,7 @@ mod tests {
         ("get /v1/datasets/{id}/trajectories/{index}", "trajectory"),
         ("get /v1/datasets/{id}/trajectories/{index}/figure.svg", "trajectory"),
         ("get /v1/datasets/{id}/trajectories/{index}/figure.csv", "trajectory"),
+        ("get /v1/datasets/{id}/trajectories/{index}/predictions", "predict"),
         ("get /v1/datasets/{id}/summary", "summary"),
         ("get /v1/datasets/{id}/spectrum.svg", "summary"),
         ("get /v1/datasets/{id}/spectrum.csv", "summary"),

@@ -2,9 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use figures::{Axis, Curve, Figure, FigureError, Point, Size};
+use figures::{Axis, Band, COMPARED, Curve, Figure, FigureError, Point, Size};
 use store::CurvePoint;
-use wire::Summary;
+use wire::{Summary, TrajectoryPrediction, TrajectoryPredictions};
 
 use crate::app::trajectories::StoredTrajectory;
 
@@ -212,6 +212,94 @@ impl Panel {
         let is_axis = self.prefix.starts_with("ee_") && ["x", "y", "z", "w"].contains(&which);
         (is_joint || is_axis).then_some(which)
     }
+}
+
+/// The error over the horizon, and a panel per joint with the truth and the predictions.
+///
+/// # Errors
+/// When drawing fails.
+pub fn predictions_svg(predictions: &TrajectoryPredictions) -> Result<String, FigureError> {
+    let TrajectoryPredictions { dataset, trajectory, truth, .. } = predictions;
+    let title = format!("Predictions of trajectory {trajectory} of dataset {dataset}");
+    let joints = truth.first().map_or(0, Vec::len);
+    let mut panels = vec![errors_over_horizon(predictions)];
+    panels.extend((0..joints).map(|joint| of_joint(predictions, joint)));
+    figures::stacked(&title, &panels, Size { width: 760, height: 240 })
+}
+
+/// Checkpoints have the colours of their places, and the baseline the last one.
+fn coloured(curve: Curve, place: usize, prediction: &TrajectoryPrediction) -> Curve {
+    match prediction.checkpoint {
+        Some(_) => curve.coloured(COMPARED[place % COMPARED.len()]),
+        None => curve.coloured(COMPARED[COMPARED.len() - 1]).dashed(),
+    }
+}
+
+/// The time of a sample since the last known one, s.
+fn since_context(predictions: &TrajectoryPredictions, sample: usize) -> f64 {
+    (sample as f64 - (predictions.begin as f64 - 1.0)) / predictions.rate_hz
+}
+
+fn errors_over_horizon(predictions: &TrajectoryPredictions) -> Figure {
+    let time = |step: usize| since_context(predictions, predictions.begin + step);
+    let curve = |(place, prediction): (usize, &TrajectoryPrediction)| {
+        let errors = prediction.step_rmse_deg.iter().enumerate();
+        let points = errors.map(|(step, error)| Point::new(time(step), *error)).collect();
+        coloured(Curve::line(&prediction.name, points), place, prediction)
+    };
+    Figure {
+        title: "Error, root of the mean square over joints".to_owned(),
+        x: Axis::linear("Time since the end of the context").in_unit("s"),
+        y: Axis::log("error").in_unit("°"),
+        series: predictions.predictions.iter().enumerate().map(curve).collect(),
+        bands: Vec::new(),
+    }
+}
+
+fn of_joint(predictions: &TrajectoryPredictions, joint: usize) -> Figure {
+    let TrajectoryPredictions { begin, first, truth, .. } = predictions;
+    let time = |sample: usize| since_context(predictions, sample);
+    let degrees = |row: &Vec<f32>| f64::from(row[joint]).to_degrees();
+    let of_horizon = |y: &[Vec<f32>]| -> Vec<Point> {
+        let steps = y.iter().enumerate();
+        steps.map(|(step, row)| Point::new(time(begin + step), degrees(row))).collect()
+    };
+    let points = truth.iter().enumerate().map(|(k, row)| Point::new(time(first + k), degrees(row)));
+    let mut series = vec![Curve::line("truth", points.collect()).measured()];
+    for (place, prediction) in predictions.predictions.iter().enumerate() {
+        let line =
+            |points: Vec<Point>| coloured(Curve::line(&prediction.name, points), place, prediction);
+        series.extend(prediction.samples.iter().map(|y| line(of_horizon(y)).faint()));
+        let mut points = of_horizon(&prediction.y);
+        if let [low, high] = &prediction.quantiles[..] {
+            for (point, (low, high)) in points.iter_mut().zip(low.y.iter().zip(&high.y)) {
+                (point.low, point.high) = (Some(degrees(low)), Some(degrees(high)));
+            }
+        }
+        series.push(line(points));
+    }
+    Figure {
+        title: format!("Joint {}", joint + 1),
+        x: Axis::linear("Time since the end of the context").in_unit("s"),
+        y: Axis { range: range(&series), ..Axis::linear("position").in_unit("°") },
+        series,
+        bands: vec![Band { from: time(*first), to: 0.0, label: "context".to_owned() }],
+    }
+}
+
+/// The range of the truth with as much room around it, where a prediction goes further; otherwise the data decide.
+fn range(series: &[Curve]) -> Option<(f64, f64)> {
+    let extent = |curves: &[Curve]| {
+        let values = curves.iter().flat_map(|curve| &curve.points).flat_map(|point| {
+            [point.y, point.low.unwrap_or(point.y), point.high.unwrap_or(point.y)]
+        });
+        values.fold((f64::INFINITY, f64::MIN), |(low, high), y| (low.min(y), high.max(y)))
+    };
+    let (low, high) = extent(&series[..1]);
+    let room = (high - low).max(0.01);
+    let (lowest, highest) = extent(series);
+    let range = (lowest.max(low - room), highest.min(high + room));
+    (lowest < low - room || highest > high + room).then_some(range)
 }
 
 /// One panel per signal.

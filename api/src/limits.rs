@@ -55,6 +55,13 @@ pub const LOG_READERS: usize = 64;
 /// Pause between two looks for the next lines of a log.
 pub const LOG_POLL: Duration = Duration::from_millis(300);
 
+/// Checkpoints whose predictions of a stored trajectory are shown beside each other.
+pub const PREDICTED_CHECKPOINTS: usize = 6;
+
+/// Samples of a stored trajectory's prediction that are told and drawn, of each checkpoint. Quantiles
+/// are those of all samples.
+pub const SHOWN_SAMPLES: usize = 4;
+
 /// Default limit of a simulation's trajectories: a few hundred gigabytes. Exceeding it is a
 /// violation of `trajectories`.
 pub const MAX_TRAJECTORIES: u64 = 10_000_000;

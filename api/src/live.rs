@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use futures::future::BoxFuture;
 use series::{JointMotion, Series};
-use spec::{Digest, SamplerSpec, SpecError};
+use spec::{Digest, Given, SamplerSpec, SpecError};
 use store::{Checkpoint, StoreError};
 use thiserror::Error;
 use wire::Warning;
@@ -76,6 +76,12 @@ pub struct AboutModel {
     pub joints: usize,
     /// Samples per second of its context and of its predictions.
     pub rate_hz: f64,
+    /// What it is given beside the positions of the context.
+    pub given: Given,
+    /// Whether it can give several answers to the same question.
+    pub has_samples: bool,
+    /// Its own sampler, of a model that removes noise.
+    pub sampler: Option<SamplerSpec>,
     /// Whether its normalization looks into the horizon, so it cannot predict live.
     pub needs_future: bool,
     /// The device's name, as in `--device`.

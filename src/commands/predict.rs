@@ -7,7 +7,7 @@ use anyhow::Context as _;
 use clap::Args;
 use futures::StreamExt as _;
 use tokio_util::codec::{FramedRead, LinesCodec};
-use wire::StreamReply;
+use wire::{StreamReply, TrajectoryPrediction, TrajectoryPredictions, Warning};
 
 use crate::arguments::{AskArguments, ServerArguments};
 use crate::commands::submit::read_json;
@@ -19,19 +19,48 @@ pub struct Arguments {
     checkpoint: i64,
 
     /// The request as JSON, see docs/prediction.md; `-` reads standard input
-    #[arg(value_name = "FILE")]
-    question: PathBuf,
+    #[arg(value_name = "FILE", required_unless_present = "dataset")]
+    question: Option<PathBuf>,
 
     /// The request asks for the torques that a motion takes
-    #[arg(long)]
+    #[arg(long, conflicts_with = "dataset")]
     torque: bool,
+
+    /// Predict a trajectory of this dataset, and print the errors
+    #[arg(long, value_name = "DATASET", requires = "trajectory", conflicts_with = "question")]
+    dataset: Option<i64>,
+
+    /// Index of that trajectory, from 0
+    #[arg(long, value_name = "INDEX", requires = "dataset")]
+    trajectory: Option<u64>,
+
+    /// Further checkpoints beside the first
+    #[arg(long, value_name = "CHECKPOINT", value_delimiter = ',', requires = "dataset")]
+    beside: Vec<i64>,
+
+    /// Samples of each checkpoint that gives several answers; 16 by default
+    #[arg(long, value_name = "N", requires = "dataset")]
+    samples: Option<u32>,
+
+    /// Steps of the samplers of models that remove noise; those of the training by default
+    #[arg(long, value_name = "N", requires = "dataset")]
+    steps: Option<u32>,
+
+    /// The sample at which the horizon begins; the end of the longest context by default
+    #[arg(long, value_name = "SAMPLE", requires = "dataset")]
+    begin: Option<u64>,
+
+    /// The seed of all samples
+    #[arg(long, value_name = "SEED", requires = "dataset")]
+    seed: Option<u64>,
 
     #[command(flatten)]
     ask: AskArguments,
 }
 
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
-    let question = read_json(&arguments.question, api::limits::QUESTION_BYTES as u64)?;
+    let Some(question) = &arguments.question else { return stored(&arguments).await };
+    let question = read_json(question, api::limits::QUESTION_BYTES as u64)?;
     let client = arguments.ask.client()?;
     let what = if arguments.torque { "torque" } else { "predict" };
     let answer = client.question(arguments.checkpoint, what, question).await?;
@@ -40,6 +69,39 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     } else {
         let answer: serde_json::Value = serde_json::from_str(&answer)?;
         println!("{}", serde_json::to_string_pretty(&answer)?);
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Predicts a stored trajectory, and prints the errors.
+async fn stored(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    let (Some(dataset), Some(trajectory)) = (arguments.dataset, arguments.trajectory) else {
+        anyhow::bail!("neither a request nor a dataset and a trajectory is given");
+    };
+    let ids = [arguments.checkpoint].iter().chain(&arguments.beside);
+    let ids: Vec<String> = ids.map(i64::to_string).collect();
+    let mut query = format!("checkpoint={}", ids.join(","));
+    let given = [
+        ("samples", arguments.samples.map(u64::from)),
+        ("steps", arguments.steps.map(u64::from)),
+        ("begin", arguments.begin),
+        ("seed", arguments.seed),
+    ];
+    for (name, value) in given {
+        query.extend(value.map(|value| format!("&{name}={value}")));
+    }
+    let path = format!("/v1/datasets/{dataset}/trajectories/{trajectory}/predictions?{query}");
+    let client = arguments.ask.client()?;
+    if arguments.ask.output.json {
+        println!("{}", client.raw(&path).await?);
+        return Ok(ExitCode::SUCCESS);
+    }
+    let predictions: TrajectoryPredictions = client.get(&path).await?;
+    print!("{}", reports::trajectory_predictions::table(&predictions).render());
+    for TrajectoryPrediction { name, warnings, .. } in &predictions.predictions {
+        for sentence in Warning::sentences(warnings, 1, "trajectories") {
+            println!("warning: {name}: {sentence}");
+        }
     }
     Ok(ExitCode::SUCCESS)
 }

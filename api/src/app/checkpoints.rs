@@ -4,7 +4,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use serde::Deserialize;
 use serde_json::Value;
-use store::{CheckpointId, JobId, Listed, Listing, Store, StoreError};
+use spec::Digest;
+use store::{CheckpointId, JobId, Listed, Listing, Store, StoreError, WhichCheckpoint};
 use wire::{Checkpoint, StoredFile};
 
 use crate::app::App;
@@ -84,6 +85,16 @@ impl App {
         let row = self.store.checkpoint(CheckpointId(id)).await?;
         let job = self.store.job(row.job).await?;
         Ok(checkpoint(row, &job.spec))
+    }
+
+    /// The checkpoint after so many steps of a training with this digest, if it is there.
+    pub(crate) async fn checkpoint_of_step(
+        &self,
+        digest: Digest,
+        step: u64,
+    ) -> Result<Option<i64>, ApiError> {
+        let found = self.store.checkpoint_by_digest(digest, WhichCheckpoint::Step(step)).await?;
+        Ok(found.map(|checkpoint| checkpoint.id.0))
     }
 
     /// The checkpoints that a training has made so far, oldest first.

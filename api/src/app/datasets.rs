@@ -77,6 +77,11 @@ impl Downloaded for Dataset {
 }
 
 impl App {
+    /// The dataset of a spec's digest, if it is there.
+    pub(crate) async fn dataset_of_digest(&self, digest: Digest) -> Result<Option<i64>, ApiError> {
+        Ok(self.store.dataset_by_digest(digest).await?.map(|dataset| dataset.id.0))
+    }
+
     pub(crate) async fn dataset(&self, id: i64) -> Result<Dataset, ApiError> {
         let row = self.store.dataset(DatasetId(id)).await?;
         let shards = self.store.shards(row.id).await?;

@@ -39,6 +39,7 @@ pub mod tasks;
 pub mod tokens;
 mod torques;
 pub mod trajectories;
+pub mod trajectory_predictions;
 mod trash;
 mod uploads;
 pub mod verifications;

@@ -25,6 +25,8 @@ pub struct StoredTrajectory {
     pub index: u64,
     pub shard: u32,
     pub rate_hz: f64,
+    /// How the dataset was made.
+    pub data: DataSpec,
     /// Rows with the columns that the spec asks for, one per sample.
     samples: RecordBatch,
     /// Descriptions of those columns.
@@ -67,6 +69,7 @@ impl App {
             index,
             shard: shard.ordinal,
             rate_hz: spec.rate_hz(),
+            data: spec,
             samples,
             columns,
             robot,
@@ -168,6 +171,16 @@ impl StoredTrajectory {
             let is_number = [TRAJECTORY, STEP].contains(&column.name.as_str());
             (!is_number).then(|| Channel { column, values: values.values() })
         })
+    }
+
+    /// The values of the channel with this name.
+    pub fn channel(&self, name: &str) -> Option<&[f32]> {
+        self.channels().find(|channel| channel.column.name == name).map(|found| found.values)
+    }
+
+    /// Number of samples.
+    pub fn samples(&self) -> usize {
+        self.samples.num_rows()
     }
 
     /// The time of each sample, s.

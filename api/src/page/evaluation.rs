@@ -12,6 +12,7 @@ use crate::page::answer::{InPage, PageError, html};
 use crate::page::labels::Labelled;
 use crate::page::lineage::Lineage;
 use crate::page::parts::{FileLink, JobHeader};
+use crate::page::predict;
 use crate::page::predictions::Drawn;
 use crate::page::spec_text::spec_text;
 
@@ -75,13 +76,19 @@ pub async fn show(
 ) -> Result<Response, PageError> {
     let evaluation = app.evaluation(id).await?;
     let job = app.job(id).await?;
-    let drawn = app.drawn_predictions(evaluation.run).await?;
+    let drawn = match app.drawn_predictions(evaluation.run).await? {
+        Some(drawn) => {
+            let viewers = predict::links(&app, &job, &drawn).await?;
+            Some(Drawn::new(evaluation.run, &drawn, viewers))
+        }
+        None => None,
+    };
     let page = EvaluationPage {
         id,
         job: JobHeader::of(&job),
         labelled: Labelled::of_job(&job),
         report: evaluation.report.as_ref().map(ReportView::new),
-        drawn: drawn.map(|drawn| Drawn::new(evaluation.run, &drawn)),
+        drawn,
         lineage: Lineage::of(&app, &job).await?,
         figures: figures(&evaluation.artifacts),
         artifacts: evaluation.artifacts.into_iter().map(FileLink::from).collect(),

@@ -18,6 +18,7 @@ mod lineage;
 mod lists;
 mod login;
 mod parts;
+mod predict;
 mod predictions;
 mod recordings;
 mod robot;
@@ -47,7 +48,7 @@ pub fn routes() -> Router<App> {
 }
 
 /// Every path of the page, with its handler.
-pub fn paths() -> [(&'static str, MethodRouter<App>); 38] {
+pub fn paths() -> [(&'static str, MethodRouter<App>); 39] {
     [
         ("/", get(experiments::show)),
         ("/launch", get(launch::show)),
@@ -57,6 +58,7 @@ pub fn paths() -> [(&'static str, MethodRouter<App>); 38] {
         ("/jobs/{id}/retry", post(job::retry)),
         ("/runs", get(lists::show::<Run>)),
         ("/compare", get(compare::show)),
+        ("/predict", get(predict::show)),
         ("/runs/{id}", get(run::show).merge(labels::form(ItemKind::Run))),
         ("/evaluations", get(lists::show::<Evaluation>)),
         ("/evaluations/{id}", get(evaluation::show)),

@@ -16,15 +16,22 @@ pub struct DrawnFigure {
     pub table: String,
     pub caption: String,
     pub alt: String,
+    /// The page that predicts it again, with all joints; `None` if its data are not stored.
+    pub viewer: Option<String>,
 }
 
 impl Drawn {
-    pub fn new(run: i64, drawn: &DrawnPredictions) -> Self {
+    /// `viewers` has the page of each scenario that predicts it again.
+    pub fn new(run: i64, drawn: &DrawnPredictions, viewers: Vec<Option<String>>) -> Self {
         let model = &drawn.model;
-        let figure = |scenario| DrawnFigure::new(run, model, scenario);
-        let mut scenarios: Vec<&DrawnScenario> = drawn.scenarios.iter().collect();
+        let figure = |(scenario, viewer): (&DrawnScenario, Option<String>)| DrawnFigure {
+            viewer,
+            ..DrawnFigure::new(run, model, scenario)
+        };
+        let mut scenarios: Vec<(&DrawnScenario, Option<String>)> =
+            drawn.scenarios.iter().zip(viewers).collect();
         // The typical one comes first.
-        scenarios.sort_by_key(|scenario| scenario.rank != ScenarioRank::Median);
+        scenarios.sort_by_key(|(scenario, _)| scenario.rank != ScenarioRank::Median);
         Self {
             note: format!(
                 "The scenarios with the median, the largest and the smallest RMSE of {model}. Each figure shows the joint \
@@ -72,6 +79,7 @@ impl DrawnFigure {
                 scenario.joint
             ),
             caption,
+            viewer: None,
         }
     }
 }

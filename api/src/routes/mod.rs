@@ -68,6 +68,7 @@ pub fn operations() -> OpenApiRouter<App> {
         .routes(routes!(trajectories::show))
         .routes(routes!(trajectories::figure))
         .routes(routes!(trajectories::figure_data))
+        .routes(routes!(trajectories::predictions))
         .routes(routes!(trajectories::summary))
         .routes(routes!(trajectories::spectrum))
         .routes(routes!(trajectories::spectrum_data))

@@ -7,12 +7,13 @@ use axum::http::{HeaderMap, HeaderName};
 use axum::response::{IntoResponse, Response};
 use serde::{Deserialize, Serialize};
 use utoipa::{IntoParams, ToSchema};
-use wire::{Summary, Trajectory};
+use wire::{Summary, Trajectory, TrajectoryPredictions};
 
 use crate::app::App;
+use crate::app::trajectory_predictions::PredictionsRequest;
 use crate::charts;
 use crate::error::ApiError;
-use crate::extract::{Path, Query};
+use crate::extract::{Path, Query, QueryPairs};
 
 const ARROW: &str = "application/vnd.apache.arrow.stream";
 const SVG: &str = "image/svg+xml";
@@ -94,6 +95,45 @@ pub async fn figure_data(
 ) -> Result<Response, ApiError> {
     let table = app.trajectory(id, index).await?.to_csv();
     Ok((saved_as(&format!("dataset-{id}-trajectory-{index}.csv"), CSV), table).into_response())
+}
+
+/// The parameters of [`predictions`], which reads them itself.
+#[derive(IntoParams)]
+#[into_params(parameter_in = Query)]
+#[expect(dead_code, reason = "they document the operation")]
+pub struct PredictionsParameters {
+    /// Ids of checkpoints, separated by commas; at most 6.
+    #[param(example = "3,5")]
+    checkpoint: Option<String>,
+    /// The sample at which the horizon begins. Default: the end of the longest context.
+    begin: Option<usize>,
+    /// Number of samples of each checkpoint that gives several answers. 16 by default; 1 asks for a
+    /// single answer.
+    samples: Option<u32>,
+    /// Number of steps of the samplers of models that remove noise. Default: that of the training.
+    steps: Option<u32>,
+    /// The seed of all samples. 0 by default.
+    seed: Option<u64>,
+}
+
+/// Predict a stored trajectory with checkpoints, beside what happened.
+///
+/// The context is what sensors measured; the torques after it, or the references, are known. The
+/// baseline `hold-last` is always there.
+#[utoipa::path(
+    get,
+    path = "/v1/datasets/{id}/trajectories/{index}/predictions",
+    tag = "predictions",
+    params(("id" = i64, Path), ("index" = u64, Path), PredictionsParameters),
+    responses((status = 200, body = TrajectoryPredictions)),
+)]
+pub async fn predictions(
+    State(app): State<App>,
+    Path((id, index)): Path<(i64, u64)>,
+    QueryPairs(pairs): QueryPairs,
+) -> Result<Json<TrajectoryPredictions>, ApiError> {
+    let request = PredictionsRequest::read(&pairs)?;
+    Ok(Json(app.predict_trajectory(id, index, &request).await?))
 }
 
 /// Get the summary of a dataset: counts, ranges of all channels and mean spectra, over the finished

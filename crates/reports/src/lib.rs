@@ -19,6 +19,7 @@ mod outcome;
 pub mod robot;
 pub mod study;
 mod table;
+pub mod trajectory_predictions;
 mod verdict;
 
 pub use cell::Cell;

@@ -42,6 +42,7 @@ mod streams;
 mod summaries;
 mod tasks;
 mod trajectories;
+mod trajectory_predictions;
 mod trash;
 mod verifications;
 mod warnings;
@@ -103,6 +104,7 @@ pub use streams::{
 pub use summaries::{ChannelSummary, SpectrumSummary, Summary};
 pub use tasks::{Task, Tasks, findings, findings_of};
 pub use trajectories::Trajectory;
+pub use trajectory_predictions::{TrajectoryPrediction, TrajectoryPredictions};
 pub use trash::{Deleted, Dependent, Dependents, Item, Restored, Trash, TrashedItem};
 pub use verifications::{Verification, VerifiedShard};
 pub use warnings::{Warning, WarningKind};

@@ -1,0 +1,299 @@
+//! What checkpoints predict for a stored trajectory, at once and without a job.
+
+use series::{MeasurementNoise, Shape};
+use spec::{Column, Given, SamplerSpec};
+use wire::{PredictionSampling, TrajectoryPrediction, TrajectoryPredictions};
+
+use crate::app::App;
+use crate::app::predictions::{HeldModel, milliseconds};
+use crate::app::questions::{RequestViolations, asked, numbers_of, series_of};
+use crate::app::trajectories::StoredTrajectory;
+use crate::error::ApiError;
+use crate::limits::{PREDICTED_CHECKPOINTS, SHOWN_SAMPLES};
+use crate::live::{AboutModel, LiveQueue, Question};
+
+/// Samples of a model that gives several answers, by default.
+const SAMPLES: u32 = 16;
+
+/// Ends of the shown interval.
+const QUANTILES: [f64; 2] = [0.05, 0.95];
+
+/// The name of the baseline beside the checkpoints.
+const HELD: &str = "hold-last";
+
+/// Which predictions of a trajectory are wanted.
+#[derive(Clone, Debug, Default)]
+pub struct PredictionsRequest {
+    /// Ids of checkpoints, each once.
+    pub checkpoints: Vec<i64>,
+    /// The sample at which the horizon begins. Default: the end of the longest context.
+    pub begin: Option<usize>,
+    /// Samples per checkpoint that gives several answers; 1 is a single answer.
+    pub samples: Option<u32>,
+    /// Steps of the samplers of models that remove noise. Default: as trained.
+    pub steps: Option<u32>,
+    /// The seed of all samples.
+    pub seed: u64,
+}
+
+impl PredictionsRequest {
+    /// Reads the fields of a query, and ignores others. `checkpoint` has ids separated by commas, and may come several times.
+    ///
+    /// # Errors
+    /// [`ApiError::Parameter`] for the first invalid field.
+    pub fn read(pairs: &[(String, String)]) -> Result<Self, ApiError> {
+        let mut request = Self::default();
+        for (name, value) in pairs {
+            match name.as_str() {
+                "checkpoint" => {
+                    for id in value.split(',') {
+                        let id = number(name, id, "ids of checkpoints, whole numbers")?;
+                        if !request.checkpoints.contains(&id) {
+                            request.checkpoints.push(id);
+                        }
+                    }
+                }
+                "begin" => request.begin = Some(number(name, value, "a sample, from 0")?),
+                "samples" => request.samples = Some(number(name, value, "a whole number, from 1")?),
+                "steps" => request.steps = Some(number(name, value, "a whole number, from 1")?),
+                "seed" => request.seed = number(name, value, "a whole number, from 0")?,
+                _ => {}
+            }
+        }
+        if request.checkpoints.len() > PREDICTED_CHECKPOINTS {
+            let allowed = format!("at most {PREDICTED_CHECKPOINTS} checkpoints");
+            return Err(ApiError::parameter("checkpoint", request.checkpoints.len(), allowed));
+        }
+        Ok(request)
+    }
+
+    /// How a model is asked.
+    fn sampling(&self, about: &AboutModel) -> PredictionSampling {
+        let samples = self.samples.unwrap_or(SAMPLES);
+        let has_samples = about.has_samples && samples > 1;
+        let sampler = about.sampler.filter(|_| self.steps.is_some());
+        PredictionSampling {
+            sampler: sampler.map(|sampler| SamplerSpec { steps: self.steps, ..sampler }),
+            samples: has_samples.then_some(samples),
+            quantiles: if has_samples { QUANTILES.to_vec() } else { Vec::new() },
+            return_samples: has_samples,
+            seed: self.seed,
+        }
+    }
+}
+
+fn number<T: std::str::FromStr>(name: &str, value: &str, allowed: &str) -> Result<T, ApiError> {
+    value.trim().parse().map_err(|_| ApiError::parameter(name, value, allowed))
+}
+
+impl App {
+    /// The predictions of checkpoints for a stored trajectory, and that of the last position.
+    ///
+    /// # Errors
+    /// When the trajectory or a checkpoint does not exist or cannot be read, when a model cannot be
+    /// used, and [`ApiError::Question`] where it does not fit the trajectory or the request.
+    pub(crate) async fn predict_trajectory(
+        &self,
+        dataset: i64,
+        trajectory: u64,
+        request: &PredictionsRequest,
+    ) -> Result<TrajectoryPredictions, ApiError> {
+        let stored = self.trajectory(dataset, trajectory).await?;
+        let mut models = Vec::with_capacity(request.checkpoints.len());
+        for &checkpoint in &request.checkpoints {
+            models.push(self.held_model(checkpoint).await?);
+        }
+        let window = Window::of(&stored, &models, request.begin)?;
+        let truth = stored.rows(Column::positions(stored.joints()))?;
+        let future = |horizon: usize| &truth[window.begin..window.begin + horizon];
+        let mut predictions = Vec::with_capacity(models.len() + 1);
+        for HeldModel { resource, model } in models {
+            let about = model.about().clone();
+            let sampling = request.sampling(&about);
+            let mut violations = RequestViolations::default();
+            violations.sampling(&sampling, 1, &about);
+            violations.finish()?;
+            let _memory = self.checks.memory(numbers_of(1, &about) * size_of::<f32>())?;
+            let question = question(&stored, &about, window.begin, &sampling)?;
+            let prediction = model.predict(question, LiveQueue::Requests).await?;
+            let mut answer = prediction.of(0, 1, about.horizon, &sampling);
+            let mut samples = answer.samples.take().unwrap_or_default();
+            samples.truncate(SHOWN_SAMPLES);
+            let own_steps = about.sampler.and_then(|sampler| sampler.steps);
+            let found = TrajectoryPrediction {
+                name: self.name_of_checkpoint(resource.checkpoint).await?,
+                checkpoint: Some(resource.checkpoint),
+                y: answer.y,
+                quantiles: answer.quantiles,
+                samples,
+                steps: sampling.sampler.map_or(own_steps, |sampler| sampler.steps),
+                compute_ms: Some(milliseconds(prediction.computed)),
+                warnings: prediction.warnings,
+                ..TrajectoryPrediction::default()
+            };
+            predictions.push(found.against(future(about.horizon)));
+        }
+        let last = stored.measured_rows(Given::Torques)?.swap_remove(window.begin - 1).1;
+        let held = TrajectoryPrediction {
+            name: HELD.to_owned(),
+            y: vec![last; window.horizon],
+            ..TrajectoryPrediction::default()
+        };
+        predictions.push(held.against(future(window.horizon)));
+        Ok(TrajectoryPredictions {
+            dataset,
+            trajectory,
+            rate_hz: stored.rate_hz,
+            samples: truth.len(),
+            begin: window.begin,
+            first: window.first(),
+            truth: truth[window.first()..window.begin + window.horizon].to_vec(),
+            predictions,
+        })
+    }
+
+    /// The name that users gave a checkpoint, or its architecture and its id.
+    async fn name_of_checkpoint(&self, id: i64) -> Result<String, ApiError> {
+        let checkpoint = self.checkpoint(id).await?;
+        Ok(checkpoint.name.unwrap_or_else(|| format!("{} {id}", checkpoint.architecture)))
+    }
+}
+
+/// The samples of a trajectory that are shown.
+struct Window {
+    /// The first sample of the horizon.
+    begin: usize,
+    /// The longest context and horizon.
+    context: usize,
+    horizon: usize,
+}
+
+impl Window {
+    /// Checks that every model can answer.
+    fn of(
+        stored: &StoredTrajectory,
+        models: &[HeldModel],
+        begin: Option<usize>,
+    ) -> Result<Self, ApiError> {
+        let samples = stored.samples();
+        let mut violations = RequestViolations::default();
+        let abouts = || models.iter().map(|held| held.model.about());
+        for HeldModel { resource, model } in models {
+            let about = model.about();
+            let field = format!("checkpoint {}", resource.checkpoint);
+            if about.joints != stored.joints() {
+                let allowed = format!("{} joints, as the trajectory has", stored.joints());
+                violations.add(&field, format!("{} joints", about.joints), allowed);
+            }
+            if (about.rate_hz - stored.rate_hz).abs() > 1e-9 * stored.rate_hz {
+                let allowed = format!("{} Hz, as the trajectory has", stored.rate_hz);
+                violations.add(&field, format!("{} Hz", about.rate_hz), allowed);
+            }
+            if about.context + about.horizon > samples {
+                let found = format!("context {} and horizon {}", about.context, about.horizon);
+                let allowed = format!("at most {samples} samples together, as the trajectory has");
+                violations.add(&field, found, allowed);
+            }
+            if about.given == Given::References && !stored.data.has_references() {
+                let allowed =
+                    "trained with given torques, because the trajectory has no references";
+                violations.add(&field, "trained with given references", allowed);
+            }
+        }
+        violations.finish()?;
+        // Without a model, half of the trajectory is known.
+        let context = abouts().map(|about| about.context).max().unwrap_or(samples / 2).max(1);
+        let horizon = abouts().map(|about| about.horizon).max();
+        let horizon = horizon.unwrap_or(samples.saturating_sub(context));
+        let begin = begin.unwrap_or(context);
+        let latest = samples.saturating_sub(horizon);
+        if !(context..=latest).contains(&begin) {
+            let mut violations = RequestViolations::default();
+            let allowed = if context > latest {
+                format!(
+                    "no sample: the longest context has {context} samples, the longest horizon {horizon}, the trajectory \
+                     {samples}"
+                )
+            } else {
+                format!(
+                    "{context} to {latest}: the longest context before it, and the longest horizon after it"
+                )
+            };
+            violations.add("begin", begin, allowed);
+            violations.finish()?;
+        }
+        Ok(Self { begin, context, horizon })
+    }
+
+    /// As many samples of the context are shown as of the horizon.
+    fn first(&self) -> usize {
+        self.begin - self.context.min(self.horizon)
+    }
+}
+
+/// The question of a model about the motion after sample `begin`.
+fn question(
+    stored: &StoredTrajectory,
+    about: &AboutModel,
+    begin: usize,
+    sampling: &PredictionSampling,
+) -> Result<Question, ApiError> {
+    let AboutModel { context, horizon, joints, rate_hz, given, .. } = *about;
+    let measured = stored.measured_rows(given)?;
+    // What is planned has no noise.
+    let planned = stored.rows(stored.inputs(given))?;
+    let known = &measured[begin - context..begin];
+    let future = planned[begin..begin + horizon].iter();
+    let u = known.iter().map(|(u, _)| u).chain(future).flatten().copied().collect();
+    let y = known.iter().flat_map(|(_, y)| y).copied().collect();
+    let shape = Shape { robots: 1, samples: context + horizon, joints };
+    let series = series_of(shape, context, rate_hz, u, y)?;
+    let noise = MeasurementNoise {
+        position_rad: stored.data.position_deviation_rad(),
+        torque_nm: stored.data.torque_noise_nm(),
+    };
+    Ok(asked(sampling, series.with_noise(noise)))
+}
+
+impl StoredTrajectory {
+    pub fn joints(&self) -> usize {
+        self.data.joints()
+    }
+
+    /// The columns of what a model is given beside positions.
+    fn inputs(&self, given: Given) -> Box<dyn Iterator<Item = Column>> {
+        match given {
+            Given::Torques => Box::new(Column::torques(self.joints())),
+            Given::References => Box::new(Column::references(self.joints())),
+        }
+    }
+
+    /// What sensors say at each sample: the inputs and the positions.
+    fn measured_rows(&self, given: Given) -> Result<Vec<(Vec<f32>, Vec<f32>)>, ApiError> {
+        let (joints, observations) = (self.joints(), self.data.observations());
+        let u = match given {
+            Given::Torques if observations.measures_torques() => {
+                self.rows(Column::measured_torques(joints))?
+            }
+            _ => self.rows(self.inputs(given))?,
+        };
+        let y = match observations.measures_positions() {
+            true => self.rows(Column::measured_positions(joints))?,
+            false => self.rows(Column::positions(joints))?,
+        };
+        Ok(u.into_iter().zip(y).collect())
+    }
+
+    /// A row per sample of these columns.
+    fn rows(&self, columns: impl Iterator<Item = Column>) -> Result<Vec<Vec<f32>>, ApiError> {
+        let values: Option<Vec<&[f32]>> =
+            columns.map(|column| self.channel(&column.name)).collect();
+        let values = values.ok_or_else(|| ApiError::ShardUnreadable {
+            dataset: self.dataset,
+            shard: self.shard,
+            reason: "a column of its torques or positions is missing".to_owned(),
+        })?;
+        let row = |sample: usize| values.iter().map(|column| column[sample]).collect();
+        Ok((0..self.samples()).map(row).collect())
+    }
+}

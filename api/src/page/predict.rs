@@ -1,0 +1,271 @@
+//! The page that shows what checkpoints predict for a stored trajectory.
+
+use askama::Template;
+use axum::extract::State;
+use axum::response::Response;
+use reports::Table;
+use spec::{DataSource, JobSpec, ValidationMetric};
+use wire::{
+    Checkpoint, Dataset, DatasetState, DrawnPredictions, DrawnScenario, Job, Listed as _, Warning,
+};
+
+use crate::app::App;
+use crate::app::listing::ListRequest;
+use crate::app::trajectory_predictions::PredictionsRequest;
+use crate::charts;
+use crate::error::ApiError;
+use crate::extract::QueryPairs;
+use crate::page::answer::{PageError, html};
+use crate::page::text;
+
+#[derive(Template)]
+#[template(path = "predict.html")]
+struct PredictPage {
+    title: String,
+    fields: Fields,
+    datasets: Vec<Choice>,
+    checkpoints: Vec<Choice>,
+    /// The largest index of a trajectory.
+    last: u64,
+    previous: Option<String>,
+    next: Option<String>,
+    /// Why there is no prediction; empty if there is one.
+    problem: String,
+    tables: Vec<Table>,
+    figure: String,
+    warnings: Vec<String>,
+    /// The address of the same numbers as JSON.
+    numbers: String,
+}
+
+/// A dataset or a checkpoint to choose.
+struct Choice {
+    id: i64,
+    name: String,
+    is_chosen: bool,
+}
+
+/// What the form asks for.
+struct Fields {
+    dataset: Option<i64>,
+    trajectory: u64,
+    request: PredictionsRequest,
+}
+
+/// Datasets and checkpoints in the form, the newest ones, beside those that are chosen.
+const CHOICES: usize = 20;
+
+pub async fn show(State(app): State<App>, pairs: QueryPairs) -> Result<Response, PageError> {
+    let pairs = pairs.filled();
+    let mut fields = Fields::read(&pairs)?;
+    let newest = vec![("limit".to_owned(), CHOICES.to_string())];
+    let mut datasets =
+        app.list::<Dataset>(&ListRequest::read(&Dataset::LIST, &newest)?).await?.datasets;
+    datasets.retain(|dataset| dataset.state == DatasetState::Complete && dataset.trajectories > 0);
+    let mut checkpoints =
+        app.list::<Checkpoint>(&ListRequest::read(&Checkpoint::LIST, &newest)?).await?.checkpoints;
+    for &id in &fields.request.checkpoints {
+        if checkpoints.iter().all(|checkpoint| checkpoint.id != id) {
+            checkpoints.insert(0, app.checkpoint(id).await?);
+        }
+    }
+    if fields.request.checkpoints.is_empty() {
+        fields.request.checkpoints.extend(checkpoints.first().map(|checkpoint| checkpoint.id));
+    }
+    if fields.dataset.is_none() {
+        let first = fields.request.checkpoints.first();
+        let first = checkpoints.iter().find(|checkpoint| Some(&checkpoint.id) == first);
+        let trained_on = match first {
+            Some(checkpoint) => dataset_of_training(&app, checkpoint).await?,
+            None => None,
+        };
+        fields.dataset = trained_on.or(datasets.first().map(|dataset| dataset.id));
+    }
+    if let Some(id) = fields.dataset
+        && datasets.iter().all(|dataset| dataset.id != id)
+    {
+        datasets.insert(0, app.dataset(id).await?);
+    }
+    let chosen = datasets.iter().find(|dataset| Some(dataset.id) == fields.dataset);
+    let last = chosen.map_or(0, |dataset| dataset.trajectories.saturating_sub(1));
+    let shown = match fields.dataset {
+        Some(dataset) => Shown::of(&app, dataset, &fields).await?,
+        None => Shown::problem("There is no complete dataset yet.".to_owned()),
+    };
+    let index = fields.trajectory;
+    let page = PredictPage {
+        title: match fields.dataset {
+            Some(dataset) => format!("Predictions of trajectory {index} of dataset {dataset}"),
+            None => "Predictions".to_owned(),
+        },
+        previous: index.checked_sub(1).map(|index| fields.address("/predict", index)),
+        next: Some(index + 1).filter(|next| *next <= last).map(|i| fields.address("/predict", i)),
+        datasets: datasets
+            .iter()
+            .map(|dataset| Choice {
+                id: dataset.id,
+                name: format!("{} {}", dataset.id, dataset.name),
+                is_chosen: Some(dataset.id) == fields.dataset,
+            })
+            .collect(),
+        checkpoints: checkpoints
+            .iter()
+            .map(|checkpoint| Choice {
+                id: checkpoint.id,
+                name: name(checkpoint),
+                is_chosen: fields.request.checkpoints.contains(&checkpoint.id),
+            })
+            .collect(),
+        last,
+        numbers: fields.address(
+            &format!(
+                "/v1/datasets/{}/trajectories/{index}/predictions",
+                fields.dataset.unwrap_or_default()
+            ),
+            index,
+        ),
+        fields,
+        problem: shown.problem,
+        tables: shown.tables,
+        figure: shown.figure,
+        warnings: shown.warnings,
+    };
+    Ok(html(&page)?)
+}
+
+/// The dataset that a checkpoint was trained on, if it was one.
+async fn dataset_of_training(app: &App, checkpoint: &Checkpoint) -> Result<Option<i64>, ApiError> {
+    let training = app.job(checkpoint.job).await?;
+    let needed = app.jobs_by_id(&training.needs).await?;
+    Ok(needed.into_values().find_map(|job| job.dataset))
+}
+
+/// A checkpoint with what says which one it is.
+fn name(checkpoint: &Checkpoint) -> String {
+    let architecture = &checkpoint.architecture;
+    let mut parts = vec![match &checkpoint.name {
+        Some(name) => format!("{} {name}, {architecture}", checkpoint.id),
+        None => format!("{} {architecture}", checkpoint.id),
+    }];
+    parts.push(format!("run {}, step {}", checkpoint.run, text::count(checkpoint.step)));
+    let rmse_deg = checkpoint.metrics.get(ValidationMetric::RmseDeg.key());
+    parts.extend(rmse_deg.map(|rmse| format!("{}°", text::degrees(*rmse))));
+    parts.join(" · ")
+}
+
+/// What the page shows below its form.
+#[derive(Default)]
+struct Shown {
+    problem: String,
+    tables: Vec<Table>,
+    figure: String,
+    warnings: Vec<String>,
+}
+
+impl Shown {
+    fn problem(problem: String) -> Self {
+        Self { problem, ..Self::default() }
+    }
+
+    /// A refused question is said beside the form, which keeps its fields.
+    async fn of(app: &App, dataset: i64, fields: &Fields) -> Result<Self, ApiError> {
+        let found = app.predict_trajectory(dataset, fields.trajectory, &fields.request).await;
+        let predictions = match found {
+            Ok(predictions) => predictions,
+            Err(error @ (ApiError::Question(_) | ApiError::Live(_) | ApiError::NoModels)) => {
+                return Ok(Self::problem(error.to_string()));
+            }
+            Err(error) => return Err(error),
+        };
+        let warnings = predictions.predictions.iter().flat_map(|prediction| {
+            let named = prediction.warnings.iter().map(|w| w.clone().of(&prediction.name));
+            Warning::sentences(&named.collect::<Vec<_>>(), 1, "trajectories")
+        });
+        Ok(Self {
+            problem: String::new(),
+            warnings: warnings.collect(),
+            figure: charts::predictions_svg(&predictions)?,
+            tables: vec![reports::trajectory_predictions::table(&predictions)],
+        })
+    }
+}
+
+impl Fields {
+    fn read(pairs: &[(String, String)]) -> Result<Self, ApiError> {
+        let mut fields =
+            Self { dataset: None, trajectory: 0, request: PredictionsRequest::read(pairs)? };
+        for (name, value) in pairs {
+            let refused = |allowed: &str| ApiError::parameter(name, value, allowed);
+            match name.as_str() {
+                "dataset" => {
+                    let id = value.parse().map_err(|_| refused("the id of a dataset"))?;
+                    fields.dataset = Some(id);
+                }
+                "trajectory" => {
+                    fields.trajectory =
+                        value.parse().map_err(|_| refused("a trajectory's index, from 0"))?;
+                }
+                _ => {}
+            }
+        }
+        Ok(fields)
+    }
+
+    /// The page, or the operation of the API, that asks the same about another trajectory.
+    fn address(&self, path: &str, trajectory: u64) -> String {
+        let PredictionsRequest { checkpoints, begin, samples, steps, seed } = &self.request;
+        let ids: Vec<String> = checkpoints.iter().map(i64::to_string).collect();
+        let is_page = path == "/predict";
+        let mut query = Vec::new();
+        query.extend(self.dataset.filter(|_| is_page).map(|id| format!("dataset={id}")));
+        query.extend(is_page.then(|| format!("trajectory={trajectory}")));
+        query.extend((!ids.is_empty()).then(|| format!("checkpoint={}", ids.join(","))));
+        query.extend(begin.map(|begin| format!("begin={begin}")));
+        query.extend(samples.map(|samples| format!("samples={samples}")));
+        query.extend(steps.map(|steps| format!("steps={steps}")));
+        query.extend((*seed != 0).then(|| format!("seed={seed}")));
+        format!("{path}?{}", query.join("&"))
+    }
+}
+
+/// The addresses of this page for the scenarios that an evaluation drew, in their order; none for
+/// one whose trajectories are not stored, or that has noise of its own.
+pub async fn links(
+    app: &App,
+    evaluation: &Job,
+    drawn: &DrawnPredictions,
+) -> Result<Vec<Option<String>>, ApiError> {
+    let spec = serde_json::from_value(evaluation.spec.clone());
+    let (dataset, begin) = match spec {
+        Ok(JobSpec::Evaluate(spec)) => match spec.data {
+            DataSource::Digest(digest) => {
+                (app.dataset_of_digest(digest).await?, spec.rounds() + spec.context)
+            }
+            _ => (None, 0),
+        },
+        _ => (None, 0),
+    };
+    let Some(dataset) = dataset else {
+        return Ok(drawn.scenarios.iter().map(|_| None).collect());
+    };
+    let mut checkpoints = Vec::new();
+    for predictor in &drawn.predictors {
+        if let (Some(digest), Some(step)) = (predictor.digest, predictor.step) {
+            checkpoints.extend(app.checkpoint_of_step(digest, step).await?);
+        }
+    }
+    let address = |scenario: &DrawnScenario| {
+        let fields = Fields {
+            dataset: Some(dataset),
+            trajectory: scenario.trajectory,
+            request: PredictionsRequest {
+                checkpoints: checkpoints.clone(),
+                begin: Some(begin as usize),
+                ..PredictionsRequest::default()
+            },
+        };
+        let is_as_stored = scenario.position_noise_rad == 0.0 && !checkpoints.is_empty();
+        is_as_stored.then(|| fields.address("/predict", scenario.trajectory))
+    };
+    Ok(drawn.scenarios.iter().map(address).collect())
+}
