@@ -16,6 +16,7 @@ export async function paths(product) {
     datasets: "/datasets",
     run: `/runs/${training.run}`,
     runs: "/runs",
+    predictions: `/predict?dataset=${data.dataset}&checkpoint=${Math.max(...training.checkpoints)}`,
     checkpoint: `/checkpoints/${Math.max(...training.checkpoints)}`,
     checkpoints: "/checkpoints",
     evaluation: `/evaluations/${evaluation.id}`,

@@ -47,6 +47,7 @@ mod slurm;
 mod slurm_cluster;
 mod small_disk;
 mod stopping;
+mod stored_predictions;
 mod streams;
 mod sweeps;
 mod trainings;

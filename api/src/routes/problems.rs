@@ -5,7 +5,7 @@ use serde_json::{Value, json};
 use crate::limits::{HEAD_BYTES, HEAD_FIELDS};
 
 /// Errors that depend only on the operation.
-const OF_OPERATIONS: [(&str, &str, &[u16]); 10] = [
+const OF_OPERATIONS: [(&str, &str, &[u16]); 11] = [
     ("post", "/v1/jobs", &[409, 410, 422, 507]),
     ("post", "/v1/jobs/{id}/retry", &[409, 422, 507]),
     ("post", "/v1/jobs/{id}/cancel", &[409]),
@@ -14,6 +14,7 @@ const OF_OPERATIONS: [(&str, &str, &[u16]); 10] = [
     ("post", "/v1/datasets/{id}/verify", &[409, 422, 507]),
     ("post", "/v1/checkpoints/{id}/predict", &[422, 501, 507]),
     ("post", "/v1/checkpoints/{id}/torque", &[422, 501, 507]),
+    ("get", "/v1/datasets/{id}/trajectories/{index}/predictions", &[422, 501, 507]),
     ("post", "/v1/tokens", &[409, 422]),
     ("get", "/v1/checkpoints/{id}/stream", &[403, 422, 426, 501, 507]),
 ];

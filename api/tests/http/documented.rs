@@ -27,10 +27,11 @@ fn the_committed_document_is_the_generated_one() {
 /// Only real models answer these with success. The tests of `live` have them.
 const PREDICT: &str = "/v1/checkpoints/{id}/predict";
 const TORQUE: &str = "/v1/checkpoints/{id}/torque";
+const PREDICTIONS: &str = "/v1/datasets/{id}/trajectories/{index}/predictions";
 const STREAM: &str = "/v1/checkpoints/{id}/stream";
 
 /// Every operation, with a request that succeeds.
-const OPERATIONS: [(&str, &str, &str); 75] = [
+const OPERATIONS: [(&str, &str, &str); 76] = [
     ("get", "/healthz", "/healthz"),
     ("get", "/readyz", "/readyz"),
     ("get", "/metrics", "/metrics"),
@@ -79,6 +80,7 @@ const OPERATIONS: [(&str, &str, &str); 75] = [
         "/v1/datasets/{id}/trajectories/{index}/figure.csv",
         "/v1/datasets/1/trajectories/0/figure.csv",
     ),
+    ("get", PREDICTIONS, "/v1/datasets/1/trajectories/0/predictions?checkpoint=1"),
     ("get", "/v1/runs", "/v1/runs"),
     ("get", "/v1/runs/{id}", "/v1/runs/1"),
     ("get", "/v1/runs/{id}/metrics/{key}", "/v1/runs/1/metrics/train%2Floss"),
@@ -134,7 +136,7 @@ async fn every_documented_operation_answers_and_every_one_is_listed_here() {
     }
     for (method, path, request) in OPERATIONS {
         assert!(documented.remove(&(method.to_owned(), path.to_owned())), "{method} {path}");
-        if [PREDICT, TORQUE, STREAM].contains(&path) {
+        if [PREDICT, PREDICTIONS, TORQUE, STREAM].contains(&path) {
             continue;
         }
         let answer = match method {

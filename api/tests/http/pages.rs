@@ -30,6 +30,7 @@ async fn every_link_of_every_page_leads_on_from_the_page_itself() {
         "/runs",
         "/runs/1",
         "/compare?run=1,2",
+        "/predict?dataset=1&checkpoint=1",
         "/datasets",
         "/datasets/1",
         "/checkpoints",

@@ -1,0 +1,154 @@
+//! What checkpoints predict for a stored trajectory is what an evaluation says about it.
+
+use serde_json::{Value, json};
+
+use crate::product::{Product, member, run_to_end, torqued};
+
+fn training(preset: &str) -> Value {
+    json!({
+        "kind": "train", "data": {"job": "data"}, "context": 32, "model": {"preset": preset},
+        "batch_size": 8, "steps": 10, "validate_every_steps": 10, "validation_trajectories": 8,
+        "optimizer": {"warmup_steps": 0},
+    })
+}
+
+fn pipeline() -> Value {
+    json!({
+        "kind": "pipeline", "name": "looked at", "jobs": {
+            "data": {
+                "preset": "D1-multisine", "samples": 48, "trajectories": 24,
+                "observations": {"position_noise_rad": 1e-3, "torque_noise_nm": 0.05},
+            },
+            "law": training("lagrangian-tiny"),
+            "denoiser": training("cdt-tiny"),
+            "evaluate": {
+                "kind": "evaluate", "data": {"job": "data"}, "context": 32,
+                "checkpoints": [{"job": "law"}], "baselines": ["hold-last"],
+                "bootstrap": {"resamples": 100},
+            },
+        },
+    })
+}
+
+#[tokio::test]
+async fn a_viewed_prediction_has_the_error_that_the_evaluation_told() {
+    let data = tempfile::tempdir().unwrap();
+    let product = Product::start(data.path());
+    let ended = product.succeeded(product.submit(&pipeline()).await).await;
+    let of = async |name: &str, field: &str| {
+        product.get(&format!("/v1/jobs/{}", member(&ended, name))).await[field].clone()
+    };
+    let (dataset, run) = (of("data", "dataset").await, of("evaluate", "run").await);
+    let newest = |ids: Value| ids.as_array().unwrap().last().unwrap().as_i64().unwrap();
+    let law = newest(of("law", "checkpoints").await);
+    let denoiser = newest(of("denoiser", "checkpoints").await);
+
+    let drawn = product.get(&format!("/v1/runs/{run}/artifacts/predictions.json")).await;
+    for scenario in drawn["scenarios"].as_array().unwrap() {
+        let (trajectory, told) = (&scenario["trajectory"], scenario["rmse_deg"].as_f64().unwrap());
+        let path = format!(
+            "/v1/datasets/{dataset}/trajectories/{trajectory}/predictions?checkpoint={law}&samples=1"
+        );
+        let found = product.get(&path).await;
+        let predictions = found["predictions"].as_array().unwrap();
+        let rmse = predictions[0]["rmse_deg"].as_f64().unwrap();
+        assert!((rmse - told).abs() < 1e-4 * told, "{rmse}, and the evaluation told {told}");
+        assert_eq!((&found["begin"], &found["first"]), (&json!(32), &json!(16)));
+        assert_eq!(found["truth"].as_array().unwrap().len(), 32);
+        assert_eq!(predictions[1]["name"], "hold-last");
+        assert!(
+            predictions[1].get("checkpoint").is_none() && predictions[0].get("quantiles").is_none()
+        );
+    }
+
+    // A denoiser has samples, and the steps of its sampler can be chosen.
+    let base = format!("/v1/datasets/{dataset}/trajectories/3/predictions");
+    let found =
+        product.get(&format!("{base}?checkpoint={law},{denoiser}&samples=8&steps=2&seed=5")).await;
+    let both = &found["predictions"];
+    assert_eq!((&both[0]["checkpoint"], &both[1]["checkpoint"]), (&json!(law), &json!(denoiser)));
+    assert_eq!(both[1]["steps"], 2);
+    let count = |field: &str| both[1][field].as_array().unwrap().len();
+    assert_eq!((count("quantiles"), count("samples"), count("y")), (2, 4, 16));
+    let low = &both[1]["quantiles"][0]["y"][15][6];
+    let high = &both[1]["quantiles"][1]["y"][15][6];
+    assert!(low.as_f64().unwrap() < high.as_f64().unwrap(), "{low} to {high}");
+}
+
+#[tokio::test]
+async fn the_page_and_the_command_show_the_same_errors_and_refuse_what_does_not_fit() {
+    let data = tempfile::tempdir().unwrap();
+    let product = Product::start(data.path());
+    let ended = product.succeeded(product.submit(&pipeline()).await).await;
+    let job = |name: &str| member(&ended, name);
+    let dataset = product.get(&format!("/v1/jobs/{}", job("data"))).await["dataset"].clone();
+    let checkpoints = product.get(&format!("/v1/jobs/{}", job("law"))).await["checkpoints"].clone();
+    let law = checkpoints.as_array().unwrap().last().unwrap().clone();
+
+    let base = format!("/v1/datasets/{dataset}/trajectories/3/predictions?checkpoint={law}");
+    let found = product.get(&base).await;
+    let rmse = found["predictions"][0]["rmse_deg"].as_f64().unwrap();
+    let page =
+        product.download(&format!("/predict?dataset={dataset}&trajectory=3&checkpoint={law}"));
+    let page = String::from_utf8(page.await).unwrap();
+    let shown = reports_degrees(rmse);
+    assert!(page.contains(&shown), "{shown} is not on the page");
+    assert_eq!(page.matches("<metadata>").count(), 8, "the error, and seven joints");
+    let arguments = [
+        "predict",
+        &law.to_string(),
+        "--dataset",
+        &dataset.to_string(),
+        "--trajectory",
+        "3",
+        "--server",
+        &product.url,
+    ];
+    let (code, table, _) = run_to_end(&mut torqued(&arguments));
+    assert!(code == Some(0) && table.contains(&shown) && table.contains("hold-last"), "{table}");
+
+    // A checkpoint's page and the evaluation's lead there.
+    let evaluation = product.download(&format!("/evaluations/{}", job("evaluate"))).await;
+    let evaluation = String::from_utf8(evaluation).unwrap();
+    let link = format!("../predict?dataset={dataset}&#38;trajectory=");
+    assert_eq!(evaluation.matches(&link).count(), 3, "{evaluation}");
+
+    for (query, field) in [
+        ("&begin=31", "begin"),
+        ("&begin=33", "begin"),
+        ("&samples=0", "sampling.samples"),
+        ("&samples=999999", "sampling.samples"),
+    ] {
+        let (status, problem) = product.try_get(&format!("{base}{query}")).await;
+        assert_eq!(status, 422, "{query}: {problem}");
+        assert_eq!(problem["violations"][0]["field"], field, "{problem}");
+        let page = format!("/predict?dataset={dataset}&trajectory=3&checkpoint={law}{query}");
+        let page = String::from_utf8(product.download(&page).await).unwrap();
+        assert!(page.contains("role=\"alert\"") && page.contains("name=\"begin\""), "{query}");
+    }
+    for (query, status) in [
+        ("?checkpoint=x", 400),
+        ("?checkpoint=1,2,3,4,5,6,7", 400),
+        ("?checkpoint=999", 404),
+        ("?begin=-1", 400),
+        ("?other=1", 400),
+    ] {
+        let path = format!("/v1/datasets/{dataset}/trajectories/3/predictions{query}");
+        assert_eq!(product.try_get(&path).await.0, status, "{query}");
+    }
+    assert_eq!(
+        product.try_get(&format!("/v1/datasets/{dataset}/trajectories/24/predictions")).await.0,
+        404
+    );
+    let alone = product.get(&format!("/v1/datasets/{dataset}/trajectories/0/predictions")).await;
+    assert_eq!(
+        alone["predictions"].as_array().unwrap().len(),
+        1,
+        "hold-last, without a checkpoint"
+    );
+}
+
+/// As tables show degrees: hundredths, and two digits of less.
+fn reports_degrees(value: f64) -> String {
+    if value >= 0.1 { format!("{value:.2}") } else { format!("{value:.4}") }
+}
