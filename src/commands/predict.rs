@@ -78,7 +78,7 @@ async fn stored(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let (Some(dataset), Some(trajectory)) = (arguments.dataset, arguments.trajectory) else {
         anyhow::bail!("neither a request nor a dataset and a trajectory is given");
     };
-    let ids = [arguments.checkpoint].iter().chain(&arguments.beside);
+    let ids = std::iter::once(&arguments.checkpoint).chain(&arguments.beside);
     let ids: Vec<String> = ids.map(i64::to_string).collect();
     let mut query = format!("checkpoint={}", ids.join(","));
     let given = [
