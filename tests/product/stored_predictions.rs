@@ -88,9 +88,8 @@ async fn the_page_and_the_command_show_the_same_errors_and_refuse_what_does_not_
     let base = format!("/v1/datasets/{dataset}/trajectories/3/predictions?checkpoint={law}");
     let found = product.get(&base).await;
     let rmse = found["predictions"][0]["rmse_deg"].as_f64().unwrap();
-    let page =
-        product.download(&format!("/predict?dataset={dataset}&trajectory=3&checkpoint={law}"));
-    let page = String::from_utf8(page.await).unwrap();
+    let page = format!("/predict?dataset={dataset}&trajectory=3&checkpoint={law}");
+    let page = String::from_utf8(product.download(&page).await).unwrap();
     let shown = reports_degrees(rmse);
     assert!(page.contains(&shown), "{shown} is not on the page");
     assert_eq!(page.matches("<metadata>").count(), 8, "the error, and seven joints");
