@@ -1,5 +1,8 @@
 //! The kinds of things that a server has. Each thing is known by its id.
 
+use std::fmt::{self, Display, Formatter};
+use std::str::FromStr;
+
 use clap::ValueEnum;
 
 /// A kind of thing with an address in the API and on the page.
@@ -55,12 +58,48 @@ impl Resource {
     }
 
     /// Its address in the API.
-    pub fn api_path(self, id: i64) -> String {
+    pub fn api_path(self, id: impl Display) -> String {
         format!("/v1{}", self.page_path(id))
     }
 
     /// Its address on the page.
-    pub fn page_path(self, id: i64) -> String {
+    pub fn page_path(self, id: impl Display) -> String {
         format!("/{}s/{id}", self.as_str())
+    }
+}
+
+/// The id of a thing, or the alias of a checkpoint.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Reference(String);
+
+impl FromStr for Reference {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        if text.parse::<i64>().is_ok() || api::is_alias(text) {
+            return Ok(Self(text.to_owned()));
+        }
+        Err("an id, or the alias of a checkpoint, which begins with a letter".to_owned())
+    }
+}
+
+impl Display for Reference {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        self.0.fmt(f)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_reference_is_an_id_or_an_alias() {
+        for text in ["7", "champion", "v1.2_b"] {
+            assert_eq!(text.parse::<Reference>().unwrap().to_string(), text);
+        }
+        for text in ["", "7b", "a/b", "a?b", "../jobs/3"] {
+            assert!(text.parse::<Reference>().is_err(), "{text}");
+        }
     }
 }

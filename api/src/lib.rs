@@ -30,6 +30,7 @@
 
 mod access;
 mod admission;
+mod aliases;
 mod app;
 mod charts;
 mod checks;
@@ -54,6 +55,7 @@ mod stream;
 mod upload;
 
 pub use access::credentials::{digest as token_digest, is_hard_to_guess, new_token};
+pub use app::labels::is_alias;
 pub use app::tokens::{TOKEN_NAMES, is_token_name};
 pub use app::{App, Options};
 pub use connections::Listener;

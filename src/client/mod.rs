@@ -15,6 +15,8 @@ use wire::{
     NewToken, Presets, Queue, Robot, Task, Tasks, Token, Tokens, Worker, Workers,
 };
 
+use crate::resource::Reference;
+
 pub use download::Fetched;
 pub use error::{ClientError, JobEnded, innermost};
 pub use events::Events;
@@ -248,7 +250,7 @@ impl Client {
     /// the server wrote it.
     pub async fn question(
         &self,
-        checkpoint: i64,
+        checkpoint: &Reference,
         what: &str,
         question: Vec<u8>,
     ) -> Result<String, ClientError> {

@@ -9,6 +9,7 @@ use tokio_tungstenite::tungstenite::protocol::Role;
 use tokio_tungstenite::tungstenite::{Error, Message};
 
 use super::{Client, ClientError};
+use crate::resource::Reference;
 
 /// An open stream. Its messages are JSON; docs/prediction.md describes them.
 pub struct Stream {
@@ -18,7 +19,7 @@ pub struct Stream {
 
 impl Client {
     /// Opens a prediction stream with a checkpoint.
-    pub async fn stream(&self, checkpoint: i64) -> Result<Stream, ClientError> {
+    pub async fn stream(&self, checkpoint: &Reference) -> Result<Stream, ClientError> {
         let request = self
             .request(Method::GET, &format!("/v1/checkpoints/{checkpoint}/stream"))
             .header(CONNECTION, "Upgrade")

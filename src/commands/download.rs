@@ -13,7 +13,7 @@ use crate::client::{Client, ClientError, Fetched};
 use crate::exit::INTERRUPTED;
 use crate::output::write_json;
 use crate::progress::{Part, follow_parts, measure};
-use crate::resource::Resource;
+use crate::resource::{Reference, Resource};
 
 /// Downloads files and compares each with the server's SHA-256 digest. Existing files are kept, and
 /// an interrupted download continues where it ended.
@@ -23,9 +23,9 @@ pub struct Arguments {
     #[arg(value_name = "KIND")]
     resource: Resource,
 
-    /// Its id
+    /// Its id, or the alias of a checkpoint
     #[arg(value_name = "ID")]
-    id: i64,
+    id: Reference,
 
     /// Folder for the files; created if missing [default: KIND-ID]
     #[arg(value_name = "DIR")]
@@ -46,7 +46,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let Arguments { resource, id, dir, only, output, server } = arguments;
     let client = server.client()?;
     let name = resource.as_str();
-    let files = chosen(files(&client, resource, id).await?, &only, &format!("{name} {id}"))?;
+    let files = chosen(files(&client, resource, &id).await?, &only, &format!("{name} {id}"))?;
     let dir = dir.unwrap_or_else(|| PathBuf::from(format!("{name}-{id}")));
     std::fs::create_dir_all(&dir).with_context(|| format!("cannot create {}", dir.display()))?;
 
@@ -89,7 +89,11 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-async fn files(client: &Client, resource: Resource, id: i64) -> anyhow::Result<Vec<StoredFile>> {
+async fn files(
+    client: &Client,
+    resource: Resource,
+    id: &Reference,
+) -> anyhow::Result<Vec<StoredFile>> {
     let path = resource.api_path(id);
     Ok(match resource {
         Resource::Job => bail!(

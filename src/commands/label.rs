@@ -6,7 +6,7 @@ use clap::Args;
 use wire::{LabelChange, TextChange};
 
 use crate::arguments::{OutputArguments, ServerArguments};
-use crate::resource::Resource;
+use crate::resource::{Reference, Resource};
 
 #[derive(Debug, Args)]
 pub struct Arguments {
@@ -14,9 +14,9 @@ pub struct Arguments {
     #[arg(value_name = "KIND")]
     resource: Resource,
 
-    /// Its id
+    /// Its id, or the alias of a checkpoint
     #[arg(value_name = "ID")]
-    id: i64,
+    id: Reference,
 
     #[command(flatten)]
     changes: Changes,
@@ -46,6 +46,14 @@ struct Changes {
     /// Remove a tag
     #[arg(long = "remove-tag", value_name = "TAG")]
     remove_tags: Vec<String>,
+
+    /// Let a name, such as champion, stand for this checkpoint; another that has it loses it
+    #[arg(long = "alias", value_name = "ALIAS")]
+    aliases: Vec<String>,
+
+    /// Remove an alias of this checkpoint
+    #[arg(long = "remove-alias", value_name = "ALIAS")]
+    remove_aliases: Vec<String>,
 }
 
 /// The largest number of bytes to read: the server's limit for a note, and one more to detect a
@@ -54,13 +62,20 @@ const READ_BYTES: u64 = api::limits::NOTE_BYTES as u64 + 1;
 
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let Arguments { resource, id, changes, .. } = arguments;
-    let Changes { name, note, tags, remove_tags } = changes;
+    let Changes { name, note, tags, remove_tags, aliases, remove_aliases } = changes;
     let note = match note {
         Some(dash) if dash == "-" => Some(read_note()?),
         note => note,
     };
-    let change =
-        LabelChange { name: text(name), note: text(note), tags: None, add_tags: tags, remove_tags };
+    let change = LabelChange {
+        name: text(name),
+        note: text(note),
+        tags: None,
+        add_tags: tags,
+        remove_tags,
+        add_aliases: aliases,
+        remove_aliases,
+    };
     let labelled = match resource {
         Resource::Evaluation => Resource::Job,
         other => other,

@@ -11,12 +11,13 @@ use wire::{StreamReply, TrajectoryPrediction, TrajectoryPredictions, Warning};
 
 use crate::arguments::{AskArguments, ServerArguments};
 use crate::commands::submit::read_json;
+use crate::resource::Reference;
 
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// The checkpoint; `torqued checkpoints` lists them
+    /// The checkpoint, by its id or an alias; `torqued checkpoints` lists them
     #[arg(value_name = "CHECKPOINT")]
-    checkpoint: i64,
+    checkpoint: Reference,
 
     /// The request as JSON, see docs/prediction.md; `-` reads standard input
     #[arg(value_name = "FILE", required_unless_present = "dataset")]
@@ -36,7 +37,7 @@ pub struct Arguments {
 
     /// Further checkpoints beside the first
     #[arg(long, value_name = "CHECKPOINT", value_delimiter = ',', requires = "dataset")]
-    beside: Vec<i64>,
+    beside: Vec<Reference>,
 
     /// Samples of each checkpoint that gives several answers; 16 by default
     #[arg(long, value_name = "N", requires = "dataset")]
@@ -63,7 +64,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let question = read_json(question, api::limits::QUESTION_BYTES as u64)?;
     let client = arguments.ask.client()?;
     let what = if arguments.torque { "torque" } else { "predict" };
-    let answer = client.question(arguments.checkpoint, what, question).await?;
+    let answer = client.question(&arguments.checkpoint, what, question).await?;
     if arguments.ask.output.json {
         println!("{answer}");
     } else {
@@ -79,7 +80,7 @@ async fn stored(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         anyhow::bail!("neither a request nor a dataset and a trajectory is given");
     };
     let ids = std::iter::once(&arguments.checkpoint).chain(&arguments.beside);
-    let ids: Vec<String> = ids.map(i64::to_string).collect();
+    let ids: Vec<String> = ids.map(Reference::to_string).collect();
     let mut query = format!("checkpoint={}", ids.join(","));
     let given = [
         ("samples", arguments.samples.map(u64::from)),
@@ -113,16 +114,16 @@ async fn stored(arguments: &Arguments) -> anyhow::Result<ExitCode> {
                   messages. The code is 1 if a message was refused."
 )]
 pub struct StreamArguments {
-    /// The checkpoint; `torqued checkpoints` lists them
+    /// The checkpoint, by its id or an alias; `torqued checkpoints` lists them
     #[arg(value_name = "CHECKPOINT")]
-    checkpoint: i64,
+    checkpoint: Reference,
 
     #[command(flatten)]
     server: ServerArguments,
 }
 
 pub async fn stream(arguments: StreamArguments) -> anyhow::Result<ExitCode> {
-    let mut stream = arguments.server.client()?.stream(arguments.checkpoint).await?;
+    let mut stream = arguments.server.client()?.stream(&arguments.checkpoint).await?;
     // The server accepts no longer lines.
     let codec = LinesCodec::new_with_max_length(api::limits::QUESTION_BYTES);
     let mut lines = FramedRead::new(tokio::io::stdin(), codec);

@@ -12,7 +12,7 @@ use wire::{Checkpoint, Dataset, Evaluation, Job, LatestMetric, Member, Run, Task
 
 use crate::arguments::{OutputArguments, ServerArguments};
 use crate::progress::measure;
-use crate::resource::Resource;
+use crate::resource::{Reference, Resource};
 
 #[derive(Debug, Args)]
 pub struct Arguments {
@@ -20,9 +20,9 @@ pub struct Arguments {
     #[arg(value_name = "KIND")]
     resource: Resource,
 
-    /// Its id
+    /// Its id, or the alias of a checkpoint
     #[arg(value_name = "ID")]
-    id: i64,
+    id: Reference,
 
     /// Print only its spec, which can be submitted again
     #[arg(long, conflicts_with = "json")]
@@ -119,6 +119,8 @@ fn checkpoint_text(checkpoint: &Checkpoint) -> String {
     facts.add_labels(&checkpoint.tags, &checkpoint.job_tags, checkpoint.note.as_deref());
     facts.add("model", &checkpoint.architecture);
     facts.add("step", measure::count(checkpoint.step));
+    let aliases = Some(checkpoint.aliases.join(", "));
+    facts.add_some("aliases", aliases.filter(|aliases| !aliases.is_empty()));
     facts.add_some("is", Some(checkpoint.marks().join(", ")).filter(|marks| !marks.is_empty()));
     facts.add("job", checkpoint.job);
     facts.add("run", checkpoint.run);

@@ -87,6 +87,17 @@ impl App {
         Ok(checkpoint(row, &job.spec))
     }
 
+    /// The checkpoint that an alias stands for.
+    ///
+    /// # Errors
+    /// [`ApiError::NotFound`] when no checkpoint has it.
+    pub(crate) async fn checkpoint_of_alias(&self, alias: &str) -> Result<i64, ApiError> {
+        match self.store.checkpoint_of_alias(alias).await? {
+            Some(checkpoint) => Ok(checkpoint.0),
+            None => Err(ApiError::not_found("checkpoint", format!("with the alias {alias:?}"))),
+        }
+    }
+
     /// The checkpoint after so many steps of a training with this digest, if it is there.
     pub(crate) async fn checkpoint_of_step(
         &self,
@@ -120,6 +131,7 @@ fn checkpoint(row: store::Checkpoint, spec: &Value) -> Checkpoint {
         note: row.note,
         tags: row.tags,
         job_tags: row.job_tags,
+        aliases: row.aliases,
         step: row.step,
         is_final: row.is_final,
         is_best: row.is_best,

@@ -16,6 +16,10 @@ pub const TAG: &str = "1 to 64 letters, digits and . _ - : / @ + = without accen
 /// The allowed tags, as a regular expression.
 pub const TAG_PATTERN: &str = "^[A-Za-z0-9][A-Za-z0-9._:/@+=-]{0,63}$";
 
+/// The allowed aliases, in words. None is a number, so paths tell them from ids.
+pub const ALIAS: &str =
+    "1 to 64 letters, digits and . _ - without accents, beginning with a letter";
+
 impl App {
     /// # Errors
     /// When the labels are not allowed, there would be too many tags, or the item does not exist.
@@ -25,7 +29,7 @@ impl App {
         id: i64,
         change: &LabelChange,
     ) -> Result<(), ApiError> {
-        check(change)?;
+        check(kind, change)?;
         Ok(self.store.change_labels(kind, id, change).await?)
     }
 }
@@ -35,6 +39,13 @@ pub fn is_tag(tag: &str) -> bool {
     (1..=TAG_CHARACTERS).contains(&tag.len())
         && tag.as_bytes()[0].is_ascii_alphanumeric()
         && tag.bytes().all(is_plain)
+}
+
+pub fn is_alias(alias: &str) -> bool {
+    let is_plain = |b: u8| b.is_ascii_alphanumeric() || b"._-".contains(&b);
+    (1..=TAG_CHARACTERS).contains(&alias.len())
+        && alias.as_bytes()[0].is_ascii_alphabetic()
+        && alias.bytes().all(is_plain)
 }
 
 /// Whether a text is one line with at most `characters` characters, and not blank.
@@ -59,17 +70,21 @@ pub fn submitted(
 ) -> Result<Labels, ApiError> {
     let set = |text: &Option<String>| text.clone().map_or(TextChange::Nothing, TextChange::Set);
     let tags: BTreeSet<String> = tags.into_iter().collect();
-    check(&LabelChange {
-        name: set(&name),
-        note: set(&note),
-        add_tags: tags.iter().cloned().collect(),
-        ..LabelChange::default()
-    })?;
+    check(
+        ItemKind::Job,
+        &LabelChange {
+            name: set(&name),
+            note: set(&note),
+            add_tags: tags.iter().cloned().collect(),
+            ..LabelChange::default()
+        },
+    )?;
     Ok(Labels { name, note, tags })
 }
 
-fn check(change: &LabelChange) -> Result<(), ApiError> {
-    let LabelChange { name, note, tags, add_tags, remove_tags } = change;
+fn check(kind: ItemKind, change: &LabelChange) -> Result<(), ApiError> {
+    let LabelChange { name, note, tags, add_tags, remove_tags, add_aliases, remove_aliases } =
+        change;
     let mut violations = RequestViolations::default();
     if let TextChange::Set(name) = name
         && !is_line(name, NAME_CHARACTERS)
@@ -96,6 +111,21 @@ fn check(change: &LabelChange) -> Result<(), ApiError> {
             violations.add(field, tags.join(", "), "left out, because tags replaces all tags");
         }
     }
+    for (field, aliases) in [("add_aliases", add_aliases), ("remove_aliases", remove_aliases)] {
+        if !aliases.is_empty() && kind != ItemKind::Checkpoint {
+            violations.add(
+                field,
+                aliases.join(", "),
+                "left out, because only checkpoints have aliases",
+            );
+        }
+        for (index, alias) in aliases.iter().enumerate().filter(|(_, alias)| !is_alias(alias)) {
+            violations.add(format!("{field}[{index}]"), alias, ALIAS);
+        }
+        if aliases.len() > TAGS {
+            violations.add(field, format!("{} aliases", aliases.len()), format!("{TAGS} at most"));
+        }
+    }
     violations.finish()
 }
 
@@ -104,7 +134,23 @@ mod tests {
     use super::*;
 
     fn refused(change: &LabelChange) -> String {
-        check(change).unwrap_err().to_string()
+        check(ItemKind::Run, change).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn an_alias_is_no_number_and_belongs_to_a_checkpoint() {
+        for alias in ["champion", "v1.2_b", "A", &"x".repeat(64)] {
+            assert!(is_alias(alias), "{alias}");
+        }
+        for alias in ["", "7", "7b", "-a", "a/b", "a b", "ä", &"x".repeat(65)] {
+            assert!(!is_alias(alias), "{alias}");
+        }
+        let change =
+            LabelChange { add_aliases: vec!["champion".to_owned()], ..LabelChange::default() };
+        assert!(refused(&change).contains("only checkpoints have aliases"));
+        assert!(check(ItemKind::Checkpoint, &change).is_ok());
+        let change = LabelChange { remove_aliases: vec!["7".to_owned()], ..LabelChange::default() };
+        assert!(check(ItemKind::Checkpoint, &change).is_err());
     }
 
     #[test]
@@ -126,7 +172,7 @@ mod tests {
             tags: Some(vec!["a".to_owned(); 32]),
             ..LabelChange::default()
         };
-        assert!(check(&longest).is_ok());
+        assert!(check(ItemKind::Run, &longest).is_ok());
         let error = refused(&LabelChange {
             name: set("ä".repeat(201)),
             note: set("x".repeat(10_001)),

@@ -5,6 +5,7 @@ use spec::{Column, Given, SamplerSpec};
 use wire::{PredictionSampling, TrajectoryPrediction, TrajectoryPredictions};
 
 use crate::app::App;
+use crate::app::labels::is_alias;
 use crate::app::predictions::{HeldModel, milliseconds};
 use crate::app::questions::{RequestViolations, asked, numbers_of, series_of};
 use crate::app::trajectories::StoredTrajectory;
@@ -41,7 +42,7 @@ impl PredictionsRequest {
     ///
     /// # Errors
     /// [`ApiError::Parameter`] for the first invalid field.
-    pub fn read(pairs: &[(String, String)]) -> Result<Self, ApiError> {
+    fn read(pairs: &[(String, String)]) -> Result<Self, ApiError> {
         let mut request = Self::default();
         for (name, value) in pairs {
             match name.as_str() {
@@ -87,6 +88,32 @@ fn number<T: std::str::FromStr>(name: &str, value: &str, allowed: &str) -> Resul
 }
 
 impl App {
+    /// Reads the fields of a query. `checkpoint` may have aliases, too.
+    ///
+    /// # Errors
+    /// Those of [`PredictionsRequest::read`], and when no checkpoint has an alias.
+    pub(crate) async fn predictions_request(
+        &self,
+        pairs: &[(String, String)],
+    ) -> Result<PredictionsRequest, ApiError> {
+        let mut resolved = Vec::with_capacity(pairs.len());
+        for (name, value) in pairs {
+            let mut value = value.clone();
+            if name == "checkpoint" {
+                let mut ids = Vec::new();
+                for part in value.split(',').map(str::trim).take(PREDICTED_CHECKPOINTS + 1) {
+                    ids.push(match is_alias(part) {
+                        true => self.checkpoint_of_alias(part).await?.to_string(),
+                        false => part.to_owned(),
+                    });
+                }
+                value = ids.join(",");
+            }
+            resolved.push((name.clone(), value));
+        }
+        PredictionsRequest::read(&resolved)
+    }
+
     /// The predictions of checkpoints for a stored trajectory, and that of the last position.
     ///
     /// # Errors

@@ -2,11 +2,13 @@
 
 use askama::Template;
 use axum::extract::FromRequestParts;
+use axum::http::HeaderMap;
 use axum::http::header::{CACHE_CONTROL, CONTENT_TYPE};
 use axum::http::request::Parts;
 use axum::response::{IntoResponse, Response};
 use wire::Problem;
 
+use crate::access::accepts_html;
 use crate::error::ApiError;
 use crate::relative::with_relative_links;
 
@@ -52,6 +54,11 @@ impl IntoResponse for PageError {
         error.add_headers(&mut response);
         response
     }
+}
+
+/// An error in the form that the request prefers.
+pub fn refused(error: ApiError, headers: &HeaderMap) -> Response {
+    if accepts_html(headers) { PageError(error).into_response() } else { error.into_response() }
 }
 
 /// A page. The browser does not store it, because it shows the present state.

@@ -27,6 +27,7 @@ struct CheckpointPage {
     run: i64,
     step: String,
     marks: String,
+    aliases: Vec<String>,
     metrics: Vec<Fact>,
     architecture: String,
     digest: String,
@@ -57,13 +58,17 @@ pub async fn show(
         id,
         job: job.id,
         job_name: job.name.clone(),
-        labelled: Labelled::new(
-            format!("/checkpoints/{id}"),
-            checkpoint.name.as_deref().unwrap_or_default(),
-            checkpoint.note.as_ref(),
-            &checkpoint.tags,
-            &checkpoint.job_tags,
-        ),
+        labelled: Labelled {
+            aliases: Some(checkpoint.aliases.join(" ")),
+            ..Labelled::new(
+                format!("/checkpoints/{id}"),
+                checkpoint.name.as_deref().unwrap_or_default(),
+                checkpoint.note.as_ref(),
+                &checkpoint.tags,
+                &checkpoint.job_tags,
+            )
+        },
+        aliases: checkpoint.aliases.clone(),
         run: checkpoint.run,
         step: text::count(checkpoint.step),
         marks: checkpoint.marks().join(", "),

@@ -23,6 +23,8 @@ pub struct Labelled {
     pub job_tags: Vec<TagLink>,
     /// Its own tags in one line.
     pub tag_line: String,
+    /// The aliases of a checkpoint in one line; `None` of other things, which have none.
+    pub aliases: Option<String>,
 }
 
 /// A tag with a link to its experiments.
@@ -63,6 +65,7 @@ impl Labelled {
             tags: tags.to_vec(),
             job_tags: TagLink::all(job_tags),
             tag_line: tags.join(" "),
+            aliases: None,
         }
     }
 }
@@ -74,6 +77,11 @@ pub struct Fields {
     name: String,
     note: String,
     tags: String,
+    /// The aliases that it first showed, and those that it has now.
+    #[serde(default)]
+    shown_aliases: String,
+    #[serde(default)]
+    aliases: String,
 }
 
 impl Fields {
@@ -89,9 +97,21 @@ impl Fields {
             // Browsers send CRLF line ends, as in mail.
             note: text(self.note.replace("\r\n", "\n").trim_end().to_owned()),
             tags: Some(tags.map(str::to_owned).collect()),
+            add_aliases: words_without(&self.aliases, &self.shown_aliases),
+            remove_aliases: words_without(&self.shown_aliases, &self.aliases),
             ..LabelChange::default()
         }
     }
+}
+
+/// The words of a text that another does not have.
+fn words_without(text: &str, other: &str) -> Vec<String> {
+    let words = |text: &str| -> Vec<String> {
+        let words = text.split([' ', ',', '\t']).filter(|word| !word.is_empty());
+        words.map(str::to_owned).collect()
+    };
+    let others = words(other);
+    words(text).into_iter().filter(|word| !others.contains(word)).collect()
 }
 
 /// The form that changes the labels of a thing of this kind, and shows the thing.

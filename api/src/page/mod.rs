@@ -1,6 +1,6 @@
 //! The page: HTML that works without scripts, from the same data as the API.
 
-mod answer;
+pub mod answer;
 mod assets;
 mod checkpoint;
 mod compare;
@@ -34,14 +34,14 @@ mod workers;
 use axum::Router;
 use axum::extract::Request;
 use axum::http::HeaderMap;
-use axum::response::{IntoResponse, Response};
+use axum::response::Response;
 use axum::routing::{MethodRouter, get, post};
 use wire::{Checkpoint, Dataset, Evaluation, ItemKind, Robot, Run};
 
-use crate::access::{LOGIN, LOGOUT, accepts_html};
+use crate::access::{LOGIN, LOGOUT};
 use crate::app::App;
 use crate::error::ApiError;
-use crate::page::answer::PageError;
+use crate::page::answer::refused;
 
 pub fn routes() -> Router<App> {
     paths().into_iter().fold(Router::new(), |router, (path, methods)| router.route(path, methods))
@@ -95,5 +95,5 @@ pub fn paths() -> [(&'static str, MethodRouter<App>); 39] {
 /// Answers a request without a route: with HTML to a browser, and with a problem to other clients.
 pub async fn no_route(headers: HeaderMap, request: Request) -> Response {
     let error = ApiError::NoRoute { path: request.uri().path().to_owned() };
-    if accepts_html(&headers) { PageError(error).into_response() } else { error.into_response() }
+    refused(error, &headers)
 }

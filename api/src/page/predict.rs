@@ -57,7 +57,7 @@ const CHOICES: usize = 20;
 
 pub async fn show(State(app): State<App>, pairs: QueryPairs) -> Result<Response, PageError> {
     let pairs = pairs.filled();
-    let mut fields = Fields::read(&pairs)?;
+    let mut fields = Fields::read(&app, &pairs).await?;
     let newest = vec![("limit".to_owned(), CHOICES.to_string())];
     let mut datasets =
         app.list::<Dataset>(&ListRequest::read(&Dataset::LIST, &newest)?).await?.datasets;
@@ -143,10 +143,12 @@ async fn dataset_of_training(app: &App, checkpoint: &Checkpoint) -> Result<Optio
 /// A checkpoint with what says which one it is.
 fn name(checkpoint: &Checkpoint) -> String {
     let architecture = &checkpoint.architecture;
+    let aliases = checkpoint.aliases.iter().map(|alias| format!("@{alias}"));
     let mut parts = vec![match &checkpoint.name {
         Some(name) => format!("{} {name}, {architecture}", checkpoint.id),
         None => format!("{} {architecture}", checkpoint.id),
     }];
+    parts.extend(aliases);
     parts.push(format!("run {}, step {}", checkpoint.run, text::count(checkpoint.step)));
     let rmse_deg = checkpoint.metrics.get(ValidationMetric::RmseDeg.key());
     parts.extend(rmse_deg.map(|rmse| format!("{}°", text::degrees(*rmse))));
@@ -191,9 +193,9 @@ impl Shown {
 }
 
 impl Fields {
-    fn read(pairs: &[(String, String)]) -> Result<Self, ApiError> {
-        let mut fields =
-            Self { dataset: None, trajectory: 0, request: PredictionsRequest::read(pairs)? };
+    async fn read(app: &App, pairs: &[(String, String)]) -> Result<Self, ApiError> {
+        let request = app.predictions_request(pairs).await?;
+        let mut fields = Self { dataset: None, trajectory: 0, request };
         for (name, value) in pairs {
             let refused = |allowed: &str| ApiError::parameter(name, value, allowed);
             match name.as_str() {

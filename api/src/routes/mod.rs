@@ -45,7 +45,7 @@ use crate::pace::{self, AddressRateLimit};
 use crate::parameters::KnownParameters;
 use crate::remote::TrustedProxies;
 use crate::routes::openapi::Document;
-use crate::{access, guard, page, parameters, relative, remote, request_id};
+use crate::{access, aliases, guard, page, parameters, relative, remote, request_id};
 
 pub fn operations() -> OpenApiRouter<App> {
     resources::add(OpenApiRouter::with_openapi(Document::openapi()))
@@ -138,10 +138,13 @@ pub fn router(app: App) -> Router {
         .layer(CsrfLayer::new().with_rejection_response(refuse_cross_site))
         .layer(DefaultBodyLimit::max(BODY_BYTES));
 
-    api.merge(page::routes())
+    let routes = api.merge(page::routes());
+    let unguarded = routes.clone().with_state(app.clone());
+    routes
         .merge(mlflow::routes())
         .fallback(page::no_route)
         .method_not_allowed_fallback(refuse_method)
+        .layer(middleware::from_fn_with_state((app.clone(), unguarded), aliases::resolve))
         .layer(guards)
         .with_state(app)
 }

@@ -10,7 +10,6 @@ use utoipa::{IntoParams, ToSchema};
 use wire::{Summary, Trajectory, TrajectoryPredictions};
 
 use crate::app::App;
-use crate::app::trajectory_predictions::PredictionsRequest;
 use crate::charts;
 use crate::error::ApiError;
 use crate::extract::{Path, Query, QueryPairs};
@@ -102,7 +101,7 @@ pub async fn figure_data(
 #[into_params(parameter_in = Query)]
 #[expect(dead_code, reason = "they document the operation")]
 pub struct PredictionsParameters {
-    /// Ids of checkpoints, separated by commas; at most 6.
+    /// Ids or aliases of checkpoints, separated by commas; at most 6.
     #[param(example = "3,5")]
     checkpoint: Option<String>,
     /// The sample at which the horizon begins. Default: the end of the longest context.
@@ -132,7 +131,7 @@ pub async fn predictions(
     Path((id, index)): Path<(i64, u64)>,
     QueryPairs(pairs): QueryPairs,
 ) -> Result<Json<TrajectoryPredictions>, ApiError> {
-    let request = PredictionsRequest::read(&pairs)?;
+    let request = app.predictions_request(&pairs).await?;
     Ok(Json(app.predict_trajectory(id, index, &request).await?))
 }
 

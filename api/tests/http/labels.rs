@@ -294,3 +294,70 @@ async fn the_page_filters_and_changes_labels_by_plain_forms() {
     let failed = "href=\"./?text=named&#38;kind=pipeline&#38;state=failed\"";
     assert!(page.text().contains(failed), "{page:?}");
 }
+
+#[tokio::test]
+async fn an_alias_is_taken_in_the_place_of_a_checkpoints_id() {
+    let server = Server::with_small_pipeline().await;
+    let change = json!({"add_aliases": ["champion", "v1.2"], "add_tags": ["a"]});
+    let answer = patch(&server, "/v1/checkpoints/1", &change).await;
+    assert_eq!(answer.status, 200, "{answer:?}");
+    assert_eq!(answer.json()["aliases"], json!(["champion", "v1.2"]));
+    let by_id = server.json("/v1/checkpoints/1").await;
+    assert_eq!(server.json("/v1/checkpoints/champion").await, by_id);
+    for path in ["files/config.json", "tar", "dependents"] {
+        let [alias, id] = ["v1.2", "1"].map(|name| format!("/v1/checkpoints/{name}/{path}"));
+        let (alias, id) = (server.get(&alias).await, server.get(&id).await);
+        assert_eq!((alias.status, alias.text()), (id.status, id.text()), "{path}");
+    }
+    assert_eq!(ids(&server.json("/v1/checkpoints?tag=champion").await, "checkpoints"), [1]);
+    let page = server.get("/checkpoints/champion").await;
+    assert!(page.status == 200 && page.text().contains(">@champion<"), "{page:?}");
+    assert!(server.get("/checkpoints").await.text().contains("champion, v1.2"));
+
+    // The form takes one away and gives another.
+    let form = "shown=&name=&tags=a&note=&shown_aliases=champion+v1.2&aliases=v1.2+next";
+    let posted = send(&server, Method::POST, "/checkpoints/v1.2", FORM, form.to_owned()).await;
+    assert_eq!(posted.status, 303, "{posted:?}");
+    assert_eq!(server.json("/v1/checkpoints/1").await["aliases"], json!(["next", "v1.2"]));
+
+    let problem = server.get("/v1/checkpoints/champion").await.problem(404);
+    assert!(problem["detail"].as_str().unwrap().contains("alias \"champion\""), "{problem}");
+    let browser = [("accept", "text/html,application/xhtml+xml")];
+    let page = server.request(Method::GET, "/checkpoints/champion", &browser).await;
+    assert!(page.status == 404 && page.text().contains("champion"), "{page:?}");
+    server.get("/v1/checkpoints/7b").await.problem(400);
+    server.get("/v1/runs/champion").await.problem(400);
+    let change = json!({"add_aliases": ["7"], "remove_aliases": ["a/b"]});
+    let problem = patch(&server, "/v1/checkpoints/1", &change).await.problem(422);
+    assert_eq!(problem["violations"].as_array().unwrap().len(), 2, "{problem}");
+    let problem = patch(&server, "/v1/runs/1", &json!({"add_aliases": ["champion"]})).await;
+    assert!(problem.problem(422)["detail"].as_str().unwrap().contains("add_aliases"));
+}
+
+#[tokio::test]
+async fn a_spec_may_name_an_alias_and_keeps_what_it_stood_for() {
+    let server = Server::with_small_pipeline().await;
+    let spec = json!({
+        "kind": "evaluate", "data": {"dataset": 2}, "checkpoints": [{"alias": "champion"}],
+        "baselines": ["hold-last"],
+    });
+    let problem = server.submit(&spec).await.problem(422);
+    let violation = &problem["violations"][0];
+    assert_eq!(violation["field"], "checkpoints[0].alias", "{problem}");
+    assert!(violation["allowed"].as_str().unwrap().contains("no checkpoint has one yet"));
+    let change = json!({"add_aliases": ["champion"]});
+    assert_eq!(patch(&server, "/v1/checkpoints/1", &change).await.status, 200);
+    let stored = server.submitted(&spec).await["spec"]["checkpoints"][0].clone();
+    assert!(stored.get("alias").is_none() && stored.to_string().contains("digest"), "{stored}");
+    let other =
+        json!({"kind": "evaluate", "data": {"dataset": 2}, "checkpoints": [{"alias": "x"}]});
+    let problem = server.submit(&other).await.problem(422);
+    assert_eq!(problem["violations"][0]["allowed"], "one of champion", "{problem}");
+}
+
+#[tokio::test]
+async fn an_alias_tells_nothing_to_those_without_the_token() {
+    let options = api::Options { token: Some("secret".to_owned()), ..api::Options::default() };
+    let server = Server::start_with(&options).await;
+    server.get("/v1/checkpoints/champion").await.problem(401);
+}

@@ -77,6 +77,26 @@ impl References<'_> {
                     Err(error) => Err(error.into()),
                 }
             }
+            CheckpointRef::Alias(alias) => {
+                let field = format!("{field}.alias");
+                let Some(id) = self.store.checkpoint_of_alias(alias).await? else {
+                    let aliases = self.store.aliases().await?;
+                    let known: Vec<&str> =
+                        aliases.iter().map(|(alias, _)| alias.as_str()).collect();
+                    let allowed = match known.as_slice() {
+                        [] => "an alias; no checkpoint has one yet".to_owned(),
+                        known => format!("one of {}", known.join(", ")),
+                    };
+                    return Err(SpecError::one(field, alias, allowed).into());
+                };
+                match self.store.checkpoint(id).await {
+                    Ok(checkpoint) => self.existing(checkpoint, &field).await,
+                    Err(error @ (StoreError::InTrash { .. } | StoreError::Purged { .. })) => {
+                        Err(deleted(&field, id.0, &error))
+                    }
+                    Err(error) => Err(error.into()),
+                }
+            }
             CheckpointRef::Step(TrainingStep { digest, step }) => {
                 let field = format!("{field}.step");
                 let which = WhichCheckpoint::Step(*step);

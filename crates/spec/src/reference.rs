@@ -44,6 +44,9 @@ pub enum CheckpointRef {
     Job(String),
     /// A checkpoint's id.
     Checkpoint(i64),
+    /// A name that stands for a checkpoint now, such as `champion`. What a stored spec names does not change when the alias
+    /// moves.
+    Alias(String),
     /// The digest of the training's spec. It stands for the final checkpoint.
     Digest(Digest),
     /// The checkpoint with the best validation of a training.
@@ -78,6 +81,7 @@ impl CheckpointRef {
         match self {
             Self::Job(name) | Self::Best(TrainingRef::Job(name)) => Some(name),
             Self::Checkpoint(_)
+            | Self::Alias(_)
             | Self::Digest(_)
             | Self::Best(TrainingRef::Digest(_))
             | Self::Step(_) => None,

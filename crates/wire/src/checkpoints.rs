@@ -30,6 +30,9 @@ pub struct Checkpoint {
     /// Tags of its job, sorted. Lists also find it by these.
     #[serde(default)]
     pub job_tags: Vec<String>,
+    /// Names that stand for this checkpoint alone, sorted. Paths, commands and specs take them in the place of its id.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub aliases: Vec<String>,
     /// Optimizer steps taken.
     pub step: u64,
     /// Whether the training ended with it.
@@ -72,6 +75,7 @@ impl Tabled for Checkpoint {
         ListColumn::words("model", |checkpoint| ListCell::text(&checkpoint.architecture)),
         ListColumn::number("step", |checkpoint| ListCell::Count(checkpoint.step)),
         ListColumn::words("mark", |checkpoint| ListCell::Text(checkpoint.marks().join(", "))),
+        ListColumn::words("alias", |checkpoint| ListCell::Text(checkpoint.aliases.join(", "))),
         ListColumn::number("validation RMSE", |checkpoint| {
             let rmse_deg = checkpoint.metrics.get(ValidationMetric::RmseDeg.key());
             ListCell::some(rmse_deg.copied(), ListCell::Degrees)

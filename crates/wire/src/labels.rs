@@ -30,6 +30,15 @@ pub struct LabelChange {
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     #[schema(max_items = 32)]
     pub remove_tags: Vec<String>,
+    /// Names that shall stand for this checkpoint, such as `champion`. Each stands for one checkpoint, so another that
+    /// has it loses it. Only checkpoints have aliases.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    #[schema(max_items = 32, example = json!(["champion"]))]
+    pub add_aliases: Vec<String>,
+    /// Aliases to remove from this checkpoint. Those that it does not have are ignored.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    #[schema(max_items = 32)]
+    pub remove_aliases: Vec<String>,
 }
 
 /// A text field of a merge patch.

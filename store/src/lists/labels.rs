@@ -6,7 +6,7 @@ use wire::{ItemKind, LabelChange, TextChange};
 
 use crate::database::query::sql;
 use crate::database::{Reading, Scope, Transaction};
-use crate::{JobId, Store, StoreError, boxed};
+use crate::{CheckpointId, JobId, Store, StoreError, boxed};
 
 /// The labels of one item.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -19,7 +19,7 @@ pub struct Labels {
     pub tags: BTreeSet<String>,
 }
 
-/// The largest number of tags of one item.
+/// The largest number of tags of one item, together with the aliases of a checkpoint.
 pub const MAX_TAGS: usize = 32;
 
 /// Number of rows that are folded at once.
@@ -76,7 +76,7 @@ pub(crate) fn searched(made_with: Option<&str>, labels: &Labels) -> Option<Strin
 }
 
 impl Store {
-    /// Changes the labels of the item with this id.
+    /// Changes the labels of the item with this id. An alias that another checkpoint has moves to this one.
     ///
     /// # Errors
     /// When there is no such item. [`StoreError::TooManyTags`] when it would have more than
@@ -89,7 +89,12 @@ impl Store {
         change: &LabelChange,
     ) -> Result<(), StoreError> {
         let mut tx = self.begin(Scope::Rows, "changing labels").await?;
-        relabel(&mut tx, item, id, |labels| labels.changed(change)).await?;
+        let labels = relabel(&mut tx, item, id, |labels| labels.changed(change)).await?;
+        if item == ItemKind::Checkpoint {
+            tx.change_aliases(CheckpointId(id), change).await?;
+            let aliases = tx.count_aliases(CheckpointId(id)).await?;
+            refuse_too_many(item, id, labels.tags.len() + aliases)?;
+        }
         tx.commit().await
     }
 
@@ -134,16 +139,22 @@ async fn relabel(
     item: ItemKind,
     id: i64,
     change: impl FnOnce(Labels) -> Labels,
-) -> Result<(), StoreError> {
+) -> Result<Labels, StoreError> {
     let missing = || StoreError::not_found(item.as_str(), id.to_string());
     let (before, made_with) = tx.labels(item, id).await?.ok_or_else(missing)?;
     let after = change(before);
-    if after.tags.len() > MAX_TAGS {
-        let (what, tags) = (item.as_str(), after.tags.len());
-        return Err(StoreError::TooManyTags { what, id, tags, allowed: MAX_TAGS });
-    }
+    refuse_too_many(item, id, after.tags.len())?;
     let searched = searched(made_with.as_deref(), &after);
-    tx.set_labels(item, id, &after, searched.as_deref()).await
+    tx.set_labels(item, id, &after, searched.as_deref()).await?;
+    Ok(after)
+}
+
+fn refuse_too_many(item: ItemKind, id: i64, tags: usize) -> Result<(), StoreError> {
+    let what = item.as_str();
+    match tags {
+        0..=MAX_TAGS => Ok(()),
+        _ => Err(StoreError::TooManyTags { what, id, tags, allowed: MAX_TAGS }),
+    }
 }
 
 impl Reading<'_> {
@@ -216,6 +227,38 @@ impl Transaction {
         insert.push_texts(&labels.tags);
         insert.push(format!(" AS new, {table} AS labelled WHERE labelled.id = ")).push_bind(id);
         insert.run(self).await
+    }
+
+    /// Removes aliases of a checkpoint, and gives it others.
+    pub async fn change_aliases(
+        &mut self,
+        checkpoint: CheckpointId,
+        change: &LabelChange,
+    ) -> Result<(), StoreError> {
+        for alias in &change.remove_aliases {
+            sql("DELETE FROM checkpoint_alias WHERE checkpoint = $1 AND alias = $2")
+                .bind(checkpoint)
+                .bind(alias)
+                .changed(self)
+                .await?;
+        }
+        for alias in &change.add_aliases {
+            sql("INSERT INTO checkpoint_alias (alias, checkpoint) VALUES ($1, $2) \
+                 ON CONFLICT (alias) DO UPDATE SET checkpoint = excluded.checkpoint")
+            .bind(alias)
+            .bind(checkpoint)
+            .run(self)
+            .await?;
+        }
+        Ok(())
+    }
+
+    pub async fn count_aliases(&mut self, checkpoint: CheckpointId) -> Result<usize, StoreError> {
+        let count: i64 = sql("SELECT COUNT(*) FROM checkpoint_alias WHERE checkpoint = $1")
+            .bind(checkpoint)
+            .one(self)
+            .await?;
+        Ok(usize::try_from(count).unwrap_or(usize::MAX))
     }
 
     /// The members of a pipeline, each once. Another job has none.

@@ -19,7 +19,7 @@ pub struct Listing {
     pub kind: Option<String>,
     /// The state of the item, or of its job, in the words of the API.
     pub state: Option<String>,
-    /// The item or its job must have each of these tags.
+    /// The item or its job must have each of these tags; a checkpoint may have it as an alias.
     pub tags: Vec<String>,
     /// Part of the name or the note of the item or of its job, ignoring case.
     pub text: Option<String>,

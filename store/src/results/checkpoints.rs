@@ -26,7 +26,9 @@ macro_rules! select_checkpoint {
             "{tags checkpoint_tag checkpoint checkpoint.id}",
             " AS own_tags, ",
             "{tags job_tag job checkpoint.job}",
-            " AS job_tags, checkpoint.step = (SELECT MAX(other.step) \
+            " AS job_tags, ",
+            "{aliases checkpoint.id}",
+            " AS aliases, checkpoint.step = (SELECT MAX(other.step) \
              FROM checkpoint AS other WHERE other.job = checkpoint.job) AS is_last \
              FROM checkpoint JOIN job ON job.id = checkpoint.job ",
             $($rest),+
@@ -51,6 +53,8 @@ pub struct Checkpoint {
     pub tags: Vec<String>,
     /// Tags of the job, sorted.
     pub job_tags: Vec<String>,
+    /// Names that stand for this checkpoint alone, sorted.
+    pub aliases: Vec<String>,
     /// Optimizer steps taken.
     pub step: u64,
     /// Whether the training ended with it.
@@ -169,7 +173,7 @@ impl Store {
         })
     }
 
-    /// Deletes checkpoints of the fence's job, except the final one, the best one and the `keep`
+    /// Deletes checkpoints of the fence's job, except the final one, the best one, those with an alias and the `keep`
     /// latest of the others. Deletes first the rows, then the objects. Objects that remain after a
     /// crash are orphans.
     ///
@@ -223,6 +227,32 @@ impl Store {
             .ok_or_else(|| StoreError::not_found("checkpoint", id.to_string()))?;
         refuse_deleted(id, found.deletion.as_ref())?;
         Ok(found)
+    }
+
+    /// The checkpoint that an alias stands for, also one in the trash.
+    ///
+    /// # Errors
+    /// When the database fails.
+    #[boxed]
+    pub async fn checkpoint_of_alias(
+        &self,
+        alias: &str,
+    ) -> Result<Option<CheckpointId>, StoreError> {
+        sql("SELECT checkpoint FROM checkpoint_alias WHERE alias = $1")
+            .bind(alias)
+            .optional(&mut self.read(READING))
+            .await
+    }
+
+    /// The aliases of all checkpoints, sorted, with the checkpoints.
+    ///
+    /// # Errors
+    /// When the database fails.
+    #[boxed]
+    pub async fn aliases(&self) -> Result<Vec<(String, CheckpointId)>, StoreError> {
+        sql("SELECT alias, checkpoint FROM checkpoint_alias ORDER BY alias")
+            .all(&mut self.read(READING))
+            .await
     }
 
     /// Newest first.
@@ -425,13 +455,14 @@ impl Transaction {
             .await
     }
 
-    /// All checkpoints but the final one, the best one and the `keep` latest of the others.
+    /// All checkpoints but the final one, the best one, those with an alias and the `keep` latest of the others.
     pub async fn outdated_checkpoints(
         &mut self,
         job: JobId,
         keep: u32,
     ) -> Result<Vec<CheckpointId>, StoreError> {
         sql("SELECT id FROM checkpoint WHERE job = $1 AND NOT is_final AND NOT is_best \
+             AND id NOT IN (SELECT checkpoint FROM checkpoint_alias) \
              ORDER BY step DESC LIMIT 9223372036854775807 OFFSET $2")
         .bind(job)
         .bind(keep)
@@ -450,6 +481,7 @@ from_row!(Checkpoint {
     name: row.get("given_name")?,
     tags: tags(row, "own_tags")?,
     job_tags: tags(row, "job_tags")?,
+    aliases: tags(row, "aliases")?,
     metrics: row.json("metrics")?,
     files: Vec::new(),
     deletion: deletion(row)?,

@@ -33,6 +33,7 @@ pub(crate) const TABLES: [&str; 38] = [
     "run_tag",
     "dataset_tag",
     "checkpoint_tag",
+    "checkpoint_alias",
     "upload",
     "robot",
     "worker",

@@ -107,6 +107,50 @@ pub async fn a_run_and_a_dataset_have_the_name_and_show_the_tags_of_their_job(f:
     assert_eq!(shown(&f, ItemKind::Job, job).await.0.as_deref(), Some("the training"));
 }
 
+fn aliases(add: &[&str], remove: &[&str]) -> LabelChange {
+    let names = |names: &[&str]| names.iter().map(|&name| name.to_owned()).collect();
+    LabelChange { add_aliases: names(add), remove_aliases: names(remove), ..LabelChange::default() }
+}
+
+pub async fn an_alias_stands_for_one_checkpoint_and_moves(f: Fixture) {
+    f.submit_one(train(&simulate(1), vec![])).await;
+    let task = f.must_claim().await;
+    let [first, second] =
+        [commit(&f, &task, 100, false).await, commit(&f, &task, 200, false).await];
+    let change = async |id: CheckpointId, add: &[&str], remove: &[&str]| {
+        f.store.change_labels(ItemKind::Checkpoint, id.0, &aliases(add, remove)).await
+    };
+    let of = async |id: CheckpointId| f.store.checkpoint(id).await.unwrap().aliases;
+    change(first, &["champion", "b", "champion"], &[]).await.unwrap();
+    assert_eq!(of(first).await, ["b", "champion"]);
+    change(second, &["champion"], &["b"]).await.unwrap();
+    assert_eq!(
+        (of(first).await, of(second).await),
+        (vec!["b".to_owned()], vec!["champion".to_owned()])
+    );
+    assert_eq!(f.store.checkpoint_of_alias("champion").await.unwrap(), Some(second));
+    assert_eq!(f.store.checkpoint_of_alias("Champion").await.unwrap(), None);
+    let all = f.store.aliases().await.unwrap();
+    assert_eq!(all, [("b".to_owned(), first), ("champion".to_owned(), second)]);
+    let tagged = Listing { tags: vec!["champion".to_owned()], ..Listing::default() };
+    let found = f.store.list_checkpoints(&tagged).await.unwrap().items;
+    assert_eq!(found.iter().map(|checkpoint| checkpoint.id).collect::<Vec<_>>(), [second]);
+
+    // A checkpoint with an alias outlives newer ones.
+    commit(&f, &task, 300, false).await;
+    f.store.prune_checkpoints(task.fence, 0).await.unwrap();
+    let left = f.store.checkpoints_of_job(task.job).await.unwrap();
+    assert_eq!(left.iter().map(|checkpoint| checkpoint.id).collect::<Vec<_>>(), [first, second]);
+
+    let many: Vec<String> = (0..MAX_TAGS).map(|i| format!("a{i}")).collect();
+    let many: Vec<&str> = many.iter().map(String::as_str).collect();
+    let error = change(second, &many, &[]).await.unwrap_err();
+    assert!(matches!(error, StoreError::TooManyTags { tags: 33, .. }), "{error}");
+    assert_eq!(of(second).await, ["champion"], "nothing has changed");
+    change(second, &[], &["champion", "absent"]).await.unwrap();
+    assert_eq!(f.store.checkpoint_of_alias("champion").await.unwrap(), None);
+}
+
 pub async fn a_thing_has_so_many_tags_and_no_more(f: Fixture) {
     let job = f.submit_one(simulate(1)).await;
     let many: Vec<String> = (0..MAX_TAGS).map(|i| format!("t{i:02}")).collect();

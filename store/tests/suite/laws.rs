@@ -215,6 +215,7 @@ macro_rules! all_laws {
             labels:
                 labels_are_given_changed_and_taken_away,
                 a_run_and_a_dataset_have_the_name_and_show_the_tags_of_their_job,
+                an_alias_stands_for_one_checkpoint_and_moves,
                 a_thing_has_so_many_tags_and_no_more,
                 a_submission_brings_labels_that_no_digest_knows,
                 the_tags_of_a_pipeline_are_those_of_its_members,

@@ -199,6 +199,9 @@ async fn labels_of_everything(f: &Fixture) {
     ] {
         f.store.change_labels(item, id, &change).await.unwrap();
     }
+    let add_aliases = vec!["champion".to_owned()];
+    let change = LabelChange { add_aliases, ..LabelChange::default() };
+    f.store.change_labels(ItemKind::Checkpoint, checkpoint, &change).await.unwrap();
 }
 
 /// Logs a run like a client of MLflow.

@@ -33,6 +33,9 @@ pub(super) fn fragment(words: &[&str]) -> Option<String> {
         ["tags", table, item, id] => {
             format!("(SELECT CAST(json_agg(tag) AS TEXT) FROM {table} WHERE {table}.{item} = {id})")
         }
+        ["aliases", id] => format!(
+            "(SELECT CAST(json_agg(alias) AS TEXT) FROM checkpoint_alias WHERE checkpoint_alias.checkpoint = {id})"
+        ),
         ["unique"] => "replace(CAST(gen_random_uuid() AS TEXT), '-', '')".to_owned(),
         ["chance"] => "CAST(floor(random() * 251) AS BIGINT)".to_owned(),
         ["larger"] => "GREATEST".to_owned(),

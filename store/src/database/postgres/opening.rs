@@ -15,9 +15,10 @@ use crate::place::location::DatabaseUrl;
 use crate::{Access, StoreError};
 
 /// The files in `migrations/postgres`.
-pub(in crate::database) const FILES: [schema::File; 2] = [
+pub(in crate::database) const FILES: [schema::File; 3] = [
     (13, "schema", include_str!("../../../../migrations/postgres/0013_schema.sql")),
     (14, "robots", include_str!("../../../../migrations/postgres/0014_robots.sql")),
+    (15, "aliases", include_str!("../../../../migrations/postgres/0015_aliases.sql")),
 ];
 
 static SCHEMA: LazyLock<Schema> = LazyLock::new(|| {

@@ -29,6 +29,11 @@ pub(super) fn fragment(words: &[&str]) -> Option<String> {
         ["tags", table, item, id] => {
             format!("(SELECT json_group_array(tag) FROM {table} WHERE {table}.{item} = {id})")
         }
+        ["aliases", id] => {
+            format!(
+                "(SELECT json_group_array(alias) FROM checkpoint_alias WHERE checkpoint_alias.checkpoint = {id})"
+            )
+        }
         ["unique"] => "lower(hex(randomblob(16)))".to_owned(),
         ["chance"] => "abs(random() % 251)".to_owned(),
         ["larger"] => "MAX".to_owned(),

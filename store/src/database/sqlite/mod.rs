@@ -24,9 +24,10 @@ use crate::{Access, StoreError};
 pub(crate) use waiting::Bell;
 
 /// The files in `migrations/sqlite`.
-pub(super) const FILES: [schema::File; 2] = [
+pub(super) const FILES: [schema::File; 3] = [
     (16, "schema", include_str!("../../../../migrations/sqlite/0016_schema.sql")),
     (17, "robots", include_str!("../../../../migrations/sqlite/0017_robots.sql")),
+    (18, "aliases", include_str!("../../../../migrations/sqlite/0018_aliases.sql")),
 ];
 
 static SCHEMA: LazyLock<Schema> = LazyLock::new(|| {

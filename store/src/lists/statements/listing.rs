@@ -152,6 +152,12 @@ fn filter(query: &mut Query, item: ItemKind, listing: &Listing) {
             query.push(format!(" OR {table}.job IN (SELECT job FROM job_tag WHERE tag = "));
             query.push_bind(tag.clone()).push(")");
         }
+        if item == ItemKind::Checkpoint {
+            query.push(
+                " OR checkpoint.id IN (SELECT checkpoint FROM checkpoint_alias WHERE alias = ",
+            );
+            query.push_bind(tag.clone()).push(")");
+        }
         query.push(")");
     }
     if let Some(words) = listing.words() {

@@ -62,7 +62,7 @@ const fn select_item(kind: ItemKind) -> &'static str {
 
 impl Reading<'_> {
     /// By id, those after `after`: checkpoints of trainings that have ended and have `keep` newer ones. The final one, the best and
-    /// those with a name, a note or a tag are left out.
+    /// those with a name, a note, a tag or an alias are left out.
     pub async fn old_checkpoints(
         &mut self,
         keep: u32,
@@ -78,6 +78,7 @@ impl Reading<'_> {
                  AND job.state IN ('succeeded', 'failed', 'cancelled')) AS ranked \
              WHERE place > $1 AND NOT is_final AND NOT is_best AND given_name IS NULL AND note IS NULL \
              AND NOT EXISTS (SELECT 1 FROM checkpoint_tag WHERE checkpoint_tag.checkpoint = ranked.id) \
+             AND NOT EXISTS (SELECT 1 FROM checkpoint_alias WHERE checkpoint_alias.checkpoint = ranked.id) \
              AND id > $2 ORDER BY id LIMIT $3",
         )
         .bind(keep)

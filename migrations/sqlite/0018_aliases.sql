@@ -1,0 +1,7 @@
+-- Names that stand for a checkpoint, such as champion. Each stands for one, and may move to another.
+CREATE TABLE checkpoint_alias (
+    alias      TEXT    PRIMARY KEY,
+    checkpoint INTEGER NOT NULL REFERENCES checkpoint (id) ON DELETE CASCADE
+) STRICT, WITHOUT ROWID;
+
+CREATE INDEX checkpoint_alias_by_checkpoint ON checkpoint_alias (checkpoint);
