@@ -31,6 +31,7 @@ pub(crate) fn find(
         }
         CheckpointRef::Job(_)
         | CheckpointRef::Checkpoint(_)
+        | CheckpointRef::Alias(_)
         | CheckpointRef::Best(TrainingRef::Job(_)) => {
             return Err(missing(format!("{reference:?}")));
         }
@@ -48,6 +49,7 @@ pub(crate) fn training_of(reference: &CheckpointRef) -> Option<Digest> {
         | CheckpointRef::Step(TrainingStep { digest, .. }) => Some(*digest),
         CheckpointRef::Job(_)
         | CheckpointRef::Checkpoint(_)
+        | CheckpointRef::Alias(_)
         | CheckpointRef::Best(TrainingRef::Job(_)) => None,
     }
 }

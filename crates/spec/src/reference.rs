@@ -185,7 +185,10 @@ impl Referred<'_> {
                         *training = TrainingRef::Job(name.clone());
                     }
                 }
-                CheckpointRef::Job(_) | CheckpointRef::Checkpoint(_) | CheckpointRef::Step(_) => {}
+                CheckpointRef::Job(_)
+                | CheckpointRef::Checkpoint(_)
+                | CheckpointRef::Alias(_)
+                | CheckpointRef::Step(_) => {}
             },
             Self::File(_) => {}
         }

@@ -174,7 +174,7 @@ fn of_training(checkpoint: &CheckpointRef, digest: Digest) -> Option<CheckpointR
         CheckpointRef::Step(TrainingStep { step, .. }) => {
             Some(CheckpointRef::Step(TrainingStep { digest, step: *step }))
         }
-        CheckpointRef::Job(_) | CheckpointRef::Checkpoint(_) => None,
+        CheckpointRef::Job(_) | CheckpointRef::Checkpoint(_) | CheckpointRef::Alias(_) => None,
     }
 }
 
