@@ -8,7 +8,7 @@ use crate::StoreError;
 use crate::database::FoundColumn;
 
 /// The tables that move. Each comes after those that its rows refer to.
-pub(crate) const TABLES: [&str; 38] = [
+pub(crate) const TABLES: [&str; 39] = [
     "resources",
     "job",
     "job_need",
