@@ -224,7 +224,7 @@ pub fn predictions_svg(predictions: &TrajectoryPredictions) -> Result<String, Fi
     let joints = truth.first().map_or(0, Vec::len);
     let mut panels = vec![errors_over_horizon(predictions)];
     panels.extend((0..joints).map(|joint| of_joint(predictions, joint)));
-    figures::stacked(&title, &panels, Size { width: 760, height: 240 })
+    figures::stacked(&title, &panels, Size { width: 760, height: 280 })
 }
 
 /// Checkpoints have the colours of their places, and the baseline the last one.
@@ -248,7 +248,7 @@ fn errors_over_horizon(predictions: &TrajectoryPredictions) -> Figure {
         coloured(Curve::line(&prediction.name, points), place, prediction)
     };
     Figure {
-        title: "Error, root of the mean square over joints".to_owned(),
+        title: "Error over the horizon, RMS over joints".to_owned(),
         x: Axis::linear("Time since the end of the context").in_unit("s"),
         y: Axis::log("error").in_unit("°"),
         series: predictions.predictions.iter().enumerate().map(curve).collect(),

@@ -100,6 +100,93 @@ test("an evaluation shows its error over frequency and every predictor", async (
   assertClean();
 });
 
+test("a figure answers: values, a part drawn larger, a curve switched off, a PNG", async () => {
+  await page.goto(`${product.url}/evaluations/${member("evaluate")}`);
+  const figure = page.locator("figure", { has: page.locator("img[src$='/prediction-median.svg']") });
+  const image = figure.locator("img");
+  const table = await (await fetch((await image.evaluate((it) => it.src)).replace(".svg", ".csv"))).text();
+  await image.scrollIntoViewIfNeeded();
+  const { height } = await figure.boundingBox();
+  await image.hover();
+  const chart = figure.locator(".chart > svg");
+  await chart.waitFor();
+  assert.equal((await figure.boundingBox()).height, height, "nothing moves");
+  assert.equal(await image.isVisible(), false);
+
+  // The reading has the numbers of the table.
+  const box = await chart.boundingBox();
+  const at = (across, down) => page.mouse.move(box.x + box.width * across, box.y + box.height * down);
+  await at(0.5, 0.5);
+  const reading = figure.locator(".reading");
+  const time = Number((await reading.locator("strong").innerText()).match(/: ([-\d.e]+) s/)[1]);
+  const rows = table.trim().split("\n").slice(1).map((line) => line.split(","));
+  const near = (name) => rows.find(([series, x]) => series === name && Math.abs(x - time) < 1e-4);
+  const said = await reading.locator("div").evaluateAll((them) =>
+    them.map((it) => [it.querySelector("span").textContent, Number.parseFloat(it.querySelector("b").textContent)]));
+  assert.ok(said.length > 2 && said[0][0] === "truth", JSON.stringify(said));
+  for (const [name, value] of said) {
+    assert.ok(Math.abs(near(name)[2] - value) <= 1e-4 * Math.abs(value) + 1e-9, `${name}: ${value}, ${near(name)}`);
+  }
+
+  // A curve is switched off by its name, and by the keyboard.
+  const key = figure.locator(".key").nth(1);
+  await key.click();
+  assert.equal(await key.getAttribute("aria-checked"), "false");
+  await at(0.5, 0.5);
+  assert.equal(await reading.locator("div").count(), said.length - 1);
+  await key.focus();
+  await page.keyboard.press("Enter");
+  assert.equal(await key.getAttribute("aria-checked"), "true");
+
+  // The keyboard reads and ends.
+  await figure.locator(".scroll").focus();
+  await page.keyboard.press("ArrowLeft");
+  assert.equal(await reading.isVisible(), true);
+
+  await at(0.4, 0.5);
+  await page.mouse.down();
+  await at(0.5, 0.5);
+  await page.mouse.up();
+  assert.equal(await figure.locator(".zoomed").count(), 1);
+  assert.ok(await figure.locator(".zoomed text").count() > 5, "the axes are drawn again");
+  const [download] = await Promise.all([
+    page.waitForEvent("download"),
+    figure.getByRole("button", { name: "PNG" }).click(),
+  ]);
+  const png = await readFile(await download.path());
+  assert.deepEqual([...png.subarray(0, 4)], [0x89, 0x50, 0x4e, 0x47]);
+  assert.equal(download.suggestedFilename(), "prediction-median.png");
+  assert.deepEqual([png.readUInt32BE(16), png.readUInt32BE(20)], [1520, 840]);
+  await figure.getByRole("button", { name: "Whole range" }).click();
+  assert.equal(await figure.locator(".zoomed").count(), 0);
+  assertClean();
+});
+
+test("a drawn prediction leads to all its joints, where another checkpoint stands beside it", async () => {
+  await page.goto(`${product.url}/evaluations/${member("evaluate")}`);
+  // This evaluation makes its data as it goes, so nobody can look at them again.
+  assert.equal(await page.getByRole("link", { name: "all joints" }).count(), 0);
+  const training = await product.get(`/v1/jobs/${member("train")}`);
+  await page.goto(`${product.url}/checkpoints/${Math.max(...training.checkpoints)}`);
+  await page.getByRole("link", { name: "Look at predictions" }).click();
+  await page.waitForURL(/predict\?checkpoint=/);
+  assert.match(await page.locator("h1").innerText(), /Predictions of trajectory 0 of dataset/);
+  const first = await page.locator("table.result tbody tr").first().innerText();
+  assert.match(first, /^robomorph|^lagrangian|^cdt/);
+  assert.match(await page.locator("table.result").innerText(), /hold-last/);
+  await page.getByLabel("Trajectory", { exact: true }).fill("17");
+  await page.getByRole("button", { name: "Predict" }).click();
+  await page.waitForURL(/trajectory=17/);
+  assert.match(await page.locator("figure svg title").first().textContent(), /trajectory 17/);
+  await page.getByRole("link", { name: "Next" }).click();
+  await page.waitForURL(/trajectory=18/);
+  await page.getByLabel("Horizon begins at sample").fill("5");
+  await page.getByRole("button", { name: "Predict" }).click();
+  assert.match(await page.getByRole("alert").innerText(), /begin is 5, allowed: /);
+  assert.equal(await page.getByLabel("Horizon begins at sample").inputValue(), "5");
+  assertClean();
+});
+
 test("the lineage leads from a dataset over its training to the evaluation, and back", async () => {
   const train = await (await fetch(`${product.url}/v1/jobs/${member("train-set")}`)).json();
   await page.goto(`${product.url}/datasets/${train.dataset}`);

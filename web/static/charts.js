@@ -308,7 +308,7 @@ class Chart {
     }
     if (x === null) return this.leave();
     this.at = { plot, x };
-    const unit = (axis) => (axis.unit ? ` ${axis.unit}` : "");
+    const unit = (axis) => (axis.unit ? axis.unit.replace(/^(?!°)/, " ") : "");
     const lines = [`${plot.x.label}: ${short(x)}${unit(plot.x)}`];
     const dots = [];
     for (const series of plot.shown.filter(({ stroke }) => stroke !== "faint")) {
@@ -461,12 +461,15 @@ class Chart {
 
   /** What the reader changed, for the drawing that takes this one's place. */
   get state() {
-    return { range: this.range ?? null, off: this.plots.flatMap((plot) => plot.series.filter(({ isOff }) => isOff).map((it) => it.name)) };
+    const off = this.plots.flatMap(({ series }) => series.filter(({ isOff }) => isOff).map((it) => it.name));
+    const at = this.at && { plot: this.plots.indexOf(this.at.plot), x: this.at.x };
+    return { range: this.range ?? null, off, at };
   }
 
-  set state({ range, off }) {
+  set state({ range, off, at }) {
     for (const series of new Set(off)) this.toggle(series);
     if (range) this.zoom(range);
+    if (at && this.plots[at.plot]) this.read(this.plots[at.plot], at.x);
   }
 }
 

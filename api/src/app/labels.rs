@@ -41,6 +41,7 @@ pub fn is_tag(tag: &str) -> bool {
         && tag.bytes().all(is_plain)
 }
 
+/// Whether a text may be the alias of a checkpoint: [`ALIAS`].
 pub fn is_alias(alias: &str) -> bool {
     let is_plain = |b: u8| b.is_ascii_alphanumeric() || b"._-".contains(&b);
     (1..=TAG_CHARACTERS).contains(&alias.len())

@@ -75,6 +75,7 @@ mod tests {
             note: None,
             tags: Vec::new(),
             job_tags: Vec::new(),
+            aliases: Vec::new(),
             step: 200,
             is_final: true,
             is_best: true,
