@@ -164,8 +164,13 @@ test("a figure answers: values, a part drawn larger, a curve switched off, a PNG
 
 test("a drawn prediction leads to all its joints, where another checkpoint stands beside it", async () => {
   await page.goto(`${product.url}/evaluations/${member("evaluate")}`);
-  // This evaluation makes its data as it goes, so nobody can look at them again.
-  assert.equal(await page.getByRole("link", { name: "all joints" }).count(), 0);
+  const drawn = await page.locator("figcaption").first().innerText();
+  await page.getByRole("link", { name: "all joints" }).first().click();
+  await page.waitForURL(/predict\?dataset=/);
+  const [, index] = drawn.match(/trajectory ([\d\u2009]+)/);
+  assert.match(await page.locator("h1").innerText(), new RegExp(`trajectory ${index.replaceAll("\u2009", "")} of`));
+  // Both models and hold-last.
+  assert.equal(await page.locator("table.result tbody tr").count(), 3);
   const training = await product.get(`/v1/jobs/${member("train")}`);
   await page.goto(`${product.url}/checkpoints/${Math.max(...training.checkpoints)}`);
   await page.getByRole("link", { name: "Look at predictions" }).click();
