@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use serde::Deserialize;
 use serde_json::Value;
-use spec::Digest;
+use spec::{Digest, Given};
 use store::{CheckpointId, JobId, Listed, Listing, Store, StoreError, WhichCheckpoint};
 use wire::{Checkpoint, StoredFile};
 
@@ -14,11 +14,22 @@ use crate::app::files::Download;
 use crate::app::resources::{Downloaded, Resource};
 use crate::error::ApiError;
 
-/// The numbers of samples in a model's context and horizon.
+/// The shape of a question to a model.
 #[derive(Clone, Copy, Debug, Deserialize)]
 pub struct Extents {
+    /// Number of samples.
     pub context: u32,
+    /// Number of samples.
     pub horizon: u32,
+    #[serde(default = "seven")]
+    pub joints: usize,
+    #[serde(default)]
+    pub given: Given,
+}
+
+/// `config.json` leaves out the number of joints of a Panda.
+const fn seven() -> usize {
+    7
 }
 
 impl Resource for Checkpoint {
@@ -106,6 +117,16 @@ impl App {
     ) -> Result<Option<i64>, ApiError> {
         let found = self.store.checkpoint_by_digest(digest, WhichCheckpoint::Step(step)).await?;
         Ok(found.map(|checkpoint| checkpoint.id.0))
+    }
+
+    /// The dataset that a checkpoint was trained on, if it was one and is still there.
+    pub(crate) async fn dataset_of_training(
+        &self,
+        checkpoint: &Checkpoint,
+    ) -> Result<Option<i64>, ApiError> {
+        let training = self.job(checkpoint.job).await?;
+        let needed = self.jobs_by_id(&training.needs).await?;
+        Ok(needed.into_values().find_map(|job| job.dataset))
     }
 
     /// The checkpoints that a training has made so far, oldest first.

@@ -18,6 +18,12 @@ use crate::error::ApiError;
 
 const PARQUET: &str = "application/vnd.apache.parquet";
 
+/// How a dataset is made, from its job's spec; `None` for a spec of another version.
+pub fn data_of(spec: &Value) -> Option<DataSpec> {
+    let spec: JobSpec = serde_json::from_value(spec.clone()).ok()?;
+    DataSpec::of(&spec)
+}
+
 impl Resource for Dataset {
     type Row = store::Dataset;
 
@@ -107,11 +113,11 @@ impl App {
 
 /// The present `dataset.json`; `None` if another version wrote the spec.
 fn description(dataset: &store::Dataset, shards: &[Shard]) -> Option<Vec<u8>> {
-    let spec: JobSpec = serde_json::from_value(dataset.spec.clone()).ok()?;
+    let data = data_of(&dataset.spec)?;
     let described =
         |shard: &Shard| ShardDescription::new(shard.ordinal, &shard.contents, dataset.samples);
     let shards = shards.iter().map(described).collect();
-    Some(jobs::describe_dataset(&DataSpec::of(&spec)?, dataset.digest, shards).to_json())
+    Some(jobs::describe_dataset(&data, dataset.digest, shards).to_json())
 }
 
 fn described(dataset: i64, json: &[u8]) -> DatasetFile {

@@ -9,7 +9,7 @@ mod archive;
 mod attempts;
 mod audit;
 pub mod checkpoints;
-mod datasets;
+pub mod datasets;
 mod drawn;
 mod evaluations;
 pub mod events;

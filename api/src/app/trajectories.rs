@@ -11,11 +11,12 @@ use arrow_ipc::writer::StreamWriter;
 use arrow_schema::ArrowError;
 use arrow_schema::{DataType, Field, Schema};
 use serde_json::{Map, Value};
-use spec::{Column, DataSpec, JobSpec};
+use spec::{Column, DataSpec};
 use store::{DatasetId, STEP, Shard, StoreError, TRAJECTORY, TableReader};
 use wire::{DatasetState, Trajectory};
 
 use crate::app::App;
+use crate::app::datasets::data_of;
 use crate::error::ApiError;
 
 /// A trajectory as stored in its dataset.
@@ -99,8 +100,7 @@ impl App {
             let id = format!("{index} in dataset {dataset}: {there}");
             return Err(ApiError::not_found("trajectory", id));
         };
-        let spec = serde_json::from_value::<JobSpec>(row.spec).ok();
-        let spec = spec.as_ref().and_then(DataSpec::of).ok_or_else(|| {
+        let spec = data_of(&row.spec).ok_or_else(|| {
             let reason = "its spec is of another version of torqued".to_owned();
             ApiError::ShardUnreadable { dataset, shard: shard.ordinal, reason }
         })?;

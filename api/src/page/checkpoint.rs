@@ -4,15 +4,17 @@ use askama::Template;
 use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::Response;
-use wire::{Checkpoint, StoredFile};
+use spec::Given;
+use wire::{Checkpoint, Dataset, StoredFile};
 
 use crate::app::App;
 use crate::app::checkpoints::Extents;
+use crate::app::datasets::data_of;
 use crate::extract::Path;
 use crate::page::answer::{InPage, PageError, html};
 use crate::page::labels::Labelled;
 use crate::page::lineage::Lineage;
-use crate::page::parts::{Commands, Fact, FileRow};
+use crate::page::parts::{Commands, Fact, FileRow, Snippet};
 use crate::page::predictions::{Drawn, DrawnFigure};
 use crate::page::spec_text::spec_text;
 use crate::page::text;
@@ -35,8 +37,7 @@ struct CheckpointPage {
     /// The picture of the jobs before and after it.
     lineage: Option<Lineage>,
     files: Vec<FileRow>,
-    snippet: String,
-    question: Option<String>,
+    snippets: Vec<Snippet>,
     /// A prediction of the newest evaluation that drew one, and that evaluation.
     drawn: Option<DrawnFigure>,
     evaluation: i64,
@@ -52,6 +53,16 @@ pub async fn show(
     let job = app.job(checkpoint.job).await?;
     let extents = app.checkpoint_extents(id).await?;
     let commands = Commands::new(&headers);
+    let asked = match extents {
+        Some(extents) => {
+            let dataset = match app.dataset_of_training(&checkpoint).await? {
+                Some(dataset) => Some(app.dataset(dataset).await?),
+                None => None,
+            };
+            Some(Asked { extents, dataset })
+        }
+        None => None,
+    };
     let newest = app.drawn_of_checkpoint(&checkpoint).await?;
     let drawn = newest.as_ref().and_then(|(job, drawn)| Drawn::typical(job.run?, drawn));
     let page = CheckpointPage {
@@ -73,11 +84,10 @@ pub async fn show(
         step: text::count(checkpoint.step),
         marks: checkpoint.marks().join(", "),
         metrics: facts(&checkpoint),
-        snippet: snippet(&commands, &checkpoint.files),
+        snippets: snippets(&commands, id, &checkpoint.files, asked),
         drawn,
         lineage: Lineage::of(&app, &job).await?,
         evaluation: newest.map_or(0, |(job, _)| job.id),
-        question: extents.map(|extents| question(&commands, id, extents)),
         architecture: checkpoint.architecture,
         digest: checkpoint.digest.to_string(),
         short_digest: checkpoint.digest.short(),
@@ -109,28 +119,75 @@ impl FileRow {
     }
 }
 
-/// A complete command that predicts for an arm at rest that will be pushed.
-fn question(commands: &Commands, id: i64, Extents { context, horizon }: Extents) -> String {
+/// How to use a checkpoint: in the shell and in Python, complete lines.
+fn snippets(
+    commands: &Commands,
+    id: i64,
+    files: &[StoredFile],
+    asked: Option<Asked>,
+) -> Vec<Snippet> {
+    let model = files.iter().find(|file| file.name.starts_with("model."));
+    let model = model.map_or("model.safetensors", |file| file.name.as_str());
+    let pytorch = format!(
+        "from safetensors.torch import load_file\n\n\
+         weights = load_file(\"checkpoint-{id}/{model}\")  # name -> torch.Tensor\n\
+         for name, tensor in weights.items():\n    print(name, tuple(tensor.shape))"
+    );
+    let mut snippets = vec![
+        commands.download("checkpoint", id),
+        Snippet { title: "Open it in PyTorch", text: pytorch },
+    ];
+    if let Some(Asked { extents, dataset }) = asked {
+        let text = match dataset {
+            Some(dataset) => question_of(commands, id, extents, &dataset),
+            None => question_at_rest(commands, id, extents),
+        };
+        snippets.push(Snippet { title: "Predict", text });
+    }
+    snippets
+}
+
+/// What a question to a checkpoint needs.
+struct Asked {
+    extents: Extents,
+    /// The dataset that it was trained on, whose first trajectory is asked about.
+    dataset: Option<Dataset>,
+}
+
+/// A command that predicts the first trajectory of a dataset.
+fn question_of(commands: &Commands, id: i64, extents: Extents, dataset: &Dataset) -> String {
     let Commands { curl, origin } = commands;
+    let Extents { context, horizon, joints, given } = extents;
+    let data = data_of(&dataset.spec);
+    let observations = data.map(|data| data.observations()).unwrap_or_default();
+    let positions = if observations.measures_positions() { "q_measured" } else { "q" };
+    let (known, planned) = match given {
+        Given::Torques if observations.measures_torques() => ("u_measured", "u"),
+        Given::Torques => ("u", "u"),
+        Given::References => ("r", "r"),
+    };
+    let all = context + horizon;
     format!(
-        "python3 -c 'import json; print(json.dumps({{\"scenarios\": [{{\
-         \"u\": [[0] * 7] * {context}, \"y\": [[0] * 7] * {context}, \
-         \"future_u\": [[1] * 7] * {horizon}}}]}}))' |\n\
-         {curl} --json @- {origin}/v1/checkpoints/{id}/predict"
+        "{curl} -s {origin}/v1/datasets/{dataset}/trajectories/0 | python3 -c '\n\
+         import json, sys\n\
+         columns = json.load(sys.stdin)[\"columns\"]\n\
+         def rows(name): return list(zip(*(columns[f\"{{name}}{{joint}}\"] for joint in range(1, {beyond}))))\n\
+         past = {{\"u\": rows(\"{known}\")[:{context}], \"y\": rows(\"{positions}\")[:{context}]}}\n\
+         print(json.dumps({{\"scenarios\": [{{**past, \"future_u\": rows(\"{planned}\")[{context}:{all}]}}]}}))' |\n\
+         {curl} --json @- {origin}/v1/checkpoints/{id}/predict",
+        dataset = dataset.id,
+        beyond = joints + 1,
     )
 }
 
-/// Complete lines for a shell and then for Python.
-fn snippet(commands: &Commands, files: &[StoredFile]) -> String {
-    let downloads: Vec<String> =
-        files.iter().map(|file| commands.download(&file.url, &file.name)).collect();
-    let model = files.iter().find(|file| file.name.starts_with("model."));
-    let model = model.map_or("model.safetensors", |file| file.name.as_str());
+/// A command that predicts for an arm at rest that will be pushed.
+fn question_at_rest(commands: &Commands, id: i64, extents: Extents) -> String {
+    let Commands { curl, origin } = commands;
+    let Extents { context, horizon, joints, .. } = extents;
     format!(
-        "{}\n\n\
-         from safetensors.torch import load_file\n\n\
-         weights = load_file(\"{model}\")  # name -> torch.Tensor\n\
-         for name, tensor in weights.items():\n    print(name, tuple(tensor.shape))",
-        downloads.join("\n"),
+        "python3 -c 'import json; print(json.dumps({{\"scenarios\": [{{\
+         \"u\": [[0] * {joints}] * {context}, \"y\": [[0] * {joints}] * {context}, \
+         \"future_u\": [[1] * {joints}] * {horizon}}}]}}))' |\n\
+         {curl} --json @- {origin}/v1/checkpoints/{id}/predict"
     )
 }

@@ -10,11 +10,12 @@ use spec::JobKind;
 use wire::{Dataset, DatasetFile, FileKind, Job, JobState};
 
 use crate::app::App;
+use crate::app::datasets::data_of;
 use crate::extract::{Path, Query};
 use crate::page::answer::{InPage, PageError, html};
 use crate::page::labels::Labelled;
 use crate::page::lineage::Lineage;
-use crate::page::parts::{Commands, Fact, FileRow, JobHeader};
+use crate::page::parts::{Commands, Fact, FileRow, JobHeader, Snippet};
 use crate::page::recordings::Imported;
 use crate::page::spec_text::spec_text;
 use crate::page::verification::Checked;
@@ -53,7 +54,7 @@ struct DatasetPage {
     lineage: Option<Lineage>,
     files: Vec<FileRow>,
     files_left_out: usize,
-    snippet: Option<String>,
+    snippets: Vec<Snippet>,
     spec: String,
 }
 
@@ -112,7 +113,7 @@ pub async fn show(
         viewer: Viewer::new(&app, &dataset, &summary, view.trajectory).await?,
         files: dataset.files.iter().take(FILES).map(FileRow::of_dataset).collect(),
         files_left_out: dataset.files.len().saturating_sub(FILES),
-        snippet: snippet(&Commands::new(&headers), &dataset),
+        snippets: snippets(&Commands::new(&headers), &dataset),
         spec: spec_text(&job.spec),
     };
     Ok(html(&page)?)
@@ -202,21 +203,21 @@ impl FileRow {
     }
 }
 
-/// Complete lines for a shell and then for Python; `None` until the first shard exists.
-fn snippet(commands: &Commands, dataset: &Dataset) -> Option<String> {
-    let of = |content: FileKind| dataset.files.iter().find(|file| file.content == content);
-    let (samples, robots) = (of(FileKind::Trajectories)?, of(FileKind::Robots)?);
-    Some(format!(
-        "{}\n{}\n\n\
-         import polars as pl\n\n\
-         samples = pl.read_parquet(\"{}\")  # a row per time step: u1..u7 in N·m, q1..q7 in rad\n\
-         robots = pl.read_parquet(\"{}\")  # a row per trajectory: its robot and excitation\n\
-         first = samples.filter(pl.col(\"trajectory\") == samples[\"trajectory\"][0])\n\
-         u = first.select(f\"u{{j}}\" for j in range(1, 8)).to_numpy()  # [time, joint]\n\
-         q = first.select(f\"q{{j}}\" for j in range(1, 8)).to_numpy()  # [time, joint]",
-        commands.download(&samples.url, &samples.name),
-        commands.download(&robots.url, &robots.name),
-        samples.name,
-        robots.name,
-    ))
+/// How to read a dataset: in the shell and in Python, complete lines. Nothing until the first shard
+/// exists.
+fn snippets(commands: &Commands, dataset: &Dataset) -> Vec<Snippet> {
+    if !dataset.files.iter().any(|file| file.content == FileKind::Trajectories) {
+        return Vec::new();
+    }
+    let id = dataset.id;
+    let beyond = data_of(&dataset.spec).map_or(7, |data| data.joints()) + 1;
+    let polars = format!(
+        "import polars as pl\n\n\
+         samples = pl.read_parquet(\"dataset-{id}/trajectories-*.parquet\")  # a row per time step: u1, … in N·m, q1, … in rad\n\
+         robots = pl.read_parquet(\"dataset-{id}/robots-*.parquet\")  # a row per trajectory: its robot and excitation\n\
+         first = samples.filter(pl.col(\"trajectory\") == 0)\n\
+         u = first.select(f\"u{{j}}\" for j in range(1, {beyond})).to_numpy()  # [time, joint]\n\
+         q = first.select(f\"q{{j}}\" for j in range(1, {beyond})).to_numpy()  # [time, joint]"
+    );
+    vec![commands.download("dataset", id), Snippet { title: "Read it", text: polars }]
 }

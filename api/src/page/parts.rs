@@ -132,6 +132,12 @@ fn when(job: &Job) -> String {
     }
 }
 
+/// Lines to copy, all for the shell or all for Python.
+pub struct Snippet {
+    pub title: &'static str,
+    pub text: String,
+}
+
 /// Parts of commands to copy.
 pub struct Commands {
     /// `curl` with the options that this server requires.
@@ -158,8 +164,13 @@ impl Commands {
         }
     }
 
-    /// A command that saves the file at `path` as `name`.
-    pub fn download(&self, path: &str, name: &str) -> String {
-        format!("{} -o {name} {}{path}", self.curl, self.origin)
+    /// Commands that save all files of a dataset or a checkpoint in a folder of its name: the program's, and one without it.
+    pub fn download(&self, kind: &str, id: i64) -> Snippet {
+        let Self { curl, origin } = self;
+        let text = format!(
+            "torqued download {kind} {id} --server {origin}  # into {kind}-{id}, every digest compared\n\
+             {curl} -s {origin}/v1/{kind}s/{id}/tar | tar -x  # the same without torqued"
+        );
+        Snippet { title: "Download", text }
     }
 }

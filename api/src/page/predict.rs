@@ -76,7 +76,7 @@ pub async fn show(State(app): State<App>, pairs: QueryPairs) -> Result<Response,
         let first = fields.request.checkpoints.first();
         let first = checkpoints.iter().find(|checkpoint| Some(&checkpoint.id) == first);
         let trained_on = match first {
-            Some(checkpoint) => dataset_of_training(&app, checkpoint).await?,
+            Some(checkpoint) => app.dataset_of_training(checkpoint).await?,
             None => None,
         };
         fields.dataset = trained_on.or(datasets.first().map(|dataset| dataset.id));
@@ -131,13 +131,6 @@ pub async fn show(State(app): State<App>, pairs: QueryPairs) -> Result<Response,
         warnings: shown.warnings,
     };
     Ok(html(&page)?)
-}
-
-/// The dataset that a checkpoint was trained on, if it was one.
-async fn dataset_of_training(app: &App, checkpoint: &Checkpoint) -> Result<Option<i64>, ApiError> {
-    let training = app.job(checkpoint.job).await?;
-    let needed = app.jobs_by_id(&training.needs).await?;
-    Ok(needed.into_values().find_map(|job| job.dataset))
 }
 
 /// A checkpoint with what says which one it is.
