@@ -220,20 +220,45 @@ test("runs that are ticked in their list stand beside each other", async () => {
   assertClean();
 });
 
-test("a job is duplicated, refused with the field that is wrong, corrected and launched", async () => {
+test("a job is duplicated, refused beside the field that is wrong, corrected and launched", async () => {
   await page.goto(`${product.url}/jobs/${member("train-set")}`);
   await page.getByRole("link", { name: "Duplicate and edit" }).click();
-  const spec = page.getByLabel("Spec, as JSON");
-  const earlier = JSON.parse(await spec.inputValue());
-  await spec.fill(JSON.stringify({ ...earlier, trajectories: -1 }));
-  await page.getByLabel("Name").fill("another seed");
-  await page.getByRole("button", { name: "Launch" }).click();
-  assert.match(await page.getByRole("alert").innerText(), /trajectories is -1; allowed: /);
-  assert.equal(await page.getByLabel("Name").inputValue(), "another seed");
-  await spec.fill(JSON.stringify({ ...earlier, trajectories: 8, seed: 77 }));
-  await page.getByRole("button", { name: "Launch" }).click();
+  const form = page.getByRole("form", { name: "Fields of the spec" });
+  const trajectories = form.locator('[name="set:trajectories"]');
+  assert.equal(await trajectories.getAttribute("placeholder"), "2048");
+  await trajectories.fill("-3");
+  await form.getByLabel("Name").fill("fewer");
+  complaints.length = 0;
+  await form.getByRole("button", { name: "Launch" }).click();
+  await page.getByRole("alert").waitFor();
+  assert.equal(await trajectories.inputValue(), "-3");
+  assert.match(await form.locator("label", { has: trajectories }).innerText(), /allowed: 1 to/);
+  // The status of the page is a refusal, of which the browser's console tells.
+  complaints.length = 0;
+  await trajectories.fill("64");
+  await form.locator("summary", { hasText: "observations" }).click();
+  await form.locator('[name="set:observations.joint_velocities"]').selectOption("true");
+  await form.getByRole("button", { name: "Show as JSON" }).click();
+  const text = await page.getByLabel("Spec, as JSON").inputValue();
+  assert.deepEqual([JSON.parse(text).trajectories, JSON.parse(text).observations.joint_velocities], [64, true]);
+  await form.getByRole("button", { name: "Launch" }).click();
   await page.waitForURL(/\/jobs\/\d+$/);
-  assert.equal(await page.locator("h1").innerText(), "another seed");
+  assert.match(await page.locator("h1").innerText(), /fewer/);
+  assertClean();
+});
+
+test("a sweep launches a job for each value", async () => {
+  const training = await product.get(`/v1/jobs/${member("train")}`);
+  await page.goto(`${product.url}/launch?job=${training.id}`);
+  const form = page.getByRole("form", { name: "Fields of the spec" });
+  await form.getByLabel("Sweep over the field").fill("optimizer.learning_rate");
+  await form.getByLabel("with the values").fill("1e-3, 1e-4");
+  await form.getByRole("button", { name: "Launch" }).click();
+  await page.waitForURL(/\/jobs\/\d+$/);
+  const sweep = await product.get(new URL(page.url()).pathname.replace("/jobs", "/v1/jobs"));
+  assert.deepEqual(sweep.members.map((it) => it.name), ["train-1", "train-2"]);
+  await fetch(`${product.url}/v1/jobs/${sweep.id}/cancel`, { method: "POST" });
+  assertClean();
 });
 
 test("the checkpoint downloads with the digest that the API states", async () => {

@@ -1,4 +1,4 @@
-//! The page that submits a spec: from a preset, from an earlier job, or written here.
+//! The page that submits a spec: field by field from a preset or an earlier job, or written as JSON.
 
 use askama::Template;
 use axum::body::Bytes;
@@ -6,7 +6,8 @@ use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::{IntoResponse, Redirect, Response};
 use serde::Deserialize;
-use spec::{PresetPlace, Violation};
+use serde_json::Value;
+use spec::{PresetPlace, SpecError, Violation};
 
 use crate::app::submission::Reuse;
 use crate::app::{App, labels};
@@ -15,13 +16,18 @@ use crate::extract::{Form, Query};
 use crate::limits::SPEC_FORM_BYTES;
 use crate::page::answer::{InPage, PageError, html};
 use crate::page::parts::Commands;
+use crate::page::spec_form::{Changes, Group, groups, sweep, values_of};
 use crate::page::spec_text::spec_text;
 
 #[derive(Template)]
 #[template(path = "launch.html")]
 struct LaunchPage {
-    /// The job or the preset that the text comes from, in words; empty for neither.
+    /// The job or the preset that the form begins with, in words; empty for neither.
+    about: String,
+    /// The same in the form's own words: `job:3`, `preset:quickstart`; empty for neither.
     from: String,
+    /// The inputs of its spec; none without a beginning.
+    groups: Vec<Group>,
     fields: Fields,
     /// Why the text was refused; empty before it was submitted.
     refusal: String,
@@ -43,14 +49,62 @@ pub struct Begin {
     preset: Option<String>,
 }
 
-/// The fields of the form.
-#[derive(Deserialize)]
+/// The fields of the form beside those of the spec.
+#[derive(Default)]
 pub struct Fields {
+    /// The spec as JSON.
     spec: String,
-    #[serde(default)]
     name: String,
-    #[serde(default)]
     tags: String,
+    /// The field that a sweep varies, and its values.
+    sweep: String,
+    values: String,
+}
+
+impl Fields {
+    fn read(pairs: &[(String, String)]) -> Self {
+        let text = |wanted: &str| {
+            let found = pairs.iter().find(|(name, _)| name == wanted);
+            found.map(|(_, value)| value.clone()).unwrap_or_default()
+        };
+        Self {
+            spec: text("spec"),
+            name: text("name"),
+            tags: text("tags"),
+            sweep: text("sweep").trim().to_owned(),
+            values: text("values"),
+        }
+    }
+}
+
+/// What a form begins with.
+struct Beginning {
+    about: String,
+    from: String,
+    /// With every default filled in.
+    spec: Value,
+}
+
+impl Beginning {
+    async fn of(app: &App, from: &str) -> Result<Self, ApiError> {
+        let unknown = || ApiError::parameter("from", from, "job:ID or preset:NAME");
+        let (kind, name) = from.split_once(':').ok_or_else(unknown)?;
+        let (about, spec) = match kind {
+            "job" => {
+                let job = app.job(name.parse().map_err(|_| unknown())?).await?;
+                (format!("The spec of job {name}, {}.", job.name), job.spec)
+            }
+            "preset" => {
+                let preset = jobs().find(|preset| preset.name == name);
+                let preset = preset.ok_or_else(|| ApiError::not_found("preset", name))?;
+                (format!("The preset {name}: {}.", preset.about), preset.spec.clone())
+            }
+            _ => return Err(unknown()),
+        };
+        // A preset with fields that are not given yet, and a spec of another version, stay as they are.
+        let complete = spec::parse_json(spec.clone()).map(|spec| spec.to_json());
+        Ok(Self { about, from: from.to_owned(), spec: complete.unwrap_or(spec) })
+    }
 }
 
 /// The form, with the spec of a job or a preset if one is asked for.
@@ -59,45 +113,85 @@ pub async fn show(
     InPage(Query(begin)): InPage<Query<Begin>>,
     headers: HeaderMap,
 ) -> Result<Response, PageError> {
-    let (from, spec) = match (begin.job, begin.preset) {
-        (Some(id), _) => {
-            let job = app.job(id).await?;
-            (format!("The spec of job {id}, {}.", job.name), spec_text(&job.spec))
+    let from = match (begin.job, begin.preset) {
+        (Some(id), _) => format!("job:{id}"),
+        (None, Some(name)) => format!("preset:{name}"),
+        (None, None) => {
+            return Ok(html(&LaunchPage::new(None, Fields::default(), &headers))?);
         }
-        (None, Some(name)) => {
-            let preset = jobs().find(|preset| preset.name == name);
-            let preset = preset.ok_or_else(|| ApiError::not_found("preset", &name))?;
-            (format!("The preset {name}: {}.", preset.about), spec_text(&preset.spec))
-        }
-        (None, None) => (String::new(), String::new()),
     };
-    let fields = Fields { spec, name: String::new(), tags: String::new() };
-    Ok(html(&LaunchPage::new(from, fields, &headers))?)
+    let beginning = Beginning::of(&app, &from).await?;
+    let text = match from.strip_prefix("preset:") {
+        // As the preset is written, without what it leaves open.
+        Some(name) => jobs().find(|preset| preset.name == name).map(|it| spec_text(&it.spec)),
+        None => None,
+    };
+    let spec = text.unwrap_or_else(|| spec_text(&beginning.spec));
+    let fields = Fields { spec, ..Fields::default() };
+    Ok(html(&LaunchPage::new(Some((&beginning, &Changes::default())), fields, &headers))?)
 }
 
 /// Submits the form and shows the job. A refused form is shown again with what is wrong in it.
 pub async fn submit(
     State(app): State<App>,
     headers: HeaderMap,
-    form: Result<Form<Fields, SPEC_FORM_BYTES>, ApiError>,
+    form: Result<Form<Vec<(String, String)>, SPEC_FORM_BYTES>, ApiError>,
 ) -> Result<Response, PageError> {
-    let Form(fields) = form?;
-    let submitted = submit_fields(&app, &fields).await;
+    let Form(pairs) = form?;
+    let given = |wanted: &str| pairs.iter().find(|(name, _)| name == wanted).map(|(_, it)| &**it);
+    let changes = Changes::read(&pairs);
+    let beginning = match given("from").filter(|from| !from.is_empty()) {
+        Some(from) => Some(Beginning::of(&app, from).await?),
+        None if given("spec").is_none() => {
+            let reason =
+                "missing field `spec`, or `from` with the job or preset that it begins with";
+            return Err(ApiError::Form { reason: reason.to_owned() }.into());
+        }
+        None => None,
+    };
+    let mut fields = Fields::read(&pairs);
+    let spec = match &beginning {
+        Some(beginning) => beginning.changed(&changes, &fields).map(|spec| spec_text(&spec)),
+        None => Ok(fields.spec.clone()),
+    };
+    let submitted = match spec {
+        Ok(text) if given("show").is_some() => {
+            // Only the text is asked for.
+            fields.spec = text;
+            let begin = beginning.as_ref().map(|beginning| (beginning, &changes));
+            return Ok(html(&LaunchPage::new(begin, fields, &headers))?);
+        }
+        Ok(text) => {
+            fields.spec = text;
+            submit_fields(&app, &fields).await
+        }
+        Err(error) => Err(ApiError::Spec(error)),
+    };
     match submitted {
         Ok(job) => Ok(Redirect::to(&format!("/jobs/{job}")).into_response()),
         Err(error) if error.status().is_client_error() => {
             let problem = error.to_problem();
-            let page = LaunchPage {
-                refusal: problem.title.clone(),
-                violations: match problem.violations.is_empty() {
-                    true => vec![Violation::new("", "", problem.detail)],
-                    false => problem.violations,
-                },
-                ..LaunchPage::new(String::new(), fields, &headers)
+            let violations = match problem.violations.is_empty() {
+                true => vec![Violation::new("", "", problem.detail)],
+                false => problem.violations,
             };
+            let begin = beginning.as_ref().map(|beginning| (beginning, &changes));
+            let page = LaunchPage::new(begin, fields, &headers);
+            let page = page.refused(problem.title.clone(), violations, begin);
             Ok((error.status(), html(&page)?).into_response())
         }
         Err(error) => Err(error.into()),
+    }
+}
+
+impl Beginning {
+    /// The spec with the typed values, and as a sweep if one is asked for.
+    fn changed(&self, changes: &Changes, fields: &Fields) -> Result<Value, SpecError> {
+        let spec = changes.applied(&self.spec)?;
+        match fields.sweep.is_empty() {
+            true => Ok(spec),
+            false => sweep(&spec, &fields.sweep, &values_of(&fields.values)),
+        }
     }
 }
 
@@ -110,9 +204,12 @@ async fn submit_fields(app: &App, fields: &Fields) -> Result<i64, ApiError> {
 }
 
 impl LaunchPage {
-    fn new(from: String, fields: Fields, headers: &HeaderMap) -> Self {
+    fn new(begin: Option<(&Beginning, &Changes)>, fields: Fields, headers: &HeaderMap) -> Self {
+        let groups = begin.map(|(beginning, changes)| groups(&beginning.spec, changes, Vec::new()));
         Self {
-            from,
+            about: begin.map(|(beginning, _)| beginning.about.clone()).unwrap_or_default(),
+            from: begin.map(|(beginning, _)| beginning.from.clone()).unwrap_or_default(),
+            groups: groups.map(|(groups, _)| groups).unwrap_or_default(),
             fields,
             refusal: String::new(),
             violations: Vec::new(),
@@ -121,6 +218,20 @@ impl LaunchPage {
                 .collect(),
             commands: Commands::new(headers),
         }
+    }
+
+    /// The page with violations, those of fields beside their inputs.
+    fn refused(
+        self,
+        refusal: String,
+        violations: Vec<Violation>,
+        begin: Option<(&Beginning, &Changes)>,
+    ) -> Self {
+        let Some((beginning, changes)) = begin else {
+            return Self { refusal, violations, ..self };
+        };
+        let (groups, violations) = groups(&beginning.spec, changes, violations);
+        Self { refusal, violations, groups, ..self }
     }
 }
 

@@ -24,6 +24,7 @@ mod recordings;
 mod robot;
 mod rows;
 mod run;
+mod spec_form;
 mod spec_text;
 mod text;
 mod trash;

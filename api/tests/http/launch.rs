@@ -66,3 +66,92 @@ async fn a_spec_is_submitted_and_a_refused_one_stays_with_what_is_wrong() {
     assert!(long.status.is_client_error() && long.text().contains("name"), "{}", long.text());
     assert_eq!(server.json("/v1/jobs").await["jobs"].as_array().unwrap().len(), 1);
 }
+
+async fn post(server: &Server, fields: &[(&str, &str)]) -> crate::fixture::TestResponse {
+    let mut form = form_urlencoded::Serializer::new(String::new());
+    form.extend_pairs(fields);
+    let request =
+        Request::builder().method(Method::POST).uri("/jobs").header("host", "127.0.0.1:7070");
+    let request = request.header("content-type", "application/x-www-form-urlencoded");
+    server.send(request.body(form.finish().into()).unwrap()).await
+}
+
+#[tokio::test]
+async fn a_form_of_fields_submits_what_the_same_json_would() {
+    let server = Server::with_small_pipeline().await;
+    let page = server.get("/launch?job=1").await.text().to_owned();
+    for part in [
+        "name=\"set:trajectories\"",
+        "placeholder=\"200\"",
+        "value=\"job:1\"",
+        "name=\"sweep\"",
+        "<summary>excitation (",
+    ] {
+        assert!(page.contains(part), "{part}: {page}");
+    }
+    // A pipeline has a part for each of its jobs, and no sweep.
+    let page = server.get("/launch?preset=two-models").await.text().to_owned();
+    assert!(page.contains("name=\"set:jobs.train.steps\"") && !page.contains("name=\"sweep\""));
+
+    // Nothing is typed: the job that is there.
+    let same = post(&server, &[("from", "job:1"), ("set:trajectories", "")]).await;
+    assert_eq!((same.status.as_u16(), same.header("location")), (303, "/jobs/1"));
+    let fields = [
+        ("from", "job:1"),
+        ("set:trajectories", "40"),
+        ("set:shard_trajectories", "40"),
+        ("tags", "a"),
+    ];
+    let new = post(&server, &fields).await;
+    assert_eq!(new.status, 303, "{new:?}");
+    let job = server.json(&format!("/v1{}", new.header("location"))).await;
+    let mut expected = server.json("/v1/jobs/1").await["spec"].clone();
+    (expected["trajectories"], expected["shard_trajectories"]) = (json!(40), json!(40));
+    assert_eq!((&job["spec"], &job["tags"]), (&expected, &json!(["a"])));
+
+    let preset = [("from", "preset:two-models"), ("set:jobs.train.steps", "7"), ("show", "1")];
+    let shown = post(&server, &preset).await;
+    assert_eq!(shown.status, 200, "{shown:?}");
+    assert!(shown.text().contains("&#34;steps&#34;: 7") && shown.text().contains("value=\"7\""));
+
+    let sweep = [
+        ("from", "job:1"),
+        ("sweep", "seed"),
+        ("values", "11, 12"),
+        ("set:trajectories", "40"),
+        ("set:shard_trajectories", "40"),
+    ];
+    let sweep = post(&server, &sweep).await;
+    assert_eq!(sweep.status, 303, "{sweep:?}");
+    let members = server.json(&format!("/v1{}", sweep.header("location"))).await["members"].clone();
+    assert_eq!(members.as_array().unwrap().len(), 2, "{members}");
+}
+
+#[tokio::test]
+async fn what_is_wrong_stands_beside_its_input_which_keeps_its_text() {
+    let server = Server::with_small_pipeline().await;
+    let fields = [
+        ("from", "job:1"),
+        ("set:trajectories", "-3"),
+        ("set:rate_hz", "\"><b>x"),
+        ("name", "mine"),
+    ];
+    let refused = post(&server, &fields).await;
+    assert_eq!(refused.status, 422);
+    let page = refused.text();
+    assert!(page.contains("value=\"-3\"") && page.contains("value=\"mine\""), "{page}");
+    assert!(!page.contains("<b>x") && page.matches("class=\"wrong\"").count() == 2, "{page}");
+    for (fields, status) in [
+        (vec![("from", "job:99")], 404),
+        (vec![("from", "preset:none")], 404),
+        (vec![("from", "file:x")], 400),
+        (vec![("name", "x")], 400),
+        (vec![("from", "job:1"), ("set:colour", "red")], 422),
+        (vec![("from", "job:1"), ("sweep", "colour"), ("values", "1")], 422),
+        (vec![("from", "job:1"), ("sweep", "seed"), ("values", " , ")], 422),
+    ] {
+        let refused = post(&server, &fields).await;
+        assert_eq!(refused.status, status, "{fields:?}: {refused:?}");
+    }
+    assert_eq!(server.json("/v1/jobs").await["jobs"].as_array().unwrap().len(), 5);
+}
