@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use figures::{Axis, Band, COMPARED, Curve, Figure, FigureError, Point, Size};
-use store::CurvePoint;
+use store::{CurvePoint, TrackedMetric};
 use wire::{Summary, TrajectoryPrediction, TrajectoryPredictions};
 
 use crate::app::trajectories::StoredTrajectory;
@@ -149,6 +149,20 @@ fn smoothed(curve: &[CurvePoint], over: Over, smoothing: f64) -> BTreeMap<u64, [
 #[expect(clippy::cast_precision_loss, reason = "a position in a drawing")]
 fn seconds(milliseconds: i64) -> f64 {
     milliseconds as f64 / 1e3
+}
+
+/// A metric that a client of MLflow logged, over its steps.
+pub fn logged(key: &str, points: &[TrackedMetric]) -> Figure {
+    let points: Vec<Point> =
+        points.iter().map(|point| Point::new(point.step as f64, point.value)).collect();
+    let is_positive = points.iter().all(|point| point.y > 0.0 || !point.y.is_finite());
+    Figure {
+        title: key.to_owned(),
+        x: Axis::linear("step"),
+        y: if is_positive { Axis::log(key) } else { Axis::linear(key) },
+        series: vec![Curve::line(key, points)],
+        bands: Vec::new(),
+    }
 }
 
 /// A quantity that a trajectory may have.

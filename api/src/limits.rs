@@ -62,6 +62,12 @@ pub const PREDICTED_CHECKPOINTS: usize = 6;
 /// are those of all samples.
 pub const SHOWN_SAMPLES: usize = 4;
 
+/// Runs of MLflow's clients on their page, the newest ones.
+pub const LOGGED_RUNS: usize = 200;
+
+/// Points of such a run's metric that its page draws, the first ones.
+pub const LOGGED_POINTS: u32 = 100_000;
+
 /// Default limit of a simulation's trajectories: a few hundred gigabytes. Exceeding it is a
 /// violation of `trajectories`.
 pub const MAX_TRAJECTORIES: u64 = 10_000_000;

@@ -19,6 +19,7 @@ mod jobs;
 pub mod labels;
 mod lineage;
 pub mod listing;
+pub mod logged;
 pub mod logs;
 pub mod mlflow;
 pub mod monitoring;

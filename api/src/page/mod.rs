@@ -16,6 +16,7 @@ mod labels;
 mod launch;
 mod lineage;
 mod lists;
+mod logged;
 mod login;
 mod parts;
 mod predict;
@@ -49,7 +50,7 @@ pub fn routes() -> Router<App> {
 }
 
 /// Every path of the page, with its handler.
-pub fn paths() -> [(&'static str, MethodRouter<App>); 39] {
+pub fn paths() -> [(&'static str, MethodRouter<App>); 41] {
     [
         ("/", get(experiments::show)),
         ("/launch", get(launch::show)),
@@ -58,6 +59,8 @@ pub fn paths() -> [(&'static str, MethodRouter<App>); 39] {
         ("/jobs/{id}/cancel", post(job::cancel)),
         ("/jobs/{id}/retry", post(job::retry)),
         ("/runs", get(lists::show::<Run>)),
+        ("/logged", get(logged::list)),
+        ("/logged/{id}", get(logged::show)),
         ("/compare", get(compare::show)),
         ("/predict", get(predict::show)),
         ("/runs/{id}", get(run::show).merge(labels::form(ItemKind::Run))),

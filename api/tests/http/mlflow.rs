@@ -385,3 +385,49 @@ async fn guards_stand_before_these_paths_and_speak_as_mlflow_does() {
     let broken = broken.header("content-type", "application/json").body(Body::from("{")).unwrap();
     refused(&server.send(broken).await, 400, "INVALID_PARAMETER_VALUE");
 }
+
+#[tokio::test]
+async fn the_page_shows_what_clients_logged() {
+    let server = Server::start().await;
+    let empty = server.get("/logged").await;
+    assert!(empty.text().contains("Nothing has been logged yet"), "{empty:?}");
+    posted(&server, "experiments/create", json!({"name": "<b>arms"})).await;
+    let create =
+        json!({"experiment_id": "2", "run_name": "first <i>", "user_id": "ada", "start_time": 5});
+    let run = posted(&server, "runs/create", create).await;
+    let id = run["run"]["info"]["run_id"].as_str().unwrap().to_owned();
+    let point = |key: &str, value: Value, step: i64| json!({"key": key, "value": value, "timestamp": 9, "step": step});
+    let batch = json!({
+        "run_id": id,
+        "metrics": [
+            point("loss", json!(0.5), -3), point("loss", json!("NaN"), 4), point("loss", json!(0.25), 7),
+            point("train/accuracy", json!(0.75), 7),
+        ],
+        "params": [{"key": "lr", "value": "0.001"}],
+        "tags": [{"key": "stage", "value": "lab"}],
+    });
+    posted(&server, "runs/log-batch", batch).await;
+    let sent = put(&server, &format!("2/{id}/artifacts/plots/a%20b.txt"), b"text").await;
+    assert_eq!(sent.status, 200, "{sent:?}");
+
+    let list = server.get("/logged").await;
+    let list = list.text();
+    for part in ["first", "arms", "RUNNING", "loss 0.25", "train/accuracy 0.75"] {
+        assert!(list.contains(part), "{part}: {list}");
+    }
+    assert!(!list.contains("<b>arms") && !list.contains("<i>"), "{list}");
+    assert!(server.get("/runs").await.text().contains("href=\"./logged\""));
+    let shown = server.get(&format!("/logged/{id}")).await;
+    for part in ["by ada", "0.001", "stage", "<metadata>", "plots/a%20b.txt"] {
+        assert!(shown.text().contains(part), "{part}: {}", shown.text());
+    }
+    let other = server.get(&format!("/logged/{id}?metric=train%2Faccuracy")).await;
+    assert!(other.text().contains("<title>train/accuracy</title>"), "{}", other.text());
+    let unknown = server.get(&format!("/logged/{id}?metric=none")).await;
+    assert!(unknown.status == 200 && unknown.text().contains("no data yet"), "{unknown:?}");
+    let link = format!("{ARTIFACTS}/2/{id}/artifacts/plots/a%20b.txt");
+    assert_eq!(server.get(&link).await.text(), "text");
+    assert_eq!(server.get("/logged/none").await.status, 404);
+    posted(&server, "runs/delete", json!({"run_id": id})).await;
+    assert!(server.get("/logged").await.text().contains("Nothing has been logged yet"));
+}

@@ -1,0 +1,86 @@
+//! Runs that clients of MLflow logged, for the page.
+
+use std::collections::{BTreeMap, HashMap};
+
+use store::{TrackedArtifact, TrackedMetric, TrackedRun, TrackedRunId};
+
+use crate::app::App;
+use crate::error::ApiError;
+use crate::limits::{LOGGED_POINTS, LOGGED_RUNS};
+
+/// A run with the newest value of each of its metrics.
+pub struct LoggedRun {
+    pub run: TrackedRun,
+    /// The name of its experiment.
+    pub experiment: String,
+    pub metrics: Vec<TrackedMetric>,
+}
+
+/// A run with everything that was logged.
+pub struct WholeLoggedRun {
+    pub logged: LoggedRun,
+    pub params: Vec<(String, String)>,
+    pub tags: Vec<(String, String)>,
+    pub artifacts: Vec<TrackedArtifact>,
+}
+
+impl App {
+    /// The newest runs of all experiments, without deleted ones, and whether there are more.
+    pub(crate) async fn logged_runs(&self) -> Result<(Vec<LoggedRun>, bool), ApiError> {
+        let experiments = self.store.tracked_experiments().await?;
+        let names: BTreeMap<_, _> = experiments
+            .into_iter()
+            .filter(|experiment| !experiment.is_deleted)
+            .map(|experiment| (experiment.id, experiment.name))
+            .collect();
+        let ids: Vec<_> = names.keys().copied().collect();
+        let mut runs = self.store.tracked_runs(&ids).await?;
+        runs.retain(|run| !run.is_deleted);
+        let has_more = runs.len() > LOGGED_RUNS;
+        runs.truncate(LOGGED_RUNS);
+        let ids: Vec<TrackedRunId> = runs.iter().map(|run| run.id).collect();
+        let mut metrics: HashMap<TrackedRunId, Vec<TrackedMetric>> = HashMap::new();
+        for (run, metric) in self.store.latest_tracked(&ids, None).await? {
+            metrics.entry(run).or_default().push(metric);
+        }
+        let logged = runs.into_iter().map(|run| LoggedRun {
+            experiment: names.get(&run.experiment).cloned().unwrap_or_default(),
+            metrics: metrics.remove(&run.id).unwrap_or_default(),
+            run,
+        });
+        Ok((logged.collect(), has_more))
+    }
+
+    /// # Errors
+    /// When no client logged a run with this identifier.
+    pub(crate) async fn logged_run(&self, identifier: &str) -> Result<WholeLoggedRun, ApiError> {
+        let run = self.store.tracked_run(identifier).await?;
+        let ids = [run.id];
+        let metrics = self.store.latest_tracked(&ids, None).await?;
+        let pairs = |found: Vec<(TrackedRunId, String, String)>| {
+            found.into_iter().map(|(_, key, value)| (key, value)).collect()
+        };
+        Ok(WholeLoggedRun {
+            params: pairs(self.store.tracked_params(&ids, None).await?),
+            tags: pairs(self.store.tracked_tags(&ids, None).await?),
+            artifacts: self.store.tracked_artifacts(run.id).await?,
+            logged: LoggedRun {
+                experiment: self.store.experiment(run.experiment).await?.name,
+                metrics: metrics.into_iter().map(|(_, metric)| metric).collect(),
+                run,
+            },
+        })
+    }
+
+    /// The first points of a metric, by step, and whether there are more.
+    pub(crate) async fn logged_points(
+        &self,
+        run: &TrackedRun,
+        key: &str,
+    ) -> Result<(Vec<TrackedMetric>, bool), ApiError> {
+        let mut points = self.store.tracked_history(run.id, key, 0, LOGGED_POINTS + 1).await?;
+        let has_more = points.len() > LOGGED_POINTS as usize;
+        points.truncate(LOGGED_POINTS as usize);
+        Ok((points, has_more))
+    }
+}

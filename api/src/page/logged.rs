@@ -1,0 +1,152 @@
+//! The runs that clients of MLflow logged: their list, and one of them.
+
+use askama::Template;
+use axum::extract::State;
+use axum::response::Response;
+use serde::Deserialize;
+use store::TrackedMetric;
+use wire::JobState;
+
+use crate::app::App;
+use crate::app::logged::{LoggedRun, WholeLoggedRun};
+use crate::charts;
+use crate::extract::{Path, Query};
+use crate::page::answer::{InPage, PageError, html};
+use crate::page::parts::{Fact, FileLink};
+use crate::page::text;
+
+/// Metrics of a run in the list.
+const METRICS: usize = 4;
+
+#[derive(Template)]
+#[template(path = "logged_runs.html")]
+struct LoggedRunsPage {
+    rows: Vec<Row>,
+    has_more: bool,
+}
+
+struct Row {
+    href: String,
+    name: String,
+    experiment: String,
+    state: JobState,
+    status: &'static str,
+    began: String,
+    metrics: Vec<Fact>,
+    /// Metrics that are not shown.
+    others: usize,
+}
+
+pub async fn list(State(app): State<App>) -> Result<Response, PageError> {
+    let (runs, has_more) = app.logged_runs().await?;
+    Ok(html(&LoggedRunsPage { rows: runs.iter().map(Row::of).collect(), has_more })?)
+}
+
+impl Row {
+    fn of(logged: &LoggedRun) -> Self {
+        let LoggedRun { run, experiment, metrics } = logged;
+        Self {
+            href: format!("/logged/{}", run.identifier),
+            name: run.name.clone(),
+            experiment: experiment.clone(),
+            state: state(run.status.as_str()),
+            status: run.status.as_str(),
+            began: text::instant(&run.start_time.to_string()),
+            metrics: metrics.iter().take(METRICS).map(fact).collect(),
+            others: metrics.len().saturating_sub(METRICS),
+        }
+    }
+}
+
+/// The state of a job that has the colour of MLflow's status.
+fn state(status: &str) -> JobState {
+    match status {
+        "RUNNING" => JobState::Running,
+        "SCHEDULED" => JobState::Queued,
+        "FINISHED" => JobState::Succeeded,
+        "KILLED" => JobState::Cancelled,
+        _ => JobState::Failed,
+    }
+}
+
+fn fact(metric: &TrackedMetric) -> Fact {
+    Fact::new(&metric.key, text::value(metric.value), format!("at step {}", metric.step))
+}
+
+#[derive(Template)]
+#[template(path = "logged_run.html")]
+struct LoggedRunPage {
+    row: Row,
+    user: String,
+    identifier: String,
+    metrics: Vec<Fact>,
+    /// The keys of all metrics, and whether each is drawn.
+    keys: Vec<(String, bool)>,
+    figure: Option<String>,
+    /// Whether the figure has the first points only.
+    is_cut: bool,
+    params: Vec<(String, String)>,
+    tags: Vec<(String, String)>,
+    artifacts: Vec<FileLink>,
+}
+
+#[derive(Deserialize)]
+pub struct Shown {
+    metric: Option<String>,
+}
+
+pub async fn show(
+    State(app): State<App>,
+    InPage(Path(identifier)): InPage<Path<String>>,
+    InPage(Query(shown)): InPage<Query<Shown>>,
+) -> Result<Response, PageError> {
+    let WholeLoggedRun { logged, params, tags, artifacts } = app.logged_run(&identifier).await?;
+    let first = logged.metrics.first().map(|metric| metric.key.clone());
+    let key = shown.metric.or(first);
+    let (figure, is_cut) = match &key {
+        Some(key) => {
+            let (points, is_cut) = app.logged_points(&logged.run, key).await?;
+            (Some(charts::logged(key, &points).to_svg(figures::Size::PAGE)?), is_cut)
+        }
+        None => (None, false),
+    };
+    let file = |name: &str| {
+        let run = &logged.run;
+        format!(
+            "/api/2.0/mlflow-artifacts/artifacts/{}/{}/artifacts/{}",
+            run.experiment,
+            run.identifier,
+            name.split('/').map(encoded).collect::<Vec<_>>().join("/")
+        )
+    };
+    let page = LoggedRunPage {
+        user: logged.run.user.clone(),
+        metrics: logged.metrics.iter().map(fact).collect(),
+        keys: logged
+            .metrics
+            .iter()
+            .map(|metric| (metric.key.clone(), Some(&metric.key) == key.as_ref()))
+            .collect(),
+        artifacts: artifacts
+            .iter()
+            .map(|artifact| FileLink {
+                url: file(&artifact.name),
+                name: artifact.name.clone(),
+                size: text::size(artifact.object.size),
+            })
+            .collect(),
+        // Tags of MLflow itself repeat what is above.
+        tags: tags.into_iter().filter(|(key, _)| !key.starts_with("mlflow.")).collect(),
+        row: Row::of(&logged),
+        identifier,
+        figure,
+        is_cut,
+        params,
+    };
+    Ok(html(&page)?)
+}
+
+/// A part of a path as it stands in a URL.
+fn encoded(part: &str) -> String {
+    form_urlencoded::byte_serialize(part.as_bytes()).collect::<String>().replace('+', "%20")
+}
