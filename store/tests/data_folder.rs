@@ -15,7 +15,7 @@ use store::{
 };
 
 /// The number of the newest file in `migrations/sqlite`.
-const SCHEMA: i64 = 17;
+const SCHEMA: i64 = 18;
 
 /// The number of the file with the whole schema.
 const WHOLE_SCHEMA: i64 = 16;

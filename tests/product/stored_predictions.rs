@@ -6,7 +6,7 @@ use crate::product::{Product, member, run_to_end, torqued};
 
 fn training(preset: &str) -> Value {
     json!({
-        "kind": "train", "data": {"job": "data"}, "context": 32, "model": {"preset": preset},
+        "kind": "train", "data": {"job": "data"}, "context": 40, "model": {"preset": preset},
         "batch_size": 8, "steps": 10, "validate_every_steps": 10, "validation_trajectories": 8,
         "optimizer": {"warmup_steps": 0},
     })
@@ -16,13 +16,13 @@ fn pipeline() -> Value {
     json!({
         "kind": "pipeline", "name": "looked at", "jobs": {
             "data": {
-                "preset": "D1-multisine", "samples": 48, "trajectories": 24,
+                "preset": "D1-multisine", "samples": 60, "trajectories": 24,
                 "observations": {"position_noise_rad": 1e-3, "torque_noise_nm": 0.05},
             },
             "law": training("lagrangian-tiny"),
             "denoiser": training("cdt-tiny"),
             "evaluate": {
-                "kind": "evaluate", "data": {"job": "data"}, "context": 32,
+                "kind": "evaluate", "data": {"job": "data"}, "context": 40,
                 "checkpoints": [{"job": "law"}], "baselines": ["hold-last"],
                 "bootstrap": {"resamples": 100},
             },
@@ -53,8 +53,8 @@ async fn a_viewed_prediction_has_the_error_that_the_evaluation_told() {
         let predictions = found["predictions"].as_array().unwrap();
         let rmse = predictions[0]["rmse_deg"].as_f64().unwrap();
         assert!((rmse - told).abs() < 1e-4 * told, "{rmse}, and the evaluation told {told}");
-        assert_eq!((&found["begin"], &found["first"]), (&json!(32), &json!(16)));
-        assert_eq!(found["truth"].as_array().unwrap().len(), 32);
+        assert_eq!((&found["begin"], &found["first"]), (&json!(40), &json!(20)));
+        assert_eq!(found["truth"].as_array().unwrap().len(), 40);
         assert_eq!(predictions[1]["name"], "hold-last");
         assert!(
             predictions[1].get("checkpoint").is_none() && predictions[0].get("quantiles").is_none()
@@ -69,9 +69,9 @@ async fn a_viewed_prediction_has_the_error_that_the_evaluation_told() {
     assert_eq!((&both[0]["checkpoint"], &both[1]["checkpoint"]), (&json!(law), &json!(denoiser)));
     assert_eq!(both[1]["steps"], 2);
     let count = |field: &str| both[1][field].as_array().unwrap().len();
-    assert_eq!((count("quantiles"), count("samples"), count("y")), (2, 4, 16));
-    let low = &both[1]["quantiles"][0]["y"][15][6];
-    let high = &both[1]["quantiles"][1]["y"][15][6];
+    assert_eq!((count("quantiles"), count("samples"), count("y")), (2, 4, 20));
+    let low = &both[1]["quantiles"][0]["y"][19][6];
+    let high = &both[1]["quantiles"][1]["y"][19][6];
     assert!(low.as_f64().unwrap() < high.as_f64().unwrap(), "{low} to {high}");
 }
 
@@ -113,8 +113,8 @@ async fn the_page_and_the_command_show_the_same_errors_and_refuse_what_does_not_
     assert_eq!(evaluation.matches(&link).count(), 3, "{evaluation}");
 
     for (query, field) in [
-        ("&begin=31", "begin"),
-        ("&begin=33", "begin"),
+        ("&begin=39", "begin"),
+        ("&begin=41", "begin"),
         ("&samples=0", "sampling.samples"),
         ("&samples=999999", "sampling.samples"),
     ] {

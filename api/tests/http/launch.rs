@@ -80,9 +80,11 @@ async fn post(server: &Server, fields: &[(&str, &str)]) -> crate::fixture::TestR
 async fn a_form_of_fields_submits_what_the_same_json_would() {
     let server = Server::with_small_pipeline().await;
     let page = server.get("/launch?job=1").await.text().to_owned();
+    let trajectories = server.json("/v1/jobs/1").await["spec"]["trajectories"].to_string();
+    let placeholder = format!("placeholder=\"{trajectories}\"");
     for part in [
         "name=\"set:trajectories\"",
-        "placeholder=\"200\"",
+        &placeholder,
         "value=\"job:1\"",
         "name=\"sweep\"",
         "<summary>excitation (",
