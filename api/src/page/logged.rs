@@ -3,6 +3,7 @@
 use askama::Template;
 use axum::extract::State;
 use axum::response::Response;
+use reports::{Align, Table};
 use serde::Deserialize;
 use store::TrackedMetric;
 use wire::JobState;
@@ -85,8 +86,8 @@ struct LoggedRunPage {
     figure: Option<String>,
     /// Whether the figure has the first points only.
     is_cut: bool,
-    params: Vec<(String, String)>,
-    tags: Vec<(String, String)>,
+    /// Parameters and tags.
+    tables: Vec<Table>,
     artifacts: Vec<FileLink>,
 }
 
@@ -136,14 +137,28 @@ pub async fn show(
             })
             .collect(),
         // Tags of MLflow itself repeat what is above.
-        tags: tags.into_iter().filter(|(key, _)| !key.starts_with("mlflow.")).collect(),
+        tables: [
+            table("Parameters", &params),
+            table("Tags", tags.iter().filter(|(key, _)| !key.starts_with("mlflow."))),
+        ]
+        .into_iter()
+        .filter(|table| !table.rows.is_empty())
+        .collect(),
         row: Row::of(&logged),
         identifier,
         figure,
         is_cut,
-        params,
     };
     Ok(html(&page)?)
+}
+
+fn table<'a>(title: &str, pairs: impl IntoIterator<Item = &'a (String, String)>) -> Table {
+    let mut table = Table::new([("name", Align::Left), ("value", Align::Left)]);
+    title.clone_into(&mut table.title);
+    for (key, value) in pairs {
+        table.push(vec![key.as_str(), value.as_str()]);
+    }
+    table
 }
 
 /// A part of a path as it stands in a URL.
