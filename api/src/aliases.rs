@@ -3,15 +3,17 @@
 //! They are answered as the paths with its id. This comes after all guards, so nobody learns of an alias who may not read.
 
 use axum::Router;
-use axum::extract::{MatchedPath, Request, State};
+use axum::extract::{DefaultBodyLimit, MatchedPath, Request, State};
 use axum::http::Uri;
 use axum::http::uri::PathAndQuery;
 use axum::middleware::Next;
 use axum::response::Response;
+use hyper::upgrade::OnUpgrade;
 use tower::ServiceExt as _;
 
 use crate::app::{App, labels};
 use crate::error::ApiError;
+use crate::limits::BODY_BYTES;
 use crate::page::answer::refused;
 
 /// The routes whose first variable is a checkpoint.
@@ -36,6 +38,13 @@ pub async fn resolve(
         Ok(uri) => *request.uri_mut() = uri,
         Err(_) => return refused(ApiError::Internal, request.headers()),
     }
+    // Else the variables of both paths would come together.
+    let upgrade = request.extensions_mut().remove::<OnUpgrade>();
+    request.extensions_mut().clear();
+    if let Some(upgrade) = upgrade {
+        request.extensions_mut().insert(upgrade);
+    }
+    DefaultBodyLimit::max(BODY_BYTES).apply(&mut request);
     match routes.oneshot(request).await {
         Ok(response) => response,
         Err(never) => match never {},

@@ -71,7 +71,7 @@ impl PredictionsRequest {
     /// How a model is asked.
     fn sampling(&self, about: &AboutModel) -> PredictionSampling {
         let samples = self.samples.unwrap_or(SAMPLES);
-        let has_samples = about.has_samples && samples > 1;
+        let has_samples = about.has_samples && samples != 1;
         let sampler = about.sampler.filter(|_| self.steps.is_some());
         PredictionSampling {
             sampler: sampler.map(|sampler| SamplerSpec { steps: self.steps, ..sampler }),

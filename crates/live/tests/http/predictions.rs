@@ -292,3 +292,20 @@ async fn a_model_that_finds_no_room_waits_for_those_in_use_to_be_let_go() {
     }
     assert_eq!(status, 200);
 }
+
+#[tokio::test]
+async fn an_alias_predicts_and_opens_a_stream() {
+    let server = Server::start().await;
+    let checkpoint = server.checkpoint("cdt").await;
+    let patch = server.http.patch(format!("http://{}/v1/checkpoints/{checkpoint}", server.address));
+    let patch = patch.header("content-type", "application/json");
+    let labelled = patch.body(r#"{"add_aliases": ["champion"]}"#).send().await.unwrap();
+    assert_eq!(labelled.status(), 200);
+    let (_, by_id) = server.predict(checkpoint, &two()).await;
+    let (status, by_alias) = server.post("/v1/checkpoints/champion/predict", &two()).await;
+    assert_eq!(status, 200, "{by_alias}");
+    assert_eq!(by_alias["scenarios"], by_id["scenarios"]);
+    let mut socket = crate::streams::connect(&server, "champion").await;
+    let opened = crate::streams::ask(&mut socket, &json!({"open": {}})).await;
+    assert_eq!(opened["opened"]["checkpoint"], checkpoint, "{opened}");
+}

@@ -17,7 +17,7 @@ type Socket = WebSocketStream<MaybeTlsStream<TcpStream>>;
 
 async fn try_to_connect(
     server: &Server,
-    checkpoint: i64,
+    checkpoint: impl std::fmt::Display,
     headers: &[(&'static str, &str)],
 ) -> Result<Socket, Error> {
     let url = format!("ws://{}/v1/checkpoints/{checkpoint}/stream", server.address);
@@ -28,7 +28,7 @@ async fn try_to_connect(
     Ok(connect_async(request).await?.0)
 }
 
-pub async fn connect(server: &Server, checkpoint: i64) -> Socket {
+pub async fn connect(server: &Server, checkpoint: impl std::fmt::Display) -> Socket {
     try_to_connect(server, checkpoint, &[]).await.unwrap()
 }
 
