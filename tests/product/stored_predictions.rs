@@ -126,7 +126,8 @@ async fn the_page_and_the_command_show_the_same_errors_and_refuse_what_does_not_
         assert!(page.contains("role=\"alert\"") && page.contains("name=\"begin\""), "{query}");
     }
     for (query, status) in [
-        ("?checkpoint=x", 400),
+        ("?checkpoint=1x", 400),
+        ("?checkpoint=x", 404),
         ("?checkpoint=1,2,3,4,5,6,7", 400),
         ("?checkpoint=999", 404),
         ("?begin=-1", 400),
