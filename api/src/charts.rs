@@ -128,6 +128,33 @@ pub fn overlaid(key: &str, over: Over, smoothing: f64, all: &[Overlaid]) -> Figu
     }
 }
 
+/// The latest value of a metric over a number in the spec: a point for each run that has both.
+pub fn scatter(parameter: &str, key: &str, runs: &[(String, Option<f64>, Option<f64>)]) -> Figure {
+    let point = |(name, x, y): &(String, Option<f64>, Option<f64>)| {
+        Some(Curve::line(name, vec![Point::new((*x)?, (*y)?)]).with_markers())
+    };
+    let series: Vec<Curve> = runs.iter().filter_map(point).collect();
+    let points = || series.iter().flat_map(|curve| &curve.points);
+    // Rates and sizes are chosen by factors.
+    let is_wide = |of: &dyn Fn(&Point) -> f64| {
+        let (low, high) = points()
+            .map(of)
+            .fold((f64::INFINITY, 0.0_f64), |(low, high), value| (low.min(value), high.max(value)));
+        low > 0.0 && high >= 5.0 * low
+    };
+    let axis = |label: &str, is_log: bool| match is_log {
+        true => Axis::log(label),
+        false => Axis::linear(label),
+    };
+    Figure {
+        title: format!("{key} over {parameter}"),
+        x: axis(parameter, is_wide(&|point| point.x)),
+        y: axis(key, is_wide(&|point| point.y)),
+        series,
+        bands: Vec::new(),
+    }
+}
+
 /// Exponentially weighted means, with the weights of the values so far adding up to one: place and value by step.
 fn smoothed(curve: &[CurvePoint], over: Over, smoothing: f64) -> BTreeMap<u64, [f64; 2]> {
     let start = curve.first().map_or(0, |point| point.time.milliseconds());

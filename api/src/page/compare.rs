@@ -10,7 +10,7 @@ use spec::ValidationMetric;
 use wire::Run;
 
 use crate::app::App;
-use crate::charts::{Over, Overlaid, overlaid};
+use crate::charts::{self, Over, Overlaid, overlaid};
 use crate::error::ApiError;
 use crate::extract::QueryPairs;
 use crate::limits::COMPARED_RUNS;
@@ -28,6 +28,10 @@ struct ComparePage {
     smoothing: f64,
     all: bool,
     figure: Option<String>,
+    /// The numbers that differ, and whether each is drawn.
+    numbers: Vec<(String, bool)>,
+    /// The metric over one of them.
+    scatter: Option<String>,
     tables: Vec<Table>,
 }
 
@@ -40,6 +44,8 @@ struct Asked {
     smoothing: f64,
     /// Whether parameters are shown that all runs share.
     all: bool,
+    /// The parameter over which the metric is drawn.
+    against: Option<String>,
 }
 
 pub async fn show(State(app): State<App>, pairs: QueryPairs) -> Result<Response, PageError> {
@@ -64,7 +70,26 @@ pub async fn show(State(app): State<App>, pairs: QueryPairs) -> Result<Response,
             Some(overlaid(key, asked.over, asked.smoothing, &curves).to_svg(figures::Size::PAGE)?)
         }
     };
+    let numbers = comparison::numbers(&runs);
+    let against = asked.against.filter(|name| numbers.contains_key(name));
+    let against = against.or_else(|| numbers.keys().next().cloned());
+    let scatter = match (&against, &key) {
+        (Some(name), Some(key)) => {
+            let points = runs.iter().zip(&numbers[name]).map(|(run, number)| {
+                let latest = run.metrics.get(key).and_then(|latest| latest.value);
+                (comparison::label(run), *number, latest)
+            });
+            let points: Vec<_> = points.collect();
+            Some(charts::scatter(name, key, &points).to_svg(figures::Size::PAGE)?)
+        }
+        _ => None,
+    };
     let page = ComparePage {
+        scatter,
+        numbers: numbers
+            .keys()
+            .map(|name| (name.clone(), Some(name) == against.as_ref()))
+            .collect(),
         runs: runs
             .iter()
             .map(|run| Link::new(format!("/runs/{}", run.id), comparison::label(run)))
@@ -105,8 +130,14 @@ fn usual_key(keys: &BTreeSet<&String>) -> Option<String> {
 impl Asked {
     /// Reads the query. A browser sends a `run` for each ticked row, and people write `run=4,7`.
     fn read(pairs: &[(String, String)]) -> Result<Self, ApiError> {
-        let mut asked =
-            Self { runs: Vec::new(), metric: None, over: Over::Step, smoothing: 0.0, all: false };
+        let mut asked = Self {
+            runs: Vec::new(),
+            metric: None,
+            over: Over::Step,
+            smoothing: 0.0,
+            all: false,
+            against: None,
+        };
         for (name, value) in pairs {
             match name.as_str() {
                 "run" => {
@@ -127,6 +158,7 @@ impl Asked {
                         .ok_or_else(|| ApiError::parameter("smoothing", value, "0 to 0.99"))?;
                 }
                 "all" => asked.all = value == "1",
+                "against" => asked.against = Some(value.clone()),
                 _ => {}
             }
         }

@@ -1,6 +1,8 @@
 //! The page that shows runs beside each other.
 
-use crate::fixture::Server;
+use serde_json::json;
+
+use crate::fixture::{Server, small_training};
 
 /// The page about `query`, which is allowed.
 async fn page(server: &Server, query: &str) -> String {
@@ -34,6 +36,22 @@ async fn runs_stand_beside_each_other_with_a_curve_their_metrics_and_what_differ
     assert!(page(&server, "?run=1&run=1").await.contains("<svg"));
     assert!(page(&server, "?run=2&metric=nothing").await.contains("no data yet"));
     assert!(page(&server, "").await.contains("No runs are chosen"));
+}
+
+#[tokio::test]
+async fn a_metric_is_drawn_over_a_parameter_that_differs() {
+    let server = Server::with_small_pipeline().await;
+    server.submitted(&small_training(&json!({"dataset": 1}))).await;
+    server.work().await;
+    let query = "?run=1,3&metric=train/loss";
+    let first = page(&server, query).await;
+    assert!(first.contains("<title>train/loss over batch_size</title>"), "{first}");
+    let chosen = page(&server, &format!("{query}&against=steps")).await;
+    assert!(chosen.contains("<title>train/loss over steps</title>"), "{chosen}");
+    assert!(chosen.contains("<option selected>steps"), "{chosen}");
+    let other = page(&server, &format!("{query}&against=colour")).await;
+    assert!(other.contains("over batch_size"), "another name is no mistake");
+    assert!(!page(&server, "?run=1").await.contains(" over batch_size"), "nothing differs");
 }
 
 #[tokio::test]

@@ -1,6 +1,6 @@
 //! Runs beside each other: what was set differently, and what came out.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use serde_json::Value;
 use wire::{Run, Unit};
@@ -46,6 +46,21 @@ pub fn parameters(runs: &[Run], all: bool) -> Table {
     }
     table.title = if all { "Parameters" } else { "Parameters that differ" }.to_owned();
     table
+}
+
+/// The numbers in the runs' specs that differ, by their paths, with a value of each run that has one. Seeds are left out.
+pub fn numbers(runs: &[Run]) -> BTreeMap<String, Vec<Option<f64>>> {
+    let specs: Vec<BTreeMap<String, &Value>> = runs.iter().map(|run| fields(&run.spec)).collect();
+    let names: BTreeSet<&String> = specs.iter().flat_map(BTreeMap::keys).collect();
+    let is_seed = |name: &str| name == "seed" || name.ends_with(".seed");
+    let differing = names.into_iter().filter(|name| !is_seed(name)).filter_map(|name| {
+        let values: Vec<Option<f64>> =
+            specs.iter().map(|spec| spec.get(name).and_then(|value| value.as_f64())).collect();
+        let mut known = values.iter().flatten();
+        let first = known.next()?;
+        known.any(|value| value != first).then(|| (name.clone(), values.clone()))
+    });
+    differing.collect()
 }
 
 /// The places of runs that repeat each other, whose specs differ in no field but seeds. Each run
@@ -128,6 +143,17 @@ mod tests {
             "created_at": "2026-11-28T12:00:00Z",
         });
         serde_json::from_value(run).unwrap()
+    }
+
+    #[test]
+    fn numbers_that_differ_are_those_of_no_seed() {
+        let found = numbers(&three());
+        let expected = vec![Some(0.01), Some(0.02), Some(0.01)];
+        assert_eq!(found, BTreeMap::from([("optimizer.learning_rate".to_owned(), expected)]));
+        let mut without = three();
+        without[1].spec["optimizer"] = json!({});
+        without[2].spec["optimizer"]["learning_rate"] = json!(0.5);
+        assert_eq!(numbers(&without)["optimizer.learning_rate"], [Some(0.01), None, Some(0.5)]);
     }
 
     fn three() -> Vec<Run> {
