@@ -12,6 +12,9 @@ static DOCUMENT: LazyLock<Value> = LazyLock::new(crate::routes::openapi);
 /// The prefix of a field's name in the form.
 const NAMED: &str = "set:";
 
+/// The section of fields that a spec leaves out.
+const LEFT_OUT: &str = "left out";
+
 /// The longest chain of references that is followed to a field's description.
 const DEEPEST: usize = 12;
 
@@ -86,21 +89,26 @@ impl Changes {
     /// The spec with the typed values.
     ///
     /// # Errors
-    /// Names each path that the spec does not have.
+    /// Names each path whose object the spec does not have.
     pub fn applied(&self, spec: &Value) -> Result<Value, SpecError> {
         let mut changed = spec.clone();
         let mut error = SpecError::default();
         for (path, typed) in &self.0 {
-            match changed.pointer_mut(&pointer(path)) {
-                Some(place) => *place = value_of(typed),
-                None => {
-                    let allowed = "a field of the spec above";
-                    error.violations.push(Violation::new(path.clone(), typed.clone(), allowed));
-                }
+            if !put(&mut changed, path, value_of(typed)) {
+                let allowed = "a field of the spec below";
+                error.violations.push(Violation::new(path.clone(), typed.clone(), allowed));
             }
         }
         if error.is_empty() { Ok(changed) } else { Err(error) }
     }
+}
+
+/// Sets a field of an object that is there. Says whether it is.
+fn put(spec: &mut Value, path: &str, value: Value) -> bool {
+    let (object, name) = path.rsplit_once('.').unwrap_or(("", path));
+    let object = if object.is_empty() { Some(spec) } else { spec.pointer_mut(&pointer(object)) };
+    let fields = object.and_then(Value::as_object_mut);
+    fields.map(|fields| fields.insert(name.to_owned(), value)).is_some()
 }
 
 /// A JSON value, or else the text itself: `200`, `true`, `["a"]`, `multisine`.
@@ -125,8 +133,8 @@ pub fn sweep(spec: &Value, path: &str, values: &[Value]) -> Result<Value, SpecEr
     if spec["kind"] == "pipeline" {
         return refused("over a pipeline", "a sweep over a single job");
     }
-    if path == "kind" || spec.pointer(&pointer(path)).is_none() {
-        return refused(path, "a field of the spec above");
+    if path == "kind" || !put(&mut spec.clone(), path, Value::Null) {
+        return refused(path, "a field of the spec");
     }
     if values.is_empty() {
         return refused("without values", "values separated by commas, or a list in JSON");
@@ -136,9 +144,7 @@ pub fn sweep(spec: &Value, path: &str, values: &[Value]) -> Result<Value, SpecEr
         .zip(values)
         .map(|(number, value)| {
             let mut job = spec.clone();
-            if let Some(place) = job.pointer_mut(&pointer(path)) {
-                *place = value.clone();
-            }
+            put(&mut job, path, value.clone());
             (format!("{kind}-{number}"), job)
         })
         .collect();
@@ -185,6 +191,25 @@ pub fn groups(
                 path,
             });
         }
+        let optional = schema.and_then(|schema| schema["properties"].as_object());
+        let optional = optional
+            .into_iter()
+            .flatten()
+            .filter(|(label, _)| *label != "kind" && job.get(label.as_str()).is_none());
+        let optional = optional.map(|(label, schema)| {
+            let path = format!("{prefix}{label}");
+            Field {
+                placeholder: "left out".to_owned(),
+                value: changes.0.get(&path).cloned().unwrap_or_default(),
+                about: about(schema),
+                choices: Vec::new(),
+                violation: String::new(),
+                label: label.clone(),
+                path,
+            }
+        });
+        sections.push(Section { name: LEFT_OUT.to_owned(), fields: optional.collect() });
+        sections.retain(|section| !section.fields.is_empty());
         groups.push(Group { name, sections });
     }
     let rest = violations.into_iter().filter(|violation| {
@@ -269,7 +294,7 @@ fn about(schema: &'static Value) -> String {
     let own = schema["description"].as_str();
     let target = schema["$ref"].as_str().and_then(resolved);
     let text = own.or_else(|| target?["description"].as_str()).unwrap_or_default();
-    text.split("\n\n").next().unwrap_or_default().replace('\n', " ")
+    text.split("\n\n").next().unwrap_or_default().replace('\n', " ").replace('`', "")
 }
 
 /// The words that the field may have, if its value is one of them.
@@ -315,6 +340,7 @@ mod tests {
         assert!(rate.placeholder.parse::<f64>().is_ok(), "{}", rate.placeholder);
         assert!(!rate.about.is_empty());
         assert!(field(&groups, "normalization").choices.contains(&"dataset".to_owned()));
+        assert_eq!(field(&groups, "early_stop").placeholder, "left out");
         let without: Vec<&str> = all(&groups)
             .filter(|field| field.about.is_empty())
             .map(|field| field.path.as_str())
@@ -339,8 +365,13 @@ mod tests {
             (spec["steps"].clone(), spec["normalization"].clone());
         assert_eq!(back, spec);
         assert_eq!(Changes::default().applied(&spec).unwrap(), spec);
-        let strange = Changes::read(&[("set:colour".to_owned(), "red".to_owned())]);
-        assert_eq!(strange.applied(&spec).unwrap_err().violations[0].field, "colour");
+        let strange = Changes::read(&[("set:paint.colour".to_owned(), "red".to_owned())]);
+        assert_eq!(strange.applied(&spec).unwrap_err().violations[0].field, "paint.colour");
+        // A field that was left out.
+        let early =
+            Changes::read(&[("set:early_stop".to_owned(), r#"{"patience": 3}"#.to_owned())]);
+        let early = early.applied(&spec).unwrap();
+        assert_eq!(early["early_stop"]["patience"], 3);
     }
 
     #[test]
@@ -371,7 +402,8 @@ mod tests {
         assert_eq!(jobs.keys().collect::<Vec<_>>(), ["train-1", "train-2"]);
         assert_eq!(jobs["train-2"]["optimizer"]["learning_rate"], 1e-4);
         spec::parse_json(swept.clone()).unwrap();
-        for (path, values) in [("colour", &values[..]), ("steps", &[]), ("kind", &values[..])] {
+        for (path, values) in [("paint.colour", &values[..]), ("steps", &[]), ("kind", &values[..])]
+        {
             assert!(sweep(&training(), path, values).is_err(), "{path}");
         }
         assert!(sweep(&swept, "name", &values).is_err());

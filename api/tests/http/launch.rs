@@ -149,7 +149,7 @@ async fn what_is_wrong_stands_beside_its_input_which_keeps_its_text() {
         (vec![("from", "file:x")], 400),
         (vec![("name", "x")], 400),
         (vec![("from", "job:1"), ("set:colour", "red")], 422),
-        (vec![("from", "job:1"), ("sweep", "colour"), ("values", "1")], 422),
+        (vec![("from", "job:1"), ("sweep", "paint.colour"), ("values", "1")], 422),
         (vec![("from", "job:1"), ("sweep", "seed"), ("values", " , ")], 422),
     ] {
         let refused = post(&server, &fields).await;
