@@ -232,7 +232,7 @@ test("a job is duplicated, refused beside the field that is wrong, corrected and
   await form.getByRole("button", { name: "Launch" }).click();
   await page.getByRole("alert").waitFor();
   assert.equal(await trajectories.inputValue(), "-3");
-  assert.match(await form.locator("label", { has: trajectories }).innerText(), /allowed: 1 to/);
+  assert.match(await form.locator("label", { has: page.locator('[name="set:trajectories"]') }).innerText(), /allowed: 1 to/);
   // The status of the page is a refusal, of which the browser's console tells.
   complaints.length = 0;
   await trajectories.fill("64");

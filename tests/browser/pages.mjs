@@ -27,6 +27,7 @@ export async function paths(product) {
     "no robots": "/robots?text=no-such-name",
     comparison: `/compare?run=${training.run},${evaluation.run}`,
     "no comparison": "/compare",
+    "logged runs": "/logged",
     launch: `/launch?job=${training.id}`,
     workers: "/workers",
     trash: "/trash",
