@@ -163,7 +163,7 @@ pub struct RetentionArguments {
     pub keep_failed_jobs_days: Option<u16>,
 
     /// Newest checkpoints of each training that has ended that stay; the others go into the trash, except the final one, the
-    /// best, those with a name, a note or a tag and those that a job read by their step, 1 to 100000 [default: all stay]
+    /// best, those with a name, a note, a tag or an alias and those that a job read by their step, 1 to 100000 [default: all stay]
     #[arg(long, env = "TORQUED_KEEP_CHECKPOINTS", value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     pub keep_checkpoints: Option<u32>,
 
