@@ -160,7 +160,7 @@ impl App {
             };
             predictions.push(found.against(future(about.horizon)));
         }
-        let last = stored.measured_rows(Given::Torques)?.swap_remove(window.begin - 1).1;
+        let last = stored.measured(Given::Torques)?.y.swap_remove(window.begin - 1);
         let held = TrajectoryPrediction {
             name: HELD.to_owned(),
             y: vec![last; window.horizon],
@@ -266,13 +266,13 @@ fn question(
     sampling: &PredictionSampling,
 ) -> Result<Question, ApiError> {
     let AboutModel { context, horizon, joints, rate_hz, given, .. } = *about;
-    let measured = stored.measured_rows(given)?;
+    let Measured { u, y } = stored.measured(given)?;
     // What is planned has no noise.
     let planned = stored.rows(stored.inputs(given))?;
-    let known = &measured[begin - context..begin];
-    let future = planned[begin..begin + horizon].iter();
-    let u = known.iter().map(|(u, _)| u).chain(future).flatten().copied().collect();
-    let y = known.iter().flat_map(|(_, y)| y).copied().collect();
+    let known = begin - context..begin;
+    let future = &planned[begin..begin + horizon];
+    let u = u[known.clone()].iter().chain(future).flatten().copied().collect();
+    let y = y[known].iter().flatten().copied().collect();
     let shape = Shape { robots: 1, samples: context + horizon, joints };
     let series = series_of(shape, context, rate_hz, u, y)?;
     let noise = MeasurementNoise {
@@ -280,6 +280,12 @@ fn question(
         torque_nm: stored.data.torque_noise_nm(),
     };
     Ok(asked(sampling, series.with_noise(noise)))
+}
+
+/// What sensors say: a row of inputs and one of positions per sample.
+struct Measured {
+    u: Vec<Vec<f32>>,
+    y: Vec<Vec<f32>>,
 }
 
 impl StoredTrajectory {
@@ -295,8 +301,7 @@ impl StoredTrajectory {
         }
     }
 
-    /// What sensors say at each sample: the inputs and the positions.
-    fn measured_rows(&self, given: Given) -> Result<Vec<(Vec<f32>, Vec<f32>)>, ApiError> {
+    fn measured(&self, given: Given) -> Result<Measured, ApiError> {
         let (joints, observations) = (self.joints(), self.data.observations());
         let u = match given {
             Given::Torques if observations.measures_torques() => {
@@ -308,7 +313,7 @@ impl StoredTrajectory {
             true => self.rows(Column::measured_positions(joints))?,
             false => self.rows(Column::positions(joints))?,
         };
-        Ok(u.into_iter().zip(y).collect())
+        Ok(Measured { u, y })
     }
 
     /// A row per sample of these columns.

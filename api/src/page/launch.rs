@@ -177,7 +177,7 @@ pub async fn submit(
             };
             let begin = beginning.as_ref().map(|beginning| (beginning, &changes));
             let page = LaunchPage::new(begin, fields, &headers);
-            let page = page.refused(problem.title.clone(), violations, begin);
+            let page = page.refused(problem.title, violations, begin);
             Ok((error.status(), html(&page)?).into_response())
         }
         Err(error) => Err(error.into()),
