@@ -360,7 +360,7 @@ mod tests {
         let pairs = pairs.map(|(name, value)| (name.to_owned(), value.to_owned()));
         let changed = Changes::read(&pairs).applied(&spec).unwrap();
         assert_eq!((&changed["steps"], &changed["normalization"]), (&json!(7), &json!("dataset")));
-        let mut back = changed.clone();
+        let mut back = changed;
         (back["steps"], back["normalization"]) =
             (spec["steps"].clone(), spec["normalization"].clone());
         assert_eq!(back, spec);
