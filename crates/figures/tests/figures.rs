@@ -355,7 +355,7 @@ fn a_script_finds_the_drawn_numbers_where_the_lines_are() {
         document.descendants().filter(|node| node.attribute("data-series") == Some(place)).count()
     };
     assert_eq!([groups("0"), groups("1")], [2, 2]);
-    let mut with_ribbon = figure.clone();
+    let mut with_ribbon = figure;
     with_ribbon.series[0].points[2] = Point::with_interval(100.0, 3.0, 2.0, 4.0);
     with_ribbon.series[0].points[3] = Point::with_interval(1000.0, 3.0, 2.0, 4.0);
     let drawn = svg(&with_ribbon);
