@@ -3,10 +3,13 @@
 import assert from "node:assert/strict";
 import { createHash } from "node:crypto";
 import { readFile } from "node:fs/promises";
+import { createRequire } from "node:module";
 import { after, before, beforeEach, test } from "node:test";
 
 import { launch } from "./chromium.mjs";
 import { start } from "./product.mjs";
+
+const axe = await readFile(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
 
 let product;
 let browser;
@@ -138,7 +141,11 @@ test("a figure answers: values, a part drawn larger, a curve switched off, a PNG
   await page.keyboard.press("Enter");
   assert.equal(await key.getAttribute("aria-checked"), "true");
 
-  // The keyboard reads and ends.
+  await page.evaluate(axe);
+  const { violations } = await page.evaluate(() => globalThis.axe.run("figure[data-chart]"));
+  assert.deepEqual(violations.filter(({ impact }) => ["serious", "critical"].includes(impact)), []);
+
+  // The keyboard reads, too.
   await figure.locator(".scroll").focus();
   await page.keyboard.press("ArrowLeft");
   assert.equal(await reading.isVisible(), true);

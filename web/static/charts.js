@@ -226,6 +226,8 @@ class Chart {
     for (const metadata of svg.querySelectorAll("metadata")) {
       this.plots.push(new Plot(metadata.parentElement, JSON.parse(metadata.textContent)));
     }
+    // A picture has no parts that the keyboard could reach.
+    for (const it of [svg, ...svg.querySelectorAll("[role='img']")]) it.setAttribute("role", "group");
     this.reading = document.createElement("div");
     this.reading.className = "reading";
     this.reading.setAttribute("role", "status");
