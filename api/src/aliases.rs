@@ -38,7 +38,7 @@ pub async fn resolve(
         Ok(uri) => *request.uri_mut() = uri,
         Err(_) => return refused(ApiError::Internal, request.headers()),
     }
-    // Else the variables of both paths would come together.
+    // The request keeps the variables of the first path, and the handler would get those of both.
     let upgrade = request.extensions_mut().remove::<OnUpgrade>();
     request.extensions_mut().clear();
     if let Some(upgrade) = upgrade {

@@ -76,7 +76,7 @@ pub struct AboutModel {
     pub joints: usize,
     /// Samples per second of its context and of its predictions.
     pub rate_hz: f64,
-    /// What it is given beside the positions of the context.
+    /// The series that it is given beside the positions of the context.
     pub given: Given,
     /// Whether it can give several answers to the same question.
     pub has_samples: bool,

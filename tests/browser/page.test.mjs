@@ -246,7 +246,9 @@ test("a job is duplicated, refused beside the field that is wrong, corrected and
   await form.locator("summary", { hasText: "observations" }).click();
   await form.locator('[name="set:observations.joint_velocities"]').selectOption("true");
   await form.getByRole("button", { name: "Show as JSON" }).click();
-  const text = await page.getByLabel("Spec, as JSON").inputValue();
+  const json = page.getByLabel("Spec, as JSON");
+  assert.equal(await json.isVisible(), true);
+  const text = await json.inputValue();
   assert.deepEqual([JSON.parse(text).trajectories, JSON.parse(text).observations.joint_velocities], [64, true]);
   await form.getByRole("button", { name: "Launch" }).click();
   await page.waitForURL(/\/jobs\/\d+$/);

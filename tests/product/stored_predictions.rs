@@ -127,6 +127,7 @@ async fn the_page_and_the_command_show_the_same_errors_and_refuse_what_does_not_
     }
     for (query, status) in [
         ("?checkpoint=1x", 400),
+        ("?checkpoint=1,1,1,1,1,1,1,999", 404),
         ("?checkpoint=x", 404),
         ("?checkpoint=1,2,3,4,5,6,7", 400),
         ("?checkpoint=999", 404),

@@ -1,4 +1,4 @@
-//! What checkpoints predict for a stored trajectory, at once and without a job.
+//! Checkpoints predict a stored trajectory, at once and without a job.
 
 use series::{MeasurementNoise, Shape};
 use spec::{Column, Given, SamplerSpec};
@@ -38,19 +38,19 @@ pub struct PredictionsRequest {
 }
 
 impl PredictionsRequest {
-    /// Reads the fields of a query, and ignores others. `checkpoint` has ids separated by commas, and may come several times.
+    /// Reads the fields of a query, and ignores others. Gives the request without its checkpoints, and the ids and aliases
+    /// of these, each once. `checkpoint` has them separated by commas, and may come several times.
     ///
     /// # Errors
     /// [`ApiError::Parameter`] for the first invalid field.
-    fn read(pairs: &[(String, String)]) -> Result<Self, ApiError> {
-        let mut request = Self::default();
+    fn read(pairs: &[(String, String)]) -> Result<(Self, Vec<&str>), ApiError> {
+        let (mut request, mut names) = (Self::default(), Vec::new());
         for (name, value) in pairs {
             match name.as_str() {
                 "checkpoint" => {
-                    for id in value.split(',') {
-                        let id = number(name, id, "ids of checkpoints, whole numbers")?;
-                        if !request.checkpoints.contains(&id) {
-                            request.checkpoints.push(id);
+                    for named in value.split(',').map(str::trim) {
+                        if !names.contains(&named) {
+                            names.push(named);
                         }
                     }
                 }
@@ -61,11 +61,11 @@ impl PredictionsRequest {
                 _ => {}
             }
         }
-        if request.checkpoints.len() > PREDICTED_CHECKPOINTS {
+        if names.len() > PREDICTED_CHECKPOINTS {
             let allowed = format!("at most {PREDICTED_CHECKPOINTS} checkpoints");
-            return Err(ApiError::parameter("checkpoint", request.checkpoints.len(), allowed));
+            return Err(ApiError::parameter("checkpoint", names.len(), allowed));
         }
-        Ok(request)
+        Ok((request, names))
     }
 
     /// How a model is asked.
@@ -88,30 +88,25 @@ fn number<T: std::str::FromStr>(name: &str, value: &str, allowed: &str) -> Resul
 }
 
 impl App {
-    /// Reads the fields of a query. `checkpoint` may have aliases, too.
+    /// Reads the fields of a query, and finds the checkpoints that aliases stand for.
     ///
     /// # Errors
-    /// Those of [`PredictionsRequest::read`], and when no checkpoint has an alias.
+    /// [`ApiError::Parameter`] for the first invalid field, and when no checkpoint has an alias.
     pub(crate) async fn predictions_request(
         &self,
         pairs: &[(String, String)],
     ) -> Result<PredictionsRequest, ApiError> {
-        let mut resolved = Vec::with_capacity(pairs.len());
-        for (name, value) in pairs {
-            let mut value = value.clone();
-            if name == "checkpoint" {
-                let mut ids = Vec::new();
-                for part in value.split(',').map(str::trim).take(PREDICTED_CHECKPOINTS + 1) {
-                    ids.push(match is_alias(part) {
-                        true => self.checkpoint_of_alias(part).await?.to_string(),
-                        false => part.to_owned(),
-                    });
-                }
-                value = ids.join(",");
+        let (mut request, names) = PredictionsRequest::read(pairs)?;
+        for name in names {
+            let id = match is_alias(name) {
+                true => self.checkpoint_of_alias(name).await?,
+                false => number("checkpoint", name, "ids or aliases of checkpoints")?,
+            };
+            if !request.checkpoints.contains(&id) {
+                request.checkpoints.push(id);
             }
-            resolved.push((name.clone(), value));
         }
-        PredictionsRequest::read(&resolved)
+        Ok(request)
     }
 
     /// The predictions of checkpoints for a stored trajectory, and that of the last position.
@@ -143,22 +138,28 @@ impl App {
             let _memory = self.checks.memory(numbers_of(1, &about) * size_of::<f32>())?;
             let question = question(&stored, &about, window.begin, &sampling)?;
             let prediction = model.predict(question, LiveQueue::Requests).await?;
-            let mut answer = prediction.of(0, 1, about.horizon, &sampling);
+            let own_steps = about.sampler.and_then(|sampler| sampler.steps);
+            let steps = sampling.sampler.map_or(own_steps, |sampler| sampler.steps);
+            let horizon = about.horizon;
+            // The quantiles of many samples take long.
+            let answer = self.checks.run(prediction.answered_bytes(&sampling), move || {
+                Ok((prediction.of(0, 1, horizon, &sampling), prediction))
+            });
+            let (mut answer, prediction) = answer.await?;
             let mut samples = answer.samples.take().unwrap_or_default();
             samples.truncate(SHOWN_SAMPLES);
-            let own_steps = about.sampler.and_then(|sampler| sampler.steps);
             let found = TrajectoryPrediction {
                 name: self.name_of_checkpoint(resource.checkpoint).await?,
                 checkpoint: Some(resource.checkpoint),
                 y: answer.y,
                 quantiles: answer.quantiles,
                 samples,
-                steps: sampling.sampler.map_or(own_steps, |sampler| sampler.steps),
+                steps,
                 compute_ms: Some(milliseconds(prediction.computed)),
                 warnings: prediction.warnings,
                 ..TrajectoryPrediction::default()
             };
-            predictions.push(found.against(future(about.horizon)));
+            predictions.push(found.against(future(horizon)));
         }
         let last = stored.measured(Given::Torques)?.y.swap_remove(window.begin - 1);
         let held = TrajectoryPrediction {
@@ -267,7 +268,7 @@ fn question(
 ) -> Result<Question, ApiError> {
     let AboutModel { context, horizon, joints, rate_hz, given, .. } = *about;
     let Measured { u, y } = stored.measured(given)?;
-    // What is planned has no noise.
+    // Planned torques and references have no noise.
     let planned = stored.rows(stored.inputs(given))?;
     let known = begin - context..begin;
     let future = &planned[begin..begin + horizon];
@@ -282,7 +283,7 @@ fn question(
     Ok(asked(sampling, series.with_noise(noise)))
 }
 
-/// What sensors say: a row of inputs and one of positions per sample.
+/// The measured values: a row of inputs and one of positions per sample.
 struct Measured {
     u: Vec<Vec<f32>>,
     y: Vec<Vec<f32>>,

@@ -147,7 +147,7 @@ fn snippets(
     snippets
 }
 
-/// What a question to a checkpoint needs.
+/// The parts of the example question.
 struct Asked {
     extents: Extents,
     /// The dataset that it was trained on, whose first trajectory is asked about.

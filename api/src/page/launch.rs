@@ -29,6 +29,8 @@ struct LaunchPage {
     /// The inputs of its spec; none without a beginning.
     groups: Vec<Group>,
     fields: Fields,
+    /// Whether the text is unfolded.
+    is_text_open: bool,
     /// Why the text was refused; empty before it was submitted.
     refusal: String,
     violations: Vec<Violation>,
@@ -77,11 +79,13 @@ impl Fields {
     }
 }
 
-/// What a form begins with.
+/// The job or the preset that a form begins with.
 struct Beginning {
     about: String,
     from: String,
-    /// With every default filled in.
+    /// Its spec as it was written.
+    written: Value,
+    /// The same spec with every default filled in.
     spec: Value,
 }
 
@@ -103,7 +107,8 @@ impl Beginning {
         };
         // A preset with fields that are not given yet, and a spec of another version, stay as they are.
         let complete = spec::parse_json(spec.clone()).map(|spec| spec.to_json());
-        Ok(Self { about, from: from.to_owned(), spec: complete.unwrap_or(spec) })
+        let complete = complete.unwrap_or_else(|_| spec.clone());
+        Ok(Self { about, from: from.to_owned(), written: spec, spec: complete })
     }
 }
 
@@ -121,13 +126,7 @@ pub async fn show(
         }
     };
     let beginning = Beginning::of(&app, &from).await?;
-    let text = match from.strip_prefix("preset:") {
-        // As the preset is written, without what it leaves open.
-        Some(name) => jobs().find(|preset| preset.name == name).map(|it| spec_text(&it.spec)),
-        None => None,
-    };
-    let spec = text.unwrap_or_else(|| spec_text(&beginning.spec));
-    let fields = Fields { spec, ..Fields::default() };
+    let fields = Fields { spec: spec_text(&beginning.written), ..Fields::default() };
     Ok(html(&LaunchPage::new(Some((&beginning, &Changes::default())), fields, &headers))?)
 }
 
@@ -159,7 +158,8 @@ pub async fn submit(
             // Only the text is asked for.
             fields.spec = text;
             let begin = beginning.as_ref().map(|beginning| (beginning, &changes));
-            return Ok(html(&LaunchPage::new(begin, fields, &headers))?);
+            let page = LaunchPage::new(begin, fields, &headers);
+            return Ok(html(&LaunchPage { is_text_open: true, ..page })?);
         }
         Ok(text) => {
             fields.spec = text;
@@ -211,6 +211,7 @@ impl LaunchPage {
             from: begin.map(|(beginning, _)| beginning.from.clone()).unwrap_or_default(),
             groups: groups.map(|(groups, _)| groups).unwrap_or_default(),
             fields,
+            is_text_open: begin.is_none(),
             refusal: String::new(),
             violations: Vec::new(),
             presets: jobs()

@@ -45,7 +45,7 @@ struct Choice {
     is_chosen: bool,
 }
 
-/// What the form asks for.
+/// The fields of the form.
 struct Fields {
     dataset: Option<i64>,
     trajectory: u64,
@@ -99,7 +99,10 @@ pub async fn show(State(app): State<App>, pairs: QueryPairs) -> Result<Response,
             None => "Predictions".to_owned(),
         },
         previous: index.checked_sub(1).map(|index| fields.address("/predict", index)),
-        next: Some(index + 1).filter(|next| *next <= last).map(|i| fields.address("/predict", i)),
+        next: index
+            .checked_add(1)
+            .filter(|next| *next <= last)
+            .map(|i| fields.address("/predict", i)),
         datasets: datasets
             .iter()
             .map(|dataset| Choice {
@@ -148,7 +151,7 @@ fn name(checkpoint: &Checkpoint) -> String {
     parts.join(" · ")
 }
 
-/// What the page shows below its form.
+/// The part of the page below its form.
 #[derive(Default)]
 struct Shown {
     problem: String,

@@ -55,7 +55,7 @@ pub struct Field {
     pub label: String,
     /// The value without a change.
     pub placeholder: String,
-    /// What was typed; empty leaves the field as it is.
+    /// The typed text; an empty one leaves the field as it is.
     pub value: String,
     pub about: String,
     /// The allowed words, if these are all.
