@@ -49,13 +49,13 @@ pub enum Command {
     Submit(submit::Arguments),
     /// Predict joint positions with a checkpoint
     Predict(predict::Arguments),
-    /// Predict at every sample: messages on standard input, answers on standard output
+    /// Predict at every sample, from standard input to standard output
     Stream(predict::StreamArguments),
     /// Upload your own recordings and turn them into a dataset
     Import(import::Arguments),
-    /// Identify an arm: from a URDF and logs to parameters with their uncertainty, without a server
+    /// Identify an arm from its URDF and logs, without a server
     Identify(Box<identify::Arguments>),
-    /// Design a motion that shows the parameters of an arm, for its controller, without a server
+    /// Design a motion that shows the parameters of an arm
     Excite(Box<excite::Arguments>),
     /// List workers with their tasks
     Workers(workers::Arguments),
@@ -67,7 +67,7 @@ pub enum Command {
     Jobs(lists::Arguments<wire::Job>),
     /// List datasets, newest first
     Datasets(lists::Arguments<wire::Dataset>),
-    /// List runs, newest first: the records of trainings, evaluations and control jobs
+    /// List runs of trainings, evaluations and control jobs
     Runs(lists::Arguments<wire::Run>),
     /// List checkpoints, newest first
     Checkpoints(lists::Arguments<wire::Checkpoint>),
@@ -77,13 +77,13 @@ pub enum Command {
     Show(show::Arguments),
     /// Download the files of a dataset, a checkpoint, a run or an evaluation
     Download(download::Arguments),
-    /// Write a dataset for LeRobot, a checkpoint for the Hugging Face hub, or runs to an MLflow server
+    /// Write data for LeRobot, a model for Hugging Face, runs for MLflow
     Export(export::Arguments),
     /// Print the metrics of a run as CSV
     Metrics(metrics::Arguments),
     /// Show what runs have set differently, and what came out
     Compare(compare::Arguments),
-    /// Show the channels and spectra of a dataset
+    /// Show the channels, the arms and the spectra of a dataset
     Summary(summary::Arguments),
     /// Print a trajectory of a dataset
     Trajectory(trajectory::Arguments),
@@ -97,7 +97,7 @@ pub enum Command {
     Logs(logs::Arguments),
     /// Follow a job until it ends
     Watch(watch::Arguments),
-    /// Give a job, a run, a dataset or a checkpoint a name, tags and a note
+    /// Give something a name, tags, a note or an alias
     Label(label::Arguments),
     /// Print events of jobs as they happen
     Events(events::Arguments),
@@ -109,15 +109,15 @@ pub enum Command {
     Delete(delete::Arguments),
     /// Restore things from the trash
     Undelete(undelete::Arguments),
-    /// List the trash, with the dates until which things can be restored
+    /// List the trash, and until when things can be restored
     Trash(trash::Arguments),
-    /// Delete expired things from the trash, and files that nothing refers to
+    /// Delete what expired in the trash, and files without a use
     Gc(gc::Arguments),
     /// Pause the queue: no more tasks begin, and running tasks go on
     Pause(queue::PauseArguments),
     /// Resume the queue after a pause
     Resume(queue::Arguments),
-    /// Drain a worker: it begins no more tasks, and its running task goes on
+    /// Drain a worker: it begins no more tasks and ends its own
     Drain(queue::DrainArguments),
     /// Undrain a worker: it begins tasks again
     Undrain(queue::UndrainArguments),
@@ -125,7 +125,7 @@ pub enum Command {
     Token(access::Arguments),
     /// List changes and who made them, newest first
     Audit(access::AuditArguments),
-    /// Copy everything into a new data folder while servers and workers keep running
+    /// Copy everything into a new data folder while servers run
     Backup(copies::BackupArguments),
     /// Copy a backup to a new place
     Restore(copies::RestoreArguments),
@@ -133,7 +133,7 @@ pub enum Command {
     Reindex(reindex::Arguments),
     /// Move a data folder to PostgreSQL and a bucket, or back
     Migrate(copies::MigrateArguments),
-    /// Show, simulate or compute an arm from a URDF or a description, and keep it on a server
+    /// Show, check or compute an arm, and keep it on a server
     Robot(robot::Arguments),
     /// List the presets, or show one
     Presets(presets::Arguments),

@@ -15,6 +15,7 @@ use clap::{Arg, ArgMatches, Command, CommandFactory, FromArgMatches};
 use toml::{Table, Value};
 
 use crate::cli::Cli;
+use crate::help::grouped;
 
 /// The command whose flags are the keys.
 const COMMAND: &str = "serve";
@@ -34,7 +35,7 @@ const NO_KEYS: [&str; 4] = [FLAG, "help", "version", "claim-place"];
 /// Name the file, the key and what is allowed.
 pub fn parse() -> anyhow::Result<Cli> {
     let arguments: Vec<OsString> = std::env::args_os().collect();
-    let matches = Cli::command().get_matches_from(&arguments);
+    let matches = grouped(Cli::command()).get_matches_from(&arguments);
     let cli = match file(&matches) {
         None => Cli::from_arg_matches(&matches),
         Some(Named { path, reader, given }) => {

@@ -43,6 +43,10 @@ struct ListArguments {
     #[arg(long, value_name = "MOMENT")]
     until: Option<String>,
 
+    /// Show this column, too: a metric such as train/loss, or a field of the spec such as optimizer.learning_rate
+    #[arg(long = "column", value_name = "COLUMN")]
+    columns: Vec<String>,
+
     /// Largest number of items to list
     #[arg(long, value_name = "N", default_value_t = 20, value_parser = clap::value_parser!(u32).range(1..=500))]
     limit: u32,
@@ -74,7 +78,8 @@ impl<T: Listed> Args for Arguments<T> {
         let command = ListArguments::augment_args(command.args(declared::<T>()));
         // The server refuses tags in other lists.
         let hide = |tags: Arg| tags.hide(!T::LIST.has_labels);
-        command.mut_arg("tags", hide)
+        let command = command.mut_arg("tags", hide);
+        command.mut_arg("columns", |columns| columns.hide(!T::LIST.has_columns))
     }
 
     fn augment_args_for_update(command: Command) -> Command {
@@ -146,7 +151,7 @@ pub async fn run<T: Listed>(arguments: Arguments<T>) -> anyhow::Result<ExitCode>
         }
     }
     if !list.output.json {
-        print!("{}", listed(&items));
+        print!("{}", listed(&items, &list.columns));
         arguments.print_rest(cursor.as_deref(), items.last().map(T::id));
     }
     Ok(ExitCode::SUCCESS)
@@ -189,15 +194,17 @@ fn command(list: &List) -> &'static str {
 }
 
 /// The items of a list as a table.
-fn listed<T: Listed>(items: &[T]) -> String {
+fn listed<T: Listed>(items: &[T], chosen: &[String]) -> String {
     let columns = T::COLUMNS.iter().map(head);
     let tags = T::LIST.has_labels.then_some(("tags", Align::Left));
-    let mut table = Table::new(
-        [("id", Align::Right), ("name", Align::Left)].into_iter().chain(columns).chain(tags),
-    );
+    let owned = |(heading, align): (&str, Align)| (heading.to_owned(), align);
+    let own = [("id", Align::Right), ("name", Align::Left)].into_iter().chain(columns);
+    let chosen_heads = chosen.iter().map(|column| (column.clone(), Align::Right));
+    let mut table = Table::new(own.map(owned).chain(chosen_heads).chain(tags.map(owned)));
     for item in items {
         let mut row = vec![item.id().to_string(), item.name().to_owned()];
         row.extend(T::COLUMNS.iter().map(|column| shown((column.cell)(item))));
+        row.extend(chosen.iter().map(|column| shown(item.chosen(column))));
         row.extend(tags.map(|_| item.tags().join(" ")));
         table.push(row);
     }
@@ -225,6 +232,7 @@ fn shown(cell: ListCell) -> String {
         ListCell::State(_, word) => word.to_owned(),
         ListCell::Count(number) => measure::count(number),
         ListCell::Bytes(bytes) => measure::size(bytes),
+        ListCell::Number(number) => reports::numbers::value(number),
         ListCell::Degrees(angle) => format!("{}°", reports::numbers::degrees(angle)),
         ListCell::Headline(headline) => reports::headline(&headline),
         ListCell::Percent(percent) => format!("{percent:.0} %"),

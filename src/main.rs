@@ -11,6 +11,7 @@ mod commands;
 mod configuration;
 mod device;
 mod exit;
+mod help;
 mod lists;
 mod logging;
 mod offers;

@@ -9,14 +9,19 @@ use clap::ValueEnum;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Resource {
     /// A job that was submitted
+    #[value(alias = "jobs")]
     Job,
     /// Trajectories of many robots
+    #[value(alias = "datasets")]
     Dataset,
     /// The record of a training, an evaluation or a control job
+    #[value(alias = "runs")]
     Run,
     /// The weights of a model
+    #[value(alias = "checkpoints")]
     Checkpoint,
     /// A comparison of predictors, by the id of its job
+    #[value(alias = "evaluations")]
     Evaluation,
 }
 
@@ -24,12 +29,16 @@ pub enum Resource {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Deletable {
     /// A job with its logs and all its results; a pipeline with the jobs that were made for it
+    #[value(alias = "jobs")]
     Job,
     /// The record of a training, an evaluation or a control job, with its checkpoints
+    #[value(alias = "runs")]
     Run,
     /// Trajectories of many robots
+    #[value(alias = "datasets")]
     Dataset,
     /// The weights of a model
+    #[value(alias = "checkpoints")]
     Checkpoint,
 }
 

@@ -2,9 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use figures::{Axis, Band, COMPARED, Curve, Figure, FigureError, Point, Size};
+use figures::{Axis, Band, COMPARED, Curve, Figure, FigureError, Point, SERIES_ALLOWED, Size};
 use store::{CurvePoint, TrackedMetric};
-use wire::{Summary, TrajectoryPrediction, TrajectoryPredictions};
+use wire::{SpectrumSummary, Summary, TrajectoryPrediction, TrajectoryPredictions};
 
 use crate::app::trajectories::StoredTrajectory;
 
@@ -92,7 +92,7 @@ pub struct Overlaid {
 
 /// A metric of several runs in one figure. Of runs that repeat each other it has the mean at the steps that all
 /// of them have, and a band from the least to the largest value. `smoothing` is the weight of what
-/// came before.
+/// came before; what is smoothed stands pale behind.
 pub fn overlaid(key: &str, over: Over, smoothing: f64, all: &[Overlaid]) -> Figure {
     let values = all.iter().flat_map(|group| group.curves.iter().flatten());
     let y = loss_axis(key, values);
@@ -116,6 +116,23 @@ pub fn overlaid(key: &str, over: Over, smoothing: f64, all: &[Overlaid]) -> Figu
         });
         Curve::line(&group.name, points.collect())
     };
+    let coloured =
+        |(place, curve): (usize, Curve)| curve.coloured(COMPARED[place % COMPARED.len()]);
+    let curves: Vec<Curve> = all
+        .iter()
+        .map(curve)
+        .enumerate()
+        .map(coloured)
+        .filter(|curve| !curve.points.is_empty())
+        .collect();
+    let raw = |(place, group): (usize, &Overlaid)| match &group.curves[..] {
+        [only] if smoothing > 0.0 && 2 * all.len() <= SERIES_ALLOWED => {
+            let points = smoothed(only, over, 0.0).into_values().map(|[x, y]| Point::new(x, y));
+            Some(coloured((place, Curve::line(&group.name, points.collect()).faint())))
+        }
+        _ => None,
+    };
+    let behind: Vec<Curve> = all.iter().enumerate().filter_map(raw).collect();
     Figure {
         title: key.to_owned(),
         x: match over {
@@ -123,7 +140,7 @@ pub fn overlaid(key: &str, over: Over, smoothing: f64, all: &[Overlaid]) -> Figu
             Over::Time => Axis::linear("time").in_unit("s"),
         },
         y,
-        series: all.iter().map(curve).filter(|curve| !curve.points.is_empty()).collect(),
+        series: behind.into_iter().chain(curves).collect(),
         bands: Vec::new(),
     }
 }
@@ -226,6 +243,13 @@ pub fn trajectory_svg(trajectory: &StoredTrajectory) -> Result<String, FigureErr
         .filter(|figure| !figure.series.is_empty())
         .collect();
     figures::stacked(&title, &figures, PANEL)
+}
+
+/// The height of the figure of a trajectory with these columns, px.
+pub fn trajectory_height<'a>(columns: impl Iterator<Item = &'a str> + Clone) -> u32 {
+    let is_shown = |panel: &&Panel| columns.clone().any(|column| panel.which(column).is_some());
+    let panels = u32::try_from(PANELS.iter().filter(is_shown).count()).unwrap_or(1);
+    u32::from(PANEL.height) * panels
 }
 
 impl Panel {
@@ -357,8 +381,9 @@ pub fn spectra_csv(summary: &Summary) -> String {
     for spectrum in &summary.spectra {
         for (band, density) in (0u32..).zip(&spectrum.density) {
             let frequency = f64::from(band) * spectrum.step_hz;
+            let joint = spectrum.joint.map(|joint| joint.to_string()).unwrap_or_default();
             let (signal, unit) = (&spectrum.signal, &spectrum.unit);
-            text.push_str(&format!("{signal},{unit},{frequency},{density}\n"));
+            text.push_str(&format!("{signal}{joint},{unit},{frequency},{density}\n"));
         }
     }
     text
@@ -366,23 +391,25 @@ pub fn spectra_csv(summary: &Summary) -> String {
 
 fn spectra(summary: &Summary) -> Vec<Figure> {
     let signals = [("u", "Torques"), ("q", "Positions")];
-    let figure = |(signal, title): (&str, &str)| {
-        let spectrum = summary.spectra.iter().find(|spectrum| spectrum.signal == signal);
-        let unit = spectrum.map_or("", |spectrum| spectrum.unit.as_str());
-        let trajectories = spectrum.map_or(0, |spectrum| spectrum.trajectories);
-        let mean_of = format!("mean over the joints of {trajectories} trajectories");
-        let points = spectrum.into_iter().flat_map(|spectrum| {
-            // The mean was removed, so the first band has no meaning.
-            let bands = (0u32..).zip(&spectrum.density).skip(1);
-            bands.map(|(band, density)| {
-                Point::new(f64::from(band) * spectrum.step_hz, f64::from(*density))
-            })
+    let curve = |spectrum: &SpectrumSummary| {
+        // The mean was removed, so the first band has no meaning.
+        let bands = (0u32..).zip(&spectrum.density).skip(1);
+        let points = bands.map(|(band, density)| {
+            Point::new(f64::from(band) * spectrum.step_hz, f64::from(*density))
         });
+        match spectrum.joint {
+            Some(joint) => Curve::line(format!("joint {joint}"), points.collect()),
+            None => Curve::line("all joints", points.collect()).measured(),
+        }
+    };
+    let figure = |(signal, title): (&str, &str)| {
+        let of_signal = || summary.spectra.iter().filter(|spectrum| spectrum.signal == signal);
+        let unit = of_signal().next().map_or("", |spectrum| spectrum.unit.as_str());
         Figure {
             title: title.to_owned(),
             x: Axis::log("frequency").in_unit("Hz"),
             y: Axis::log("density").in_unit(unit),
-            series: vec![Curve::line(mean_of, points.collect())],
+            series: of_signal().map(curve).collect(),
             bands: Vec::new(),
         }
     };
@@ -391,7 +418,7 @@ fn spectra(summary: &Summary) -> Vec<Figure> {
 
 #[cfg(test)]
 mod tests {
-    use figures::Scale;
+    use figures::{Scale, Stroke};
     use store::Timestamp;
 
     use super::*;
@@ -417,7 +444,10 @@ mod tests {
         assert_eq!((other.y, other.low), (4.0, None));
         let alone = group(vec![curve(&[4.0, 2.0])]);
         let smooth = overlaid("loss", Over::Time, 0.5, &[alone]);
-        let values: Vec<f64> = smooth.series[0].points.iter().map(|point| point.y).collect();
+        // What is smoothed stands pale behind, in the same colour.
+        let [raw, smooth] = &smooth.series[..] else { panic!("{smooth:?}") };
+        assert_eq!((raw.points[1].y, raw.stroke, raw.colour), (2.0, Stroke::Faint, smooth.colour));
+        let values: Vec<f64> = smooth.points.iter().map(|point| point.y).collect();
         assert!((values[0] - 4.0).abs() < 1e-12 && (values[1] - 8.0 / 3.0).abs() < 1e-12);
     }
 

@@ -62,8 +62,8 @@ pub const PREDICTED_CHECKPOINTS: usize = 6;
 /// are those of all samples.
 pub const SHOWN_SAMPLES: usize = 4;
 
-/// Runs of MLflow's clients on their page, the newest ones.
-pub const LOGGED_RUNS: usize = 200;
+/// Columns that a reader adds to a list on the page. Further ones are left out.
+pub const LISTED_COLUMNS: usize = 12;
 
 /// Points of such a run's metric that its page draws, the first ones.
 pub const LOGGED_POINTS: u32 = 100_000;
@@ -135,8 +135,8 @@ pub const ASKED_NUMBERS: usize = 20_000_000;
 /// bytes. Exceeding it is a violation of `sampling`.
 pub const ANSWERED_NUMBERS: usize = 2_000_000;
 
-/// Runs on a page that compares them.
-pub const COMPARED_RUNS: usize = 20;
+/// Runs on a page that compares them: the curves that a figure can have.
+pub const COMPARED_RUNS: usize = figures::SERIES_ALLOWED;
 
 /// Instants of one motion whose torques are asked for.
 pub const MOTION_INSTANTS: usize = 1000;

@@ -6,6 +6,7 @@ use std::process::ExitCode;
 use anyhow::Context as _;
 use clap::Args;
 use futures::StreamExt as _;
+use reports::json::readable;
 use tokio_util::codec::{FramedRead, LinesCodec};
 use wire::{StreamReply, TrajectoryPrediction, TrajectoryPredictions, Warning};
 
@@ -69,7 +70,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         println!("{answer}");
     } else {
         let answer: serde_json::Value = serde_json::from_str(&answer)?;
-        println!("{}", serde_json::to_string_pretty(&answer)?);
+        println!("{}", readable(&answer));
     }
     Ok(ExitCode::SUCCESS)
 }

@@ -127,10 +127,16 @@ async fn print_places(
         let what = format!("{name}, {} trajectories, {megabytes:.1} MB", dataset.trajectories);
         table.push(vec![what, server.dataset_folder(id).await?.display().to_string()]);
     }
-    let training = client.job(member(job, "train")?).await?;
-    let last = *training.checkpoints.iter().max().context("the training left no checkpoint")?;
-    let what = format!("checkpoint after {} steps", client.checkpoint(last).await?.step);
-    table.push(vec![what, server.checkpoint_folder(last).await?.display().to_string()]);
+    for name in ["train-lagrangian", "train"] {
+        let training = client.job(member(job, name)?).await?;
+        let last = *training.checkpoints.iter().max().context("the training left no checkpoint")?;
+        let checkpoint = client.checkpoint(last).await?;
+        let what = format!(
+            "checkpoint {last}, {} after {} steps",
+            checkpoint.architecture, checkpoint.step
+        );
+        table.push(vec![what, server.checkpoint_folder(last).await?.display().to_string()]);
+    }
     let report = server.artifact_file(member(job, "evaluate")?, "report.json").await?;
     table.push(vec!["report".to_owned(), report.display().to_string()]);
     table.push(vec!["page".to_owned(), page.to_owned()]);

@@ -13,8 +13,8 @@ pub struct Arguments {
     #[arg(value_name = "DATASET")]
     dataset: i64,
 
-    /// Print the mean spectra of torques and positions in this format, instead of the ranges of the
-    /// channels
+    /// Print the mean spectra of torques and positions in this format, instead of the ranges of
+    /// channels and arms
     #[arg(long, value_name = "FORMAT", value_enum, conflicts_with = "json")]
     spectrum: Option<Drawing>,
 
@@ -54,5 +54,8 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let rejected = if is_simulated { format!(", {rejected} draws refused") } else { String::new() };
     println!("{trajectories} trajectories, {samples} samples{rejected}");
     print!("{}", reports::channels::table(&summary).render());
+    if let Some(arms) = reports::channels::arms(&summary) {
+        print!("\n{}\n{}", arms.note, arms.render());
+    }
     Ok(ExitCode::SUCCESS)
 }

@@ -169,6 +169,21 @@ test("a figure answers: values, a part drawn larger, a curve switched off, a PNG
   assertClean();
 });
 
+test("a finger reads a value as a pointer does, with the first tap", async () => {
+  const context = await browser.newContext({ hasTouch: true, viewport: { width: 390, height: 844 } });
+  const phone = await context.newPage();
+  const { run } = await product.get(`/v1/jobs/${member("train")}`);
+  await phone.goto(`${product.url}/runs/${run}`);
+  const drawing = phone.locator("figure .scroll svg").first();
+  await drawing.scrollIntoViewIfNeeded();
+  const box = await drawing.boundingBox();
+  await phone.touchscreen.tap(box.x + 200, box.y + 100);
+  const reading = phone.locator(".reading");
+  await reading.waitFor();
+  assert.match(await reading.innerText(), /optimizer step: \d+/);
+  await context.close();
+});
+
 test("a drawn prediction leads to all its joints, where another checkpoint stands beside it", async () => {
   await page.goto(`${product.url}/evaluations/${member("evaluate")}`);
   const drawn = await page.locator("figcaption").first().innerText();
@@ -214,15 +229,39 @@ test("the lineage leads from a dataset over its training to the evaluation, and 
   assertClean();
 });
 
+test("all runs are filtered and sorted by a metric and a parameter", async () => {
+  await page.goto(`${product.url}/logged`);
+  const names = () => page.locator("td.name").allInnerTexts();
+  assert.ok((await names()).length >= 3);
+  await page.getByRole("searchbox").fill("params.`model.architecture` = 'robomorph' and metrics.`train/loss` < 1e9");
+  await page.getByRole("searchbox").press("Enter");
+  assert.deepEqual(await names(), ["train"]);
+  await page.goto(`${product.url}/logged?columns=model.architecture,train/loss`);
+  await page.getByRole("link", { name: "train/loss" }).click();
+  await page.waitForURL(/order=/);
+  const losses = await page.locator("td[data-label='train/loss']").allInnerTexts();
+  const numbers = losses.map((text) => Number(text.replace("\u2212", "-")));
+  assert.ok(numbers.length >= 2 && numbers.every((it, k) => k === 0 || it >= numbers[k - 1]), losses.join());
+  await page.goto(`${product.url}/logged?filter=loss`).catch(() => {});
+  assert.match(await page.getByRole("alert").innerText(), /allowed: metrics.KEY/);
+  complaints = complaints.filter((it) => !/400/.test(it));
+  assertClean();
+});
+
 test("runs that are ticked in their list stand beside each other", async () => {
   await page.goto(`${product.url}/runs`);
   for (const box of await page.getByRole("checkbox").all()) await box.check();
   await page.getByRole("button", { name: "Compare" }).click();
   await assertFigureIsDrawn();
+  // A change is answered at once, and the address follows.
   await page.locator("select[name=metric]").selectOption("train/loss");
   await page.locator("select[name=x]").selectOption("time");
+  await page.waitForURL(/metric=train%2Floss&x=time/);
+  await page.getByText("time (s)").first().waitFor();
+  const slider = page.getByRole("slider", { name: "Smoothing" });
+  await slider.fill("0.5");
+  await page.waitForURL(/smoothing=0\.5/);
   await page.getByRole("button", { name: "Show" }).click();
-  assert.match(page.url(), /metric=train%2Floss&x=time/);
   assert.match(await page.locator("body").innerText(), /Parameters that differ/);
   assertClean();
 });
@@ -285,10 +324,13 @@ test("the checkpoint downloads with the digest that the API states", async () =>
   assert.deepEqual(strangers, []);
 });
 
-test("a dataset shows its channels, its spectra and one trajectory after the other", async () => {
+test("a dataset shows its arms, its channels, its spectra and one trajectory after the other", async () => {
   const { dataset } = await product.get(`/v1/jobs/${member("train-set")}`);
   await page.goto(`${product.url}/datasets/${dataset}`);
+  assert.match(await page.locator("body").innerText(), /link mass[^\n]*kg/);
+  await page.getByText("Channels", { exact: true }).click();
   assert.match(await page.locator("body").innerText(), /position of joint 7/);
+  await page.getByText("Mean spectra of each joint").click();
   await assertLoaded("img[src$='/spectrum.svg']");
   await assertLoaded("img[src$='/trajectories/0/figure.svg']");
   await page.getByRole("link", { name: "Next" }).click();
@@ -304,7 +346,7 @@ test("a dataset is verified by a button, and the page tells when it was", async 
   const { dataset } = await product.get(`/v1/jobs/${member("train-set")}`);
   await page.goto(`${product.url}/datasets/${dataset}`);
   await page.getByRole("button", { name: "Verify" }).click();
-  const outcome = page.getByText(/Verified at .* UTC: all 2 shards agree in every byte/);
+  const outcome = page.getByText(/Verified: all 2 shards agree in every byte/);
   await outcome.waitFor({ timeout: 30_000 });
   assertClean();
 });
@@ -335,6 +377,55 @@ test("the page shows what happens without asking for it", async () => {
   assertClean();
 });
 
+test("a list renews itself, and keeps what is ticked", async () => {
+  await page.goto(`${product.url}/runs`);
+  const box = page.getByRole("checkbox").last();
+  await box.check();
+  const submitted = await fetch(`${product.url}/v1/jobs?name=a%20short%20one`, {
+    method: "POST",
+    headers: { "content-type": "application/json" },
+    body: JSON.stringify({ ...(await specOf("train")), steps: 3 }),
+  });
+  const { id } = await submitted.json();
+  const row = page.locator("tr", { hasText: "a short one" });
+  await row.getByText("succeeded").waitFor({ timeout: 30_000 });
+  assert.match(await row.innerText(), new RegExp(`\\b${id}\\b`));
+  assert.ok(await page.getByRole("checkbox").last().isChecked());
+  assertClean();
+});
+
+test("moments are in the reader's time zone, and their titles in UTC", async () => {
+  const context = await browser.newContext({ timezoneId: "Asia/Kolkata" });
+  const there = await context.newPage();
+  await there.goto(product.url);
+  const shown = there.locator("time").first();
+  await there.waitForFunction(() => document.querySelector("time[title]"));
+  const [text, title] = [await shown.innerText(), await shown.getAttribute("title")];
+  assert.match(title, /^\d{4}-\d\d-\d\d \d\d:\d\d:\d\d UTC$/);
+  assert.match(text, / \+05:30$/);
+  const local = new Date(text.replace(" +", "+").replace(" ", "T"));
+  assert.equal(local.getTime(), new Date(title.replace(" UTC", "Z").replace(" ", "T")).getTime());
+  await context.close();
+});
+
+test("a note is Markdown, and a spec leads to what it names", async () => {
+  const { run } = await product.get(`/v1/jobs/${member("train")}`);
+  await page.goto(`${product.url}/runs/${run}`);
+  await page.getByText("Change name, tags and note").click();
+  await page.getByLabel("Note").fill("## Why\n\n*Less* damping, <b>bold</b>\n- [data](/datasets)");
+  await page.getByRole("button", { name: "Save" }).click();
+  const note = page.locator(".said");
+  assert.equal(await note.locator("em").innerText(), "Less");
+  assert.equal(await note.locator("b").count(), 0);
+  assert.match(await note.innerText(), /<b>bold<\/b>/);
+  await page.getByText("Specification").click();
+  const source = page.locator("#specification a");
+  assert.equal(await source.getAttribute("data-name"), "train-set");
+  await source.click();
+  await page.waitForURL(/\/datasets\/\d+$/);
+  assertClean();
+});
+
 test("a page whose stream is refused is fetched now and then", async () => {
   const submitted = await fetch(`${product.url}/v1/jobs`, {
     method: "POST",
@@ -362,6 +453,12 @@ test("the page works without scripts", async () => {
   assert.match(await plain.locator("body").innerText(), /train-set/);
   await context.close();
 });
+
+/** The spec of a member of the pipeline. */
+async function specOf(name) {
+  const { spec } = await product.get(`/v1/jobs/${member(name)}`);
+  return spec;
+}
 
 /** Asserts that the image at `selector` loads and is not tiny. */
 async function assertLoaded(selector) {

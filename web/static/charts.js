@@ -251,7 +251,8 @@ class Chart {
 
   listen() {
     this.box.addEventListener("pointermove", (event) => this.move(event));
-    this.box.addEventListener("pointerleave", () => this.leave());
+    // A finger that is lifted leaves, too, and what it read stays.
+    this.box.addEventListener("pointerleave", (event) => event.pointerType !== "touch" && this.leave());
     this.box.addEventListener("pointerdown", (event) => this.press(event));
     this.box.addEventListener("pointerup", (event) => this.release(event));
     this.box.addEventListener("pointercancel", () => this.drop());
@@ -363,7 +364,8 @@ class Chart {
   }
 
   press(event) {
-    const found = event.button === 0 && event.pointerType !== "touch" ? this.under(event) : null;
+    if (event.pointerType === "touch") return this.move(event);
+    const found = event.button === 0 ? this.under(event) : null;
     if (!found) return;
     event.preventDefault();
     this.region.focus({ preventScroll: true });
@@ -514,7 +516,9 @@ async function awaken(figure, state) {
 for (const kind of ["pointerover", "focusin"]) {
   document.addEventListener(kind, (event) => {
     const figure = event.target.closest?.("figure");
-    if (figure?.querySelector(".scroll > img[src*='.svg'], .scroll > svg")) awaken(figure);
+    if (!figure?.querySelector(".scroll > img[src*='.svg'], .scroll > svg")) return;
+    // The first tap asks for values, too.
+    awaken(figure).then(() => event.pointerType === "touch" && charts.get(figure)?.move(event));
   });
 }
 

@@ -1,11 +1,12 @@
 // Keeps the page current: after an event of the server, fetches the page again and replaces the parts that changed.
 // Everything works without this script; reloading does the same. Without events, the page is fetched at intervals.
 
-import { asSent, carryOn, states } from "./charts.js";
+import { asSent } from "./charts.js";
+import { fetched, replace } from "./replace.js";
+import { asWritten, localize } from "./times.js";
 
 const SHORTEST_WAIT = 1500;
 const LONGEST_WAIT = 30000;
-const REQUEST_TIMEOUT = 15000;
 
 // The kinds of events after which something may have changed; `end` comes after the last of a job.
 const KINDS = ["job", "task", "metrics", "checkpoint", "deletion", "progress", "gap", "end"];
@@ -24,31 +25,6 @@ let hasHappened = false;
 let events;
 let isRefused = false;
 
-async function freshPage() {
-  const response = await fetch(location.href, {
-    headers: { accept: "text/html" },
-    cache: "no-store",
-    signal: AbortSignal.timeout(REQUEST_TIMEOUT),
-  });
-  if (!response.ok) throw new Error(`the server answered ${response.status}`);
-  return new DOMParser().parseFromString(await response.text(), "text/html");
-}
-
-// Puts `fresh` in the place of `stale`, keeping what the reader opened, how far it is scrolled and where the focus is.
-function replace(stale, fresh) {
-  for (const details of stale.querySelectorAll("details[id][open]")) {
-    fresh.querySelector(`#${CSS.escape(details.id)}`)?.setAttribute("open", "");
-  }
-  const focused = stale.contains(document.activeElement) ? document.activeElement.id : "";
-  const scrolled = [...stale.querySelectorAll(".scroll")].map((region) => region.scrollLeft);
-  const shown = document.importNode(fresh, true);
-  const drawn = states(stale);
-  stale.replaceWith(shown);
-  carryOn(shown, drawn);
-  shown.querySelectorAll(".scroll").forEach((region, at) => (region.scrollLeft = scrolled[at] ?? 0));
-  if (focused) document.getElementById(focused)?.focus();
-}
-
 function update(page) {
   let changed = false;
   for (const stale of document.querySelectorAll("[data-live]")) {
@@ -56,6 +32,7 @@ function update(page) {
     if (!fresh || fresh.isEqualNode(stale)) continue;
     // `open` is the reader's and does not count as a change, nor do figures that answer.
     const comparable = asSent(stale);
+    asWritten(comparable);
     for (const details of comparable.querySelectorAll("details[open]")) {
       details.removeAttribute("open");
     }
@@ -73,7 +50,7 @@ async function refresh() {
   clearTimeout(timer);
   [isRefreshing, hasHappened, refreshedAt] = [true, false, Date.now()];
   try {
-    const changed = update(await freshPage());
+    const changed = update(await fetched(location.href));
     status.className = "liveness";
     status.textContent = isSettled() ? "" : "live";
     if (isSettled()) wait = LONGEST_WAIT;
@@ -143,6 +120,11 @@ document.addEventListener("visibilitychange", () => {
   schedule();
 });
 
+// MLflow's clients print addresses of this form.
+const logged = location.hash.match(/^#\/experiments\/\d+\/runs\/([0-9a-z-]+)/);
+if (logged) location.replace(`/logged/${logged[1]}`);
+
+localize(document);
 if (document.querySelector("[data-live]")) {
   listen();
   schedule();

@@ -2,7 +2,7 @@
 
 use std::cmp::Reverse;
 
-use spec::JobKind;
+use spec::{DataSource, EvaluateSpec, JobKind, JobSpec};
 use store::RunId;
 use wire::{Checkpoint, DrawnPredictions, ItemKind, Job};
 
@@ -32,6 +32,22 @@ impl App {
         }
     }
 
+    /// The dataset of the newest evaluation that drew predictions of a checkpoint; `None` if it has none that is stored.
+    pub(crate) async fn dataset_of_evaluation(
+        &self,
+        checkpoint: &Checkpoint,
+    ) -> Result<Option<i64>, ApiError> {
+        let Some((evaluation, _)) = self.drawn_of_checkpoint(checkpoint).await? else {
+            return Ok(None);
+        };
+        match serde_json::from_value(evaluation.spec) {
+            Ok(JobSpec::Evaluate(EvaluateSpec { data: DataSource::Digest(digest), .. })) => {
+                self.dataset_of_digest(digest).await
+            }
+            _ => Ok(None),
+        }
+    }
+
     /// The newest evaluation that drew predictions of a checkpoint.
     pub(crate) async fn drawn_of_checkpoint(
         &self,
@@ -45,11 +61,7 @@ impl App {
         for job in jobs.into_values().rev().filter(|job| job.kind == JobKind::Evaluate) {
             let Some(run) = job.run else { continue };
             let Some(drawn) = self.drawn_predictions(run).await? else { continue };
-            let is_drawn = drawn.predictors.iter().any(|predictor| {
-                predictor.digest == Some(checkpoint.digest)
-                    && predictor.step == Some(checkpoint.step)
-            });
-            if is_drawn {
+            if drawn.predictor_of(checkpoint.digest, checkpoint.step).is_some() {
                 return Ok(Some((job, drawn)));
             }
         }

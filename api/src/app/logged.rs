@@ -1,12 +1,12 @@
 //! Runs that clients of MLflow logged, for the page.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::BTreeMap;
 
-use store::{TrackedArtifact, TrackedMetric, TrackedRun, TrackedRunId};
+use store::{ExperimentId, TrackedArtifact, TrackedMetric, TrackedRun, TrackedRunId};
 
 use crate::app::App;
 use crate::error::ApiError;
-use crate::limits::{LOGGED_POINTS, LOGGED_RUNS};
+use crate::limits::LOGGED_POINTS;
 
 /// A run with the newest value of each of its metrics.
 pub struct LoggedRun {
@@ -25,30 +25,13 @@ pub struct WholeLoggedRun {
 }
 
 impl App {
-    /// The newest runs of all experiments, without deleted ones, and whether there are more.
-    pub(crate) async fn logged_runs(&self) -> Result<(Vec<LoggedRun>, bool), ApiError> {
+    /// The names of all experiments that are not deleted, that of torqued's own runs among them.
+    pub(crate) async fn experiment_names(
+        &self,
+    ) -> Result<BTreeMap<ExperimentId, String>, ApiError> {
         let experiments = self.store.tracked_experiments().await?;
-        let names: BTreeMap<_, _> = experiments
-            .into_iter()
-            .filter(|experiment| !experiment.is_deleted)
-            .map(|experiment| (experiment.id, experiment.name))
-            .collect();
-        let ids: Vec<_> = names.keys().copied().collect();
-        let mut runs = self.store.tracked_runs(&ids).await?;
-        runs.retain(|run| !run.is_deleted);
-        let has_more = runs.len() > LOGGED_RUNS;
-        runs.truncate(LOGGED_RUNS);
-        let ids: Vec<TrackedRunId> = runs.iter().map(|run| run.id).collect();
-        let mut metrics: HashMap<TrackedRunId, Vec<TrackedMetric>> = HashMap::new();
-        for (run, metric) in self.store.latest_tracked(&ids, None).await? {
-            metrics.entry(run).or_default().push(metric);
-        }
-        let logged = runs.into_iter().map(|run| LoggedRun {
-            experiment: names.get(&run.experiment).cloned().unwrap_or_default(),
-            metrics: metrics.remove(&run.id).unwrap_or_default(),
-            run,
-        });
-        Ok((logged.collect(), has_more))
+        let there = experiments.into_iter().filter(|experiment| !experiment.is_deleted);
+        Ok(there.map(|experiment| (experiment.id, experiment.name)).collect())
     }
 
     /// # Errors

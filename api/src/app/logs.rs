@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use store::{JobId, LogFilter, LogPage, NewLogChunk, StoreError, TaskId};
-use wire::{LogChunk, Logs, left_out};
+use wire::{Attempt, AttemptOutcome, LogChunk, Logs, left_out};
 
 use crate::app::App;
 use crate::app::files::Download;
@@ -147,12 +147,26 @@ impl App {
         Ok(Download::made(name, "text/plain; charset=utf-8", text.into_bytes()))
     }
 
-    /// The last lines of an attempt's log, about one screen.
-    pub(crate) async fn log_end(
+    /// The last lines of the log of the newest running attempt. If none runs, those of the newest that failed. `attempts`
+    /// are those of the job, the newest first.
+    pub(crate) async fn newest_log(
         &self,
         job: i64,
-        attempt: &wire::Attempt,
-    ) -> Result<LogEnd, ApiError> {
+        attempts: &[Attempt],
+    ) -> Result<Option<LogEnd>, ApiError> {
+        let failed = |attempt: &&Attempt| {
+            attempt.outcome.is_some_and(|outcome| outcome != AttemptOutcome::Succeeded)
+        };
+        let running = attempts.iter().find(|attempt| attempt.outcome.is_none());
+        let shown = running.or_else(|| attempts.iter().find(failed));
+        match shown.filter(|attempt| attempt.log.is_some()) {
+            Some(attempt) => Ok(Some(self.log_end(job, attempt).await?)),
+            None => Ok(None),
+        }
+    }
+
+    /// The last lines of an attempt's log, about one screen.
+    async fn log_end(&self, job: i64, attempt: &Attempt) -> Result<LogEnd, ApiError> {
         const LINES: usize = 40;
         // A chunk has at least one line.
         const CHUNKS: u32 = 40;

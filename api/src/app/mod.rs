@@ -9,6 +9,7 @@ mod archive;
 mod attempts;
 mod audit;
 pub mod checkpoints;
+pub mod compared;
 pub mod datasets;
 mod drawn;
 mod evaluations;

@@ -13,12 +13,13 @@ impl App {
     pub(crate) async fn summary(&self, dataset: i64) -> Result<Summary, ApiError> {
         let row = self.store.dataset(DatasetId(dataset)).await?;
         let shards = self.store.shards(row.id).await?;
-        let ShardSummary { trajectories: summarized, channels, spectra, .. } =
+        let ShardSummary { trajectories: summarized, channels, spectra, arms, .. } =
             self.store.dataset_summary(row.id).await?.unwrap_or_default();
         let trajectories: u64 = shards.iter().map(|shard| shard.contents.count).sum();
         let spec = serde_json::from_value::<JobSpec>(row.spec).ok();
         let data = spec.as_ref().and_then(DataSpec::of);
-        let columns = data.map(|data| data.trajectory_columns()).unwrap_or_default();
+        let columns = data.as_ref().map(DataSpec::trajectory_columns).unwrap_or_default();
+        let of_robots = data.as_ref().map(DataSpec::table_columns).unwrap_or_default();
         Ok(Summary {
             dataset,
             trajectories,
@@ -28,6 +29,7 @@ impl App {
             summarized,
             channels: channels.into_iter().map(|channel| described(channel, &columns)).collect(),
             spectra: spectra.into_iter().map(spectrum).collect(),
+            arms: arms.into_iter().map(|arm| described(arm, &of_robots)).collect(),
         })
     }
 }
@@ -52,6 +54,7 @@ fn spectrum(row: Spectrum) -> SpectrumSummary {
     };
     SpectrumSummary {
         signal: row.signal,
+        joint: row.joint,
         unit: unit.to_owned(),
         trajectories: row.trajectories,
         step_hz: row.step_hz,

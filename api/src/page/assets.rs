@@ -14,7 +14,7 @@ struct Asset {
     bytes: &'static [u8],
 }
 
-const ASSETS: [Asset; 6] = [
+const ASSETS: [Asset; 9] = [
     Asset {
         name: "page.css",
         media_type: "text/css; charset=utf-8",
@@ -29,6 +29,21 @@ const ASSETS: [Asset; 6] = [
         name: "charts.js",
         media_type: "text/javascript; charset=utf-8",
         bytes: include_bytes!("../../../web/static/charts.js"),
+    },
+    Asset {
+        name: "times.js",
+        media_type: "text/javascript; charset=utf-8",
+        bytes: include_bytes!("../../../web/static/times.js"),
+    },
+    Asset {
+        name: "replace.js",
+        media_type: "text/javascript; charset=utf-8",
+        bytes: include_bytes!("../../../web/static/replace.js"),
+    },
+    Asset {
+        name: "forms.js",
+        media_type: "text/javascript; charset=utf-8",
+        bytes: include_bytes!("../../../web/static/forms.js"),
     },
     Asset {
         name: "docs.css",

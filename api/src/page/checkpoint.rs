@@ -4,19 +4,20 @@ use askama::Template;
 use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::Response;
-use spec::Given;
-use wire::{Checkpoint, Dataset, StoredFile};
+use spec::{Given, ValidationMetric};
+use wire::{Checkpoint, Dataset, DrawnPredictions, Job, Report, StoredFile};
 
 use crate::app::App;
 use crate::app::checkpoints::Extents;
 use crate::app::datasets::data_of;
+use crate::error::ApiError;
 use crate::extract::Path;
 use crate::page::answer::{InPage, PageError, html};
 use crate::page::labels::Labelled;
 use crate::page::lineage::Lineage;
 use crate::page::parts::{Commands, Fact, FileRow, Snippet};
 use crate::page::predictions::{Drawn, DrawnFigure};
-use crate::page::spec_text::spec_text;
+use crate::page::spec_text::Specification;
 use crate::page::text;
 
 #[derive(Template)]
@@ -24,8 +25,11 @@ use crate::page::text;
 struct CheckpointPage {
     id: i64,
     job: i64,
-    job_name: String,
+    /// Its name, or that of its training and its step.
+    title: String,
     labelled: Labelled,
+    /// Its errors in sentences: of an evaluation, or else of its validation.
+    answer: String,
     run: i64,
     step: String,
     marks: String,
@@ -41,7 +45,7 @@ struct CheckpointPage {
     /// A prediction of the newest evaluation that drew one, and that evaluation.
     drawn: Option<DrawnFigure>,
     evaluation: i64,
-    spec: String,
+    spec: Specification,
 }
 
 pub async fn show(
@@ -65,10 +69,19 @@ pub async fn show(
     };
     let newest = app.drawn_of_checkpoint(&checkpoint).await?;
     let drawn = newest.as_ref().and_then(|(job, drawn)| Drawn::typical(job.run?, drawn));
+    let evaluated = match &newest {
+        Some((job, drawn)) => evaluated(&app, job, drawn, &checkpoint).await?,
+        None => String::new(),
+    };
+    let lineage = Lineage::of(&app, &job).await?;
     let page = CheckpointPage {
         id,
         job: job.id,
-        job_name: job.name.clone(),
+        title: match &checkpoint.name {
+            Some(name) => name.clone(),
+            None => format!("{}, step {}", job.name, text::count(checkpoint.step)),
+        },
+        answer: if evaluated.is_empty() { validated(&checkpoint) } else { evaluated },
         labelled: Labelled {
             aliases: Some(checkpoint.aliases.join(" ")),
             ..Labelled::new(
@@ -86,15 +99,46 @@ pub async fn show(
         metrics: facts(&checkpoint),
         snippets: snippets(&commands, id, &checkpoint.files, asked),
         drawn,
-        lineage: Lineage::of(&app, &job).await?,
         evaluation: newest.map_or(0, |(job, _)| job.id),
         architecture: checkpoint.architecture,
         digest: checkpoint.digest.to_string(),
         short_digest: checkpoint.digest.short(),
         files: checkpoint.files.iter().map(FileRow::of_checkpoint).collect(),
-        spec: spec_text(&job.spec),
+        spec: Specification::new(&job.spec, lineage.as_ref()),
+        lineage,
     };
     Ok(html(&page)?)
+}
+
+/// Its errors in an evaluation that drew it, and those of the baselines; empty without a report.
+async fn evaluated(
+    app: &App,
+    evaluation: &Job,
+    drawn: &DrawnPredictions,
+    checkpoint: &Checkpoint,
+) -> Result<String, ApiError> {
+    let Some(run) = evaluation.run else { return Ok(String::new()) };
+    let report: Option<Report> = match app.report(run).await {
+        Err(error @ ApiError::Damaged { .. }) => {
+            error.log();
+            None
+        }
+        report => report?,
+    };
+    let predictor = drawn.predictor_of(checkpoint.digest, checkpoint.step);
+    let told = report.zip(predictor);
+    Ok(told.map_or(String::new(), |(report, predictor)| {
+        reports::evaluation::answer_for(&report, &predictor.name)
+    }))
+}
+
+/// Its error on the validation data of its training; empty if it was not validated.
+fn validated(checkpoint: &Checkpoint) -> String {
+    let rmse_deg = checkpoint.metrics.get(ValidationMetric::RmseDeg.key());
+    rmse_deg.map_or(String::new(), |rmse_deg| {
+        let Checkpoint { architecture, .. } = checkpoint;
+        format!("{architecture} has a validation RMSE of {}°.", text::degrees(*rmse_deg))
+    })
 }
 
 fn facts(checkpoint: &Checkpoint) -> Vec<Fact> {

@@ -1,15 +1,18 @@
 //! The page that shows several runs beside each other.
 
 use std::collections::BTreeSet;
+use std::mem;
 
 use askama::Template;
 use axum::extract::State;
 use axum::response::Response;
-use reports::{Table, comparison};
+use reports::Table;
+use reports::comparison::{self, Compared};
 use spec::ValidationMetric;
-use wire::Run;
+use wire::RunName;
 
 use crate::app::App;
+use crate::app::compared::ComparedRun;
 use crate::charts::{self, Over, Overlaid, overlaid};
 use crate::error::ApiError;
 use crate::extract::QueryPairs;
@@ -17,11 +20,14 @@ use crate::limits::COMPARED_RUNS;
 use crate::page::answer::{PageError, html};
 use crate::page::parts::Link;
 
+/// The size of one metric of several.
+const PANEL: figures::Size = figures::Size { width: 760, height: 300 };
+
 #[derive(Template)]
 #[template(path = "compare.html")]
 struct ComparePage {
-    runs: Vec<Link>,
-    ids: Vec<i64>,
+    links: Vec<Link>,
+    names: Vec<RunName>,
     /// The keys of all metrics, and whether each is drawn.
     keys: Vec<(String, bool)>,
     over: Over,
@@ -37,7 +43,7 @@ struct ComparePage {
 
 /// The query of the page.
 struct Asked {
-    runs: Vec<i64>,
+    runs: Vec<RunName>,
     metric: Option<String>,
     over: Over,
     /// The weight of what came before, below 1.
@@ -50,34 +56,39 @@ struct Asked {
 
 pub async fn show(State(app): State<App>, pairs: QueryPairs) -> Result<Response, PageError> {
     let asked = Asked::read(&pairs.filled())?;
-    let mut runs: Vec<Run> = Vec::with_capacity(asked.runs.len());
-    for &id in &asked.runs {
-        runs.push(app.run(id).await?);
+    let mut found: Vec<ComparedRun> = Vec::with_capacity(asked.runs.len());
+    for name in &asked.runs {
+        found.push(app.compared_run(name).await?);
     }
+    let runs: Vec<Compared> = found.iter().map(|run| run.compared.clone()).collect();
     let keys: BTreeSet<&String> = runs.iter().flat_map(|run| run.metrics.keys()).collect();
-    let key = asked.metric.or_else(|| usual_key(&keys));
-    let figure = match &key {
-        None => None,
-        Some(key) => {
-            let mut curves = Vec::new();
-            for places in comparison::repetitions(&runs) {
-                let mut of_group = Vec::new();
-                for &place in &places {
-                    of_group.push(app.metric_points(runs[place].id, key).await?);
-                }
-                curves.push(Overlaid { name: name_of(&runs, &places), curves: of_group });
-            }
-            Some(overlaid(key, asked.over, asked.smoothing, &curves).to_svg(figures::Size::PAGE)?)
-        }
+    let drawn: Vec<String> = match &asked.metric {
+        Some(key) => vec![key.clone()],
+        None => main_keys(&keys),
     };
+    let mut panels = Vec::new();
+    for key in &drawn {
+        let mut all = app.compared_curves(&found, key).await?;
+        let group = |places: Vec<usize>| Overlaid {
+            name: name_of(&runs, &places),
+            curves: places.iter().map(|&place| mem::take(&mut all[place])).collect(),
+        };
+        let curves: Vec<Overlaid> = comparison::repetitions(&runs).into_iter().map(group).collect();
+        panels.push(overlaid(key, asked.over, asked.smoothing, &curves));
+    }
+    let figure = match &panels[..] {
+        [] => None,
+        [only] => Some(only.to_svg(figures::Size::PAGE)?),
+        several => Some(figures::stacked("The main metrics of the runs", several, PANEL)?),
+    };
+    let key = drawn.first();
     let numbers = comparison::numbers(&runs);
     let against = asked.against.filter(|name| numbers.contains_key(name));
     let against = against.or_else(|| numbers.keys().next().cloned());
-    let scatter = match (&against, &key) {
+    let scatter = match (&against, key) {
         (Some(name), Some(key)) => {
             let points = runs.iter().zip(&numbers[name]).map(|(run, number)| {
-                let latest = run.metrics.get(key).and_then(|latest| latest.value);
-                (comparison::label(run), *number, latest)
+                (run.label.clone(), *number, run.metrics.get(key).copied().flatten())
             });
             let points: Vec<_> = points.collect();
             Some(charts::scatter(name, key, &points).to_svg(figures::Size::PAGE)?)
@@ -90,12 +101,12 @@ pub async fn show(State(app): State<App>, pairs: QueryPairs) -> Result<Response,
             .keys()
             .map(|name| (name.clone(), Some(name) == against.as_ref()))
             .collect(),
-        runs: runs
+        links: found.iter().map(|run| Link::new(&run.href, &run.compared.label)).collect(),
+        names: asked.runs,
+        keys: keys
             .iter()
-            .map(|run| Link::new(format!("/runs/{}", run.id), comparison::label(run)))
+            .map(|&known| (known.clone(), asked.metric.as_ref() == Some(known)))
             .collect(),
-        ids: asked.runs,
-        keys: keys.iter().map(|&known| (known.clone(), Some(known) == key.as_ref())).collect(),
         over: asked.over,
         smoothing: asked.smoothing,
         all: asked.all,
@@ -109,22 +120,27 @@ pub async fn show(State(app): State<App>, pairs: QueryPairs) -> Result<Response,
 }
 
 /// The name of a curve: that of its run, or of all runs that repeat each other.
-fn name_of(runs: &[Run], places: &[usize]) -> String {
+fn name_of(runs: &[Compared], places: &[usize]) -> String {
+    let label =
+        |place: usize| runs[place].label.split_once(' ').unwrap_or((&runs[place].label, ""));
     match places {
-        [only] => comparison::label(&runs[*only]),
+        [only] => runs[*only].label.clone(),
         several => {
-            let ids: Vec<String> =
-                several.iter().map(|&place| runs[place].id.to_string()).collect();
-            format!("{} {}, mean of {} seeds", ids.join(" "), runs[several[0]].name, ids.len())
+            let ids: Vec<&str> = several.iter().map(|&place| label(place).0).collect();
+            format!("{} {}, mean of {} seeds", ids.join(" "), label(several[0]).1, ids.len())
         }
     }
 }
 
-/// The metric that says how good a model is, or the first one.
-fn usual_key(keys: &BTreeSet<&String>) -> Option<String> {
-    let quality = ValidationMetric::RmseDeg.key();
-    let found = keys.iter().find(|key| **key == quality).or_else(|| keys.iter().next());
-    found.map(|key| (*key).clone())
+/// The metrics that say how good models are, or the first ones.
+pub fn main_keys(keys: &BTreeSet<&String>) -> Vec<String> {
+    let main = [ValidationMetric::RmseDeg.key(), ValidationMetric::Loss.key(), "train/loss"];
+    let there = main.into_iter().filter(|&main| keys.iter().any(|key| *key == main));
+    let there: Vec<String> = there.map(str::to_owned).collect();
+    match there.is_empty() {
+        true => keys.iter().take(main.len()).map(|key| (*key).clone()).collect(),
+        false => there,
+    }
 }
 
 impl Asked {
@@ -141,12 +157,13 @@ impl Asked {
         for (name, value) in pairs {
             match name.as_str() {
                 "run" => {
-                    for id in value.split(',') {
-                        let id = id.trim().parse().map_err(|_| {
-                            ApiError::parameter("run", id, "ids of runs, whole numbers")
-                        })?;
-                        if !asked.runs.contains(&id) {
-                            asked.runs.push(id);
+                    let names = value.split([',', ' ']).filter(|name| !name.is_empty());
+                    for name in names {
+                        let allowed = "ids of runs, and identifiers of logged ones";
+                        let name: RunName =
+                            name.parse().map_err(|_| ApiError::parameter("run", name, allowed))?;
+                        if !asked.runs.contains(&name) {
+                            asked.runs.push(name);
                         }
                     }
                 }
@@ -162,6 +179,11 @@ impl Asked {
                 _ => {}
             }
         }
+        // A curve keeps its colour, whatever the order of the address.
+        asked.runs.sort_by_key(|name| match name {
+            RunName::Own(id) => (*id, String::new()),
+            RunName::Logged(identifier) => (i64::MAX, identifier.clone()),
+        });
         if asked.runs.len() > COMPARED_RUNS {
             let allowed = format!("at most {COMPARED_RUNS} runs");
             return Err(ApiError::parameter("run", asked.runs.len(), allowed));

@@ -17,7 +17,7 @@ use crate::page::labels::Labelled;
 use crate::page::lineage::Lineage;
 use crate::page::parts::{Commands, Fact, FileRow, JobHeader, Snippet};
 use crate::page::recordings::Imported;
-use crate::page::spec_text::spec_text;
+use crate::page::spec_text::Specification;
 use crate::page::verification::Checked;
 use crate::page::viewer::Viewer;
 use crate::page::{recordings, text};
@@ -44,8 +44,10 @@ struct DatasetPage {
     /// Whether it can be verified.
     complete: bool,
     checked: Checked,
-    /// Torques beside the robot's, and channels; none before the first shard.
+    /// Torques beside the robot's, and the parameters of arms.
     tables: Vec<Table>,
+    /// The channels; none before the first shard.
+    folded: Option<Table>,
     has_spectra: bool,
     /// A sentence about trajectories that the channels do not cover.
     left_out: String,
@@ -55,7 +57,7 @@ struct DatasetPage {
     files: Vec<FileRow>,
     files_left_out: usize,
     snippets: Vec<Snippet>,
-    spec: String,
+    spec: Specification,
 }
 
 /// Number of files shown. A link leads to the others.
@@ -82,9 +84,9 @@ pub async fn show(
         let table = check.as_ref().map(reports::log_check::table);
         tables.extend(table.filter(|table| !table.rows.is_empty()));
     }
-    if !summary.channels.is_empty() {
-        tables.push(reports::channels::table(&summary));
-    }
+    tables.extend(reports::channels::arms(&summary));
+    let channels = reports::channels::table(&summary);
+    let lineage = Lineage::of(&app, &job).await?;
     let page = DatasetPage {
         id,
         job: JobHeader::of(&job),
@@ -104,17 +106,18 @@ pub async fn show(
         complete: dataset.completed_at.is_some(),
         checked,
         tables,
+        folded: Some(channels).filter(|table| !table.rows.is_empty()),
         has_spectra: summary.spectra.iter().any(|spectrum| spectrum.density.len() > 1),
         left_out: match summary.trajectories - summary.summarized.min(summary.trajectories) {
             0 => String::new(),
             left_out => format!("{} trajectories are not among them", text::count(left_out)),
         },
-        lineage: Lineage::of(&app, &job).await?,
         viewer: Viewer::new(&app, &dataset, &summary, view.trajectory).await?,
         files: dataset.files.iter().take(FILES).map(FileRow::of_dataset).collect(),
         files_left_out: dataset.files.len().saturating_sub(FILES),
         snippets: snippets(&Commands::new(&headers), &dataset),
-        spec: spec_text(&job.spec),
+        spec: Specification::new(&job.spec, lineage.as_ref()),
+        lineage,
     };
     Ok(html(&page)?)
 }

@@ -4,7 +4,7 @@ use askama::Template;
 use axum::extract::State;
 use axum::response::Response;
 use reports::Table;
-use wire::{Artifact, CellTask, Report, Warning};
+use wire::{Artifact, CellTask, Report, Warning, WorstCase};
 
 use crate::app::App;
 use crate::extract::Path;
@@ -12,9 +12,9 @@ use crate::page::answer::{InPage, PageError, html};
 use crate::page::labels::Labelled;
 use crate::page::lineage::Lineage;
 use crate::page::parts::{FileLink, JobHeader};
-use crate::page::predict;
+use crate::page::predict::Viewers;
 use crate::page::predictions::Drawn;
-use crate::page::spec_text::spec_text;
+use crate::page::spec_text::Specification;
 
 #[derive(Template)]
 #[template(path = "evaluation.html")]
@@ -30,7 +30,7 @@ struct EvaluationPage {
     figures: Vec<FigureView>,
     artifacts: Vec<FileLink>,
     cells: Vec<CellTask>,
-    spec: String,
+    spec: Specification,
 }
 
 /// The report in sentences and tables.
@@ -49,9 +49,10 @@ struct ReportView {
 }
 
 impl ReportView {
-    fn new(report: &Report) -> Self {
+    fn new(report: &Report, viewers: Option<&Viewers>) -> Self {
         let report = &reports::evaluation::ranked(report);
-        let mut tables = reports::evaluation::tables(report).into_iter();
+        let view = |case: &WorstCase| viewers?.address(case.trajectory, case.position_noise_rad);
+        let mut tables = reports::evaluation::tables(report, view).into_iter();
         Self {
             answer: reports::evaluation::answer(report),
             setting: reports::evaluation::setting(report),
@@ -76,24 +77,24 @@ pub async fn show(
 ) -> Result<Response, PageError> {
     let evaluation = app.evaluation(id).await?;
     let job = app.job(id).await?;
-    let drawn = match app.drawn_predictions(evaluation.run).await? {
-        Some(drawn) => {
-            let viewers = predict::links(&app, &job, &drawn).await?;
-            Some(Drawn::new(evaluation.run, &drawn, viewers))
-        }
+    let drawn = app.drawn_predictions(evaluation.run).await?;
+    let viewers = match &drawn {
+        Some(drawn) => Viewers::of(&app, &job, drawn).await?,
         None => None,
     };
+    let viewers = viewers.as_ref();
+    let lineage = Lineage::of(&app, &job).await?;
     let page = EvaluationPage {
         id,
         job: JobHeader::of(&job),
         labelled: Labelled::of_job(&job),
-        report: evaluation.report.as_ref().map(ReportView::new),
-        drawn,
-        lineage: Lineage::of(&app, &job).await?,
+        report: evaluation.report.as_ref().map(|report| ReportView::new(report, viewers)),
+        drawn: drawn.map(|drawn| Drawn::new(evaluation.run, &drawn, viewers)),
         figures: figures(&evaluation.artifacts),
         artifacts: evaluation.artifacts.into_iter().map(FileLink::from).collect(),
         cells: evaluation.cells,
-        spec: spec_text(&job.spec),
+        spec: Specification::new(&job.spec, lineage.as_ref()),
+        lineage,
     };
     Ok(html(&page)?)
 }

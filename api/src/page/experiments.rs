@@ -13,6 +13,7 @@ use crate::extract::QueryPairs;
 use crate::page::answer::{PageError, html};
 use crate::page::filter_query::{FilterQuery, Order};
 use crate::page::labels::TagLink;
+use crate::page::note::Note;
 use crate::page::parts::{Commands, JobHeader};
 use crate::page::rows::Row;
 use crate::page::text;
@@ -45,7 +46,7 @@ struct Now {
     /// How many tasks run and wait, and where.
     sentence: String,
     /// Sentences about why experiments wait.
-    obstacles: Vec<String>,
+    obstacles: Vec<Note>,
     running: Vec<Experiment>,
     /// Those of the newest experiments that wait, and how many these are.
     waiting: Vec<Experiment>,
@@ -159,7 +160,12 @@ impl Now {
                 tasks(queue.queued, ["waits", "wait"]),
                 text::size(app.free_bytes()?),
             ),
-            obstacles: app.obstacles(&workers).await?,
+            obstacles: app
+                .obstacles(&workers)
+                .await?
+                .iter()
+                .filter_map(|it| Note::new(it))
+                .collect(),
             running,
             waiting,
             wait,

@@ -29,7 +29,7 @@ impl FilterQuery {
 
     /// Whether anything but the order and the page is asked for.
     pub fn is_filtered(&self) -> bool {
-        self.pairs.iter().any(|(name, _)| name != "sort" && name != "cursor")
+        self.pairs.iter().any(|(name, _)| !["sort", "cursor", "columns"].contains(&name.as_str()))
     }
 
     /// The order that is asked for; empty if none is.

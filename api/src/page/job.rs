@@ -6,6 +6,7 @@ use askama::Template;
 use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::{IntoResponse, Redirect, Response};
+use serde::Deserialize;
 use spec::JobKind;
 use store::TaskOverview;
 use wire::{Attempt, AttemptOutcome, TaskState};
@@ -14,16 +15,16 @@ use crate::app::logs::LogEnd;
 use crate::app::tasks::{FirstTasks, progress};
 use crate::app::{App, Paging};
 use crate::error::ApiError;
-use crate::extract::Path;
+use crate::extract::{Path, Query};
 use crate::page::answer::{InPage, PageError, html};
+use crate::page::instant::Instant;
 use crate::page::job_result::JobResult;
 use crate::page::kinds::{headlines, own_page};
 use crate::page::labels::Labelled;
 use crate::page::lineage::Lineage;
 use crate::page::parts::{Bar, Commands, FileLink, JobHeader, Link};
 use crate::page::rows::{Row, results};
-use crate::page::spec_text::spec_text;
-use crate::page::text::instant;
+use crate::page::spec_text::Specification;
 
 /// Number of tasks shown. A link leads to the others.
 const TASKS: u32 = 100;
@@ -39,6 +40,8 @@ struct JobPage {
     warnings: Vec<String>,
     /// Its outcome in words.
     outcome: String,
+    /// Whether somebody has just submitted it again.
+    again: bool,
     digest: String,
     short_digest: String,
     results: Vec<Link>,
@@ -56,7 +59,7 @@ struct JobPage {
     /// The last lines of the newest running attempt. If none runs, those of the newest attempt that
     /// failed.
     log: Option<LogEnd>,
-    spec: String,
+    spec: Specification,
     commands: Commands,
 }
 
@@ -74,14 +77,22 @@ struct AttemptRow {
     worker: String,
     outcome: &'static str,
     reason: String,
-    ended_at: String,
+    ended_at: Option<Instant>,
     /// The address of its log. Empty without one.
     log: String,
+}
+
+/// The query of a page that a form led to.
+#[derive(Deserialize)]
+pub struct JustSubmitted {
+    /// Given if the job existed before.
+    again: Option<String>,
 }
 
 pub async fn show(
     State(app): State<App>,
     InPage(Path(id)): InPage<Path<i64>>,
+    InPage(Query(JustSubmitted { again })): InPage<Query<JustSubmitted>>,
     headers: HeaderMap,
 ) -> Result<Response, PageError> {
     let job = app.job(id).await?;
@@ -94,26 +105,24 @@ pub async fn show(
     };
     let FirstTasks { tasks, all } = app.first_tasks(id, TASKS).await?;
     let attempts = app.attempts(id, Paging { limit: ATTEMPTS, before: None }).await?.attempts;
-    let log = match with_log(&attempts) {
-        Some(attempt) => Some(app.log_end(id, attempt).await?),
-        None => None,
-    };
+    let log = app.newest_log(id, &attempts).await?;
     let outcome = headlines(&app, &[&job]).await?.remove(&id).unwrap_or_default();
     let result = JobResult::of(&app, &job).await?;
     let files = match job.run {
         Some(run) if own_page(job.kind, id, run).is_none() => app.run(run).await?.artifacts,
         _ => Vec::new(),
     };
+    let lineage = Lineage::of(&app, &job).await?;
     let page = JobPage {
         job: JobHeader::of(&job),
         labelled: Labelled::of_job(&job),
         warnings: job.warnings.clone(),
         outcome,
+        again: again.is_some(),
         digest: job.digest.to_string(),
         short_digest: job.digest.short(),
         results: results(&job),
         result,
-        lineage: Lineage::of(&app, &job).await?,
         files: files.into_iter().map(FileLink::from).collect(),
         rows,
         tasks_left_out: all.saturating_sub(tasks.len() as u64),
@@ -121,19 +130,11 @@ pub async fn show(
         tasks: tasks.into_iter().map(|task| TaskRow::new(task, &job.progress.unit)).collect(),
         attempts: attempts.into_iter().filter_map(AttemptRow::of_unsuccessful).collect(),
         log,
-        spec: spec_text(&job.spec),
+        spec: Specification::new(&job.spec, lineage.as_ref()),
+        lineage,
         commands: Commands::new(&headers),
     };
     Ok(html(&page)?)
-}
-
-/// The newest running attempt, or the newest failed one if none runs. `None` if it has no log.
-fn with_log(attempts: &[Attempt]) -> Option<&Attempt> {
-    let failed = |attempt: &&Attempt| {
-        attempt.outcome.is_some_and(|outcome| outcome != AttemptOutcome::Succeeded)
-    };
-    let running = attempts.iter().find(|attempt| attempt.outcome.is_none());
-    running.or_else(|| attempts.iter().find(failed)).filter(|attempt| attempt.log.is_some())
 }
 
 impl AttemptRow {
@@ -144,7 +145,7 @@ impl AttemptRow {
             worker: attempt.worker,
             outcome: outcome.as_str(),
             reason: attempt.reason.unwrap_or_default(),
-            ended_at: attempt.ended_at.as_deref().map(instant).unwrap_or_default(),
+            ended_at: attempt.ended_at.as_deref().map(Instant::new),
             log: attempt.log.unwrap_or_default(),
         })
     }

@@ -20,21 +20,24 @@ pub struct JobResult {
 
 pub struct FigureLink {
     pub url: String,
+    pub title: &'static str,
     pub says: &'static str,
     pub height: u32,
 }
 
-/// A figure that a job may leave: its file, what it shows, and its height in px.
-type KnownFigure = (&'static str, &'static str, u32);
+/// A figure that a job may leave: its file, its title, what it shows, and its height in px.
+type KnownFigure = (&'static str, &'static str, &'static str, u32);
 
 const OF_CONTROL: [KnownFigure; 2] = [
     (
         "tracking.svg",
+        "Tracking error over time",
         "RMS tracking error over time, a line for each controller. The table above holds the means.",
         420,
     ),
     (
         "robot-00.svg",
+        "The first robot beside its path",
         "Positions of joints 1, 4 and 7 of the first robot beside their path, a line for each \
          controller.",
         780,
@@ -49,12 +52,14 @@ fn of_identification(joints: usize) -> [KnownFigure; 2] {
     [
         (
             "motion.svg",
+            "Measured and simulated motion",
             "Measured positions beside simulations of the described and the identified arm. Each \
              simulation begins anew every 1.33 s.",
             height,
         ),
         (
             "torques.svg",
+            "Measured and computed torques",
             "Measured torques beside those that the described and the identified arm need for the \
              measured motion.",
             height,
@@ -110,8 +115,8 @@ impl JobResult {
 
 impl FigureLink {
     /// `None` if the job did not leave the figure.
-    fn of((name, says, height): &KnownFigure, artifacts: &[Artifact]) -> Option<Self> {
+    fn of((name, title, says, height): &KnownFigure, artifacts: &[Artifact]) -> Option<Self> {
         let artifact = artifacts.iter().find(|artifact| artifact.name == *name)?;
-        Some(Self { url: artifact.url.clone(), says, height: *height })
+        Some(Self { url: artifact.url.clone(), title, says, height: *height })
     }
 }

@@ -10,6 +10,7 @@ use crate::app::App;
 use crate::error::ApiError;
 use crate::extract::{Form, Path};
 use crate::page::answer::{InPage, PageError};
+use crate::page::note::Note;
 
 /// The labels of a thing in the form of a page.
 pub struct Labelled {
@@ -17,6 +18,8 @@ pub struct Labelled {
     pub action: String,
     pub name: String,
     pub note: String,
+    /// The note as HTML; `None` without one.
+    pub shown: Option<Note>,
     /// Its own tags, if it is not a job.
     pub tags: Vec<String>,
     /// The job's tags.
@@ -61,6 +64,7 @@ impl Labelled {
         Self {
             action,
             name: name.to_owned(),
+            shown: note.and_then(|note| Note::new(note)),
             note: note.cloned().unwrap_or_default(),
             tags: tags.to_vec(),
             job_tags: TagLink::all(job_tags),

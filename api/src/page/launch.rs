@@ -5,11 +5,12 @@ use axum::body::Bytes;
 use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::{IntoResponse, Redirect, Response};
+use reports::json::readable;
 use serde::Deserialize;
 use serde_json::Value;
 use spec::{PresetPlace, SpecError, Violation};
 
-use crate::app::submission::Reuse;
+use crate::app::submission::{Reuse, Submitted};
 use crate::app::{App, labels};
 use crate::error::ApiError;
 use crate::extract::{Form, Query};
@@ -17,7 +18,6 @@ use crate::limits::SPEC_FORM_BYTES;
 use crate::page::answer::{InPage, PageError, html};
 use crate::page::parts::Commands;
 use crate::page::spec_form::{Changes, Group, groups, sweep, values_of};
-use crate::page::spec_text::spec_text;
 
 #[derive(Template)]
 #[template(path = "launch.html")]
@@ -126,7 +126,7 @@ pub async fn show(
         }
     };
     let beginning = Beginning::of(&app, &from).await?;
-    let fields = Fields { spec: spec_text(&beginning.written), ..Fields::default() };
+    let fields = Fields { spec: readable(&beginning.written), ..Fields::default() };
     Ok(html(&LaunchPage::new(Some((&beginning, &Changes::default())), fields, &headers))?)
 }
 
@@ -150,7 +150,7 @@ pub async fn submit(
     };
     let mut fields = Fields::read(&pairs);
     let spec = match &beginning {
-        Some(beginning) => beginning.changed(&changes, &fields).map(|spec| spec_text(&spec)),
+        Some(beginning) => beginning.changed(&changes, &fields).map(|spec| readable(&spec)),
         None => Ok(fields.spec.clone()),
     };
     let submitted = match spec {
@@ -168,7 +168,10 @@ pub async fn submit(
         Err(error) => Err(ApiError::Spec(error)),
     };
     match submitted {
-        Ok(job) => Ok(Redirect::to(&format!("/jobs/{job}")).into_response()),
+        Ok(Submitted { job, created }) => {
+            let again = if created { "" } else { "?again=1" };
+            Ok(Redirect::to(&format!("/jobs/{}{again}", job.id)).into_response())
+        }
         Err(error) if error.status().is_client_error() => {
             let problem = error.to_problem();
             let violations = match problem.violations.is_empty() {
@@ -195,12 +198,12 @@ impl Beginning {
     }
 }
 
-async fn submit_fields(app: &App, fields: &Fields) -> Result<i64, ApiError> {
+async fn submit_fields(app: &App, fields: &Fields) -> Result<Submitted, ApiError> {
     let name = Some(fields.name.trim().to_owned()).filter(|name| !name.is_empty());
     let tags = fields.tags.split([' ', ',', '\t']).filter(|tag| !tag.is_empty());
     let labels = labels::submitted(name, None, tags.map(str::to_owned).collect())?;
     let text = Bytes::from(fields.spec.clone());
-    Ok(app.submit(text, Reuse::SameDigest, None, labels).await?.job.id)
+    app.submit(text, Reuse::SameDigest, None, labels).await
 }
 
 impl LaunchPage {

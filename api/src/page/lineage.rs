@@ -11,23 +11,39 @@ use crate::page::kinds::headlines;
 use crate::page::rows::results;
 use crate::page::text;
 
-const WIDTH: usize = 196;
+/// The width of a box, as far as columns beside each other leave room.
+const WIDTHS: [usize; 2] = [196, 320];
+/// The width of the page.
+const PAGE: usize = 1070;
 const HEIGHT: usize = 46;
 /// Gaps between columns and between the boxes of a column.
 const GAPS: [usize; 2] = [52, 14];
 
-/// Characters that fit into the two lines of a box.
-const CHARACTERS: [usize; 2] = [25, 28];
+/// Hundredths of a character per pixel that fit into the two lines of a box.
+const CHARACTERS: [usize; 2] = [13, 14];
 
 /// A picture with the jobs in columns, each one right of those that it needs.
 pub struct Lineage {
     pub width: usize,
     pub height: usize,
+    /// The width of a box.
+    pub of_box: usize,
     pub nodes: Vec<Node>,
     /// Curves of SVG.
     pub edges: Vec<String>,
+    /// The jobs by the digests with which specs refer to them.
+    pub sources: Vec<Source>,
     /// Whether jobs are left out.
     pub is_cut: bool,
+}
+
+/// A job whose results another one uses.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Source {
+    pub digest: String,
+    pub name: String,
+    /// The page of its result, or its own.
+    pub href: String,
 }
 
 /// A job.
@@ -63,35 +79,49 @@ impl Lineage {
         let names = names(app, job, &shown).await?;
         let ids: Vec<i64> = lineage.jobs.keys().copied().collect();
         let places = places(&ids, &lineage.needs);
-        let node = |(job, [column, row]): (&Job, [usize; 2])| {
+        let columns = places.values().map(|place| place[0] + 1).max().unwrap_or(1);
+        let wide = (PAGE / columns).saturating_sub(GAPS[0]).clamp(WIDTHS[0], WIDTHS[1]);
+        let name = |job: &Job| names.get(&job.id).unwrap_or(&job.name).clone();
+        let href = |job: &Job| {
             let results = results(job);
+            results.first().map_or(format!("/jobs/{}", job.id), |link| link.href.clone())
+        };
+        let sources = shown.iter().map(|job| Source {
+            digest: job.digest.to_string(),
+            name: name(job),
+            href: href(job),
+        });
+        let sources = sources.collect();
+        let node = |(job, [column, row]): (&Job, [usize; 2])| {
             let state = match job.state {
                 JobState::Succeeded => String::new(),
                 state => format!(", {state}"),
             };
             let headline = headlines.get(&job.id).map(|text| format!(", {text}"));
             let said = format!("{}{state}{}", job.kind, headline.unwrap_or_default());
-            let name = names.get(&job.id).unwrap_or(&job.name);
+            let name = name(job);
             Node {
-                x: column * (WIDTH + GAPS[0]),
+                x: column * (wide + GAPS[0]),
                 y: row * (HEIGHT + GAPS[1]),
-                href: results.first().map_or(format!("/jobs/{}", job.id), |link| link.href.clone()),
-                name: text::shortened(name, CHARACTERS[0]),
+                href: href(job),
+                name: text::shortened(&name, wide * CHARACTERS[0] / 100),
                 title: format!("{name}: {said}, job {}, digest {}", job.id, job.digest.short()),
-                said: text::shortened(&said, CHARACTERS[1]),
+                said: text::shortened(&said, wide * CHARACTERS[1] / 100),
                 state: job.state,
                 is_here: roots == [job.id],
             }
         };
         let nodes: Vec<Node> = shown.into_iter().zip(places.values().copied()).map(node).collect();
-        let edges = lineage.needs.iter().map(|(job, need)| edge(places[need], places[job]));
+        let edges = lineage.needs.iter().map(|(job, need)| edge(wide, places[need], places[job]));
         let [columns, rows] = [0, 1].map(|axis| places.values().map(|place| place[axis]).max());
         // With a pixel around it, for the outlines.
         let extent = |last: Option<usize>, size, gap| last.unwrap_or(0) * (size + gap) + size + 2;
         Ok(Some(Self {
-            width: extent(columns, WIDTH, GAPS[0]),
+            of_box: wide,
+            width: extent(columns, wide, GAPS[0]),
             height: extent(rows, HEIGHT, GAPS[1]),
             edges: edges.collect(),
+            sources,
             nodes,
             is_cut: lineage.is_cut,
         }))
@@ -116,10 +146,14 @@ async fn names(app: &App, job: &Job, shown: &[&Job]) -> Result<BTreeMap<i64, Str
 }
 
 /// The curve from the right of one box to the left of another.
-fn edge([from_column, from_row]: [usize; 2], [to_column, to_row]: [usize; 2]) -> String {
+fn edge(
+    wide: usize,
+    [from_column, from_row]: [usize; 2],
+    [to_column, to_row]: [usize; 2],
+) -> String {
     let middle = |row: usize| row * (HEIGHT + GAPS[1]) + HEIGHT / 2;
-    let (x0, y0) = (from_column * (WIDTH + GAPS[0]) + WIDTH, middle(from_row));
-    let (x1, y1) = (to_column * (WIDTH + GAPS[0]), middle(to_row));
+    let (x0, y0) = (from_column * (wide + GAPS[0]) + wide, middle(from_row));
+    let (x1, y1) = (to_column * (wide + GAPS[0]), middle(to_row));
     let bend = GAPS[0] / 2;
     format!("M{x0} {y0}C{} {y0} {} {y1} {x1} {y1}", x0 + bend, x1 - bend)
 }
@@ -194,6 +228,6 @@ mod tests {
 
     #[test]
     fn a_curve_begins_at_a_box_and_ends_at_the_next_one() {
-        assert_eq!(edge([0, 0], [1, 1]), "M196 23C222 23 222 83 248 83");
+        assert_eq!(edge(196, [0, 0], [1, 1]), "M196 23C222 23 222 83 248 83");
     }
 }

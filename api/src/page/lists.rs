@@ -13,10 +13,13 @@ use crate::app::listing::ListRequest;
 use crate::app::resources::Resource;
 use crate::error::ApiError;
 use crate::extract::QueryPairs;
+use crate::limits::LISTED_COLUMNS;
 use crate::page::answer::{PageError, html};
 use crate::page::dataset::filling;
 use crate::page::filter_query::{FilterQuery, Order};
+use crate::page::instant::Instant;
 use crate::page::kinds::own_page;
+use crate::page::note::Note;
 use crate::page::text;
 
 #[derive(Template)]
@@ -28,6 +31,10 @@ struct ListTemplate {
     filtered: bool,
     sort: String,
     orders: Vec<Order>,
+    /// Where items come from, for a list without any.
+    empty: Option<Note>,
+    /// The columns that the reader chose, in one text.
+    chosen: String,
     /// The headings, and whether the columns are of numbers.
     columns: Vec<(String, bool)>,
     rows: Vec<ListRow>,
@@ -45,8 +52,16 @@ pub struct ListRow {
 
 /// A cell, in the form of the page.
 enum Shown {
+    Moment(Instant),
+    Span(Instant, Instant),
     Text(String),
     State(JobState, String),
+}
+
+impl Shown {
+    fn is_empty(&self) -> bool {
+        matches!(self, Self::Text(text) if text.is_empty())
+    }
 }
 
 /// A list with a page of its own.
@@ -73,7 +88,12 @@ pub async fn show<T: Paged + Sync>(
     let asked = FilterQuery::new(format!("/{}", list.name), pairs);
     let found = app.list::<T>(&ListRequest::read(list, asked.pairs())?).await?;
     let (items, next) = found.into_parts();
-    let mut rows: Vec<ListRow> = items.iter().map(ListRow::of).collect();
+    let chosen = asked.value("columns");
+    let chosen: Vec<&str> = match list.has_columns {
+        true => chosen.split([' ', ',']).filter(|it| !it.is_empty()).take(LISTED_COLUMNS).collect(),
+        false => Vec::new(),
+    };
+    let mut rows: Vec<ListRow> = items.iter().map(|item| ListRow::of(item, &chosen)).collect();
     T::complete_rows(&app, &items, &mut rows).await?;
     let page = ListTemplate {
         list,
@@ -82,10 +102,13 @@ pub async fn show<T: Paged + Sync>(
         filtered: asked.is_filtered(),
         sort: asked.order(),
         orders: asked.orders(list),
-        columns: T::COLUMNS
+        columns: chosen
             .iter()
-            .map(|column| (text::title(column.heading), column.is_number))
+            .map(|column| ((*column).to_owned(), true))
+            .chain(T::COLUMNS.iter().map(|it| (text::title(it.heading), it.is_number)))
             .collect(),
+        empty: Note::new(list.empty),
+        chosen: chosen.join(" "),
         rows,
         next: next.map(|cursor| asked.with("cursor", Some(&cursor))),
     };
@@ -93,13 +116,14 @@ pub async fn show<T: Paged + Sync>(
 }
 
 impl ListRow {
-    fn of<T: Paged>(item: &T) -> Self {
+    fn of<T: Paged>(item: &T, chosen: &[&str]) -> Self {
         let shown = |cell: ListCell| match cell {
             ListCell::Missing => Shown::Text(String::new()),
             ListCell::Text(words) => Shown::Text(words),
             ListCell::State(state, word) => Shown::State(state, word.to_owned()),
             ListCell::Count(number) => Shown::Text(text::count(number)),
             ListCell::Bytes(bytes) => Shown::Text(text::size(bytes)),
+            ListCell::Number(number) => Shown::Text(text::value(number)),
             ListCell::Degrees(angle) => Shown::Text(format!("{}°", text::degrees(angle))),
             ListCell::Headline(headline) => Shown::Text(reports::headline(&headline)),
             ListCell::Percent(percent) => Shown::Text(format!("{percent:.0} %")),
@@ -107,11 +131,9 @@ impl ListRow {
                 Shown::Text(format!("{} of {}", text::count(done), text::count(all)))
             }
             ListCell::Moment(time) | ListCell::Span(time, None) => {
-                Shown::Text(text::instant(&time))
+                Shown::Moment(Instant::new(&time))
             }
-            ListCell::Span(from, Some(to)) => {
-                Shown::Text(format!("{} to {}", text::instant(&from), text::instant(&to)))
-            }
+            ListCell::Span(from, Some(to)) => Shown::Span(Instant::new(&from), Instant::new(&to)),
         };
         let columns = T::COLUMNS.iter();
         Self {
@@ -119,7 +141,11 @@ impl ListRow {
             name: item.name().to_owned(),
             id: item.id(),
             tags: item.tags().into_iter().map(str::to_owned).collect(),
-            cells: columns.map(|column| (shown((column.cell)(item)), column.is_number)).collect(),
+            cells: chosen
+                .iter()
+                .map(|column| (shown(item.chosen(column)), true))
+                .chain(columns.map(|column| (shown((column.cell)(item)), column.is_number)))
+                .collect(),
         }
     }
 }

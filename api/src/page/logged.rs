@@ -1,4 +1,4 @@
-//! The runs that clients of MLflow logged: their list, and one of them.
+//! A run that a client of MLflow logged.
 
 use askama::Template;
 use axum::extract::State;
@@ -13,54 +13,31 @@ use crate::app::logged::{LoggedRun, WholeLoggedRun};
 use crate::charts;
 use crate::extract::{Path, Query};
 use crate::page::answer::{InPage, PageError, html};
+use crate::page::instant::Instant;
 use crate::page::parts::{Fact, FileLink};
 use crate::page::text;
 
-/// Metrics of a run in the list.
-const METRICS: usize = 4;
-
-#[derive(Template)]
-#[template(path = "logged_runs.html")]
-struct LoggedRunsPage {
-    rows: Vec<Row>,
-    has_more: bool,
-}
-
 struct Row {
-    href: String,
     name: String,
     experiment: String,
     state: JobState,
-    status: &'static str,
-    began: String,
-    metrics: Vec<Fact>,
-    /// Metrics that are not shown.
-    others: usize,
-}
-
-pub async fn list(State(app): State<App>) -> Result<Response, PageError> {
-    let (runs, has_more) = app.logged_runs().await?;
-    Ok(html(&LoggedRunsPage { rows: runs.iter().map(Row::of).collect(), has_more })?)
+    began: Instant,
 }
 
 impl Row {
     fn of(logged: &LoggedRun) -> Self {
-        let LoggedRun { run, experiment, metrics } = logged;
+        let LoggedRun { run, experiment, .. } = logged;
         Self {
-            href: format!("/logged/{}", run.identifier),
             name: run.name.clone(),
             experiment: experiment.clone(),
             state: state(run.status.as_str()),
-            status: run.status.as_str(),
-            began: text::instant(&run.start_time.to_string()),
-            metrics: metrics.iter().take(METRICS).map(fact).collect(),
-            others: metrics.len().saturating_sub(METRICS),
+            began: Instant::new(&run.start_time.to_string()),
         }
     }
 }
 
 /// The state of a job that has the colour of MLflow's status.
-fn state(status: &str) -> JobState {
+pub fn state(status: &str) -> JobState {
     match status {
         "RUNNING" => JobState::Running,
         "SCHEDULED" => JobState::Queued,

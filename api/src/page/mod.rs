@@ -1,5 +1,6 @@
 //! The page: HTML that works without scripts, from the same data as the API.
 
+mod all_runs;
 pub mod answer;
 mod assets;
 mod checkpoint;
@@ -9,6 +10,7 @@ mod docs;
 mod evaluation;
 mod experiments;
 mod filter_query;
+mod instant;
 mod job;
 mod job_result;
 mod kinds;
@@ -18,6 +20,7 @@ mod lineage;
 mod lists;
 mod logged;
 mod login;
+mod note;
 mod parts;
 mod predict;
 mod predictions;
@@ -59,7 +62,7 @@ pub fn paths() -> [(&'static str, MethodRouter<App>); 41] {
         ("/jobs/{id}/cancel", post(job::cancel)),
         ("/jobs/{id}/retry", post(job::retry)),
         ("/runs", get(lists::show::<Run>)),
-        ("/logged", get(logged::list)),
+        ("/logged", get(all_runs::show)),
         ("/logged/{id}", get(logged::show)),
         ("/compare", get(compare::show)),
         ("/predict", get(predict::show)),

@@ -6,6 +6,7 @@ use spec::JobKind;
 use wire::{Artifact, Job, JobState, Progress};
 
 use crate::access;
+use crate::page::instant::Instant;
 use crate::page::text;
 
 /// A progress bar with a text below it.
@@ -95,7 +96,9 @@ pub struct JobHeader {
     pub name: String,
     pub kind: JobKind,
     pub state: JobState,
-    pub when: String,
+    pub submitted: Instant,
+    /// How long it took; empty before it ended.
+    pub took: String,
     /// Why its queued tasks wait, besides waiting for their turn.
     pub waits_for: String,
     /// Whether it has ended.
@@ -113,22 +116,14 @@ impl JobHeader {
             name: job.name.clone(),
             kind: job.kind,
             state: job.state,
-            when: when(job),
+            submitted: Instant::new(&job.created_at),
+            took: job.duration_seconds.map(text::duration).unwrap_or_default(),
             waits_for: job.waits_for.clone().unwrap_or_default(),
             settled: job.state.is_final(),
             can_retry: matches!(job.state, JobState::Failed | JobState::Cancelled),
             error: job.error.clone().unwrap_or_default(),
             progress: Bar::of(job.state, &job.progress),
         }
-    }
-}
-
-/// When a job was submitted and how long it took.
-fn when(job: &Job) -> String {
-    let submitted = text::instant(&job.created_at);
-    match job.duration_seconds {
-        Some(seconds) => format!("{submitted} · took {}", text::duration(seconds)),
-        None => submitted,
     }
 }
 

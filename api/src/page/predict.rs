@@ -5,9 +5,7 @@ use axum::extract::State;
 use axum::response::Response;
 use reports::Table;
 use spec::{DataSource, JobSpec, ValidationMetric};
-use wire::{
-    Checkpoint, Dataset, DatasetState, DrawnPredictions, DrawnScenario, Job, Listed as _, Warning,
-};
+use wire::{Checkpoint, Dataset, DatasetState, DrawnPredictions, Job, Listed as _, Warning};
 
 use crate::app::App;
 use crate::app::listing::ListRequest;
@@ -75,11 +73,15 @@ pub async fn show(State(app): State<App>, pairs: QueryPairs) -> Result<Response,
     if fields.dataset.is_none() {
         let first = fields.request.checkpoints.first();
         let first = checkpoints.iter().find(|checkpoint| Some(&checkpoint.id) == first);
-        let trained_on = match first {
-            Some(checkpoint) => app.dataset_of_training(checkpoint).await?,
+        // Data that the checkpoint was not trained on say more.
+        let of_checkpoint = match first {
+            Some(checkpoint) => match app.dataset_of_evaluation(checkpoint).await? {
+                None => app.dataset_of_training(checkpoint).await?,
+                evaluated => evaluated,
+            },
             None => None,
         };
-        fields.dataset = trained_on.or(datasets.first().map(|dataset| dataset.id));
+        fields.dataset = of_checkpoint.or(datasets.first().map(|dataset| dataset.id));
     }
     if let Some(id) = fields.dataset
         && datasets.iter().all(|dataset| dataset.id != id)
@@ -92,6 +94,8 @@ pub async fn show(State(app): State<App>, pairs: QueryPairs) -> Result<Response,
         Some(dataset) => Shown::of(&app, dataset, &fields).await?,
         None => Shown::problem("There is no complete dataset yet.".to_owned()),
     };
+    let trainings: Vec<i64> = checkpoints.iter().map(|checkpoint| checkpoint.job).collect();
+    let trainings = app.jobs_by_id(&trainings).await?;
     let index = fields.trajectory;
     let page = PredictPage {
         title: match fields.dataset {
@@ -115,7 +119,7 @@ pub async fn show(State(app): State<App>, pairs: QueryPairs) -> Result<Response,
             .iter()
             .map(|checkpoint| Choice {
                 id: checkpoint.id,
-                name: name(checkpoint),
+                name: name(checkpoint, trainings.get(&checkpoint.job)),
                 is_chosen: fields.request.checkpoints.contains(&checkpoint.id),
             })
             .collect(),
@@ -137,7 +141,7 @@ pub async fn show(State(app): State<App>, pairs: QueryPairs) -> Result<Response,
 }
 
 /// A checkpoint with what says which one it is.
-fn name(checkpoint: &Checkpoint) -> String {
+fn name(checkpoint: &Checkpoint, training: Option<&Job>) -> String {
     let architecture = &checkpoint.architecture;
     let aliases = checkpoint.aliases.iter().map(|alias| format!("@{alias}"));
     let mut parts = vec![match &checkpoint.name {
@@ -145,7 +149,9 @@ fn name(checkpoint: &Checkpoint) -> String {
         None => format!("{} {architecture}", checkpoint.id),
     }];
     parts.extend(aliases);
-    parts.push(format!("run {}, step {}", checkpoint.run, text::count(checkpoint.step)));
+    let training = training.map_or(String::new(), |job| format!("{}, ", job.name));
+    parts.push(format!("{training}run {}, step {}", checkpoint.run, text::count(checkpoint.step)));
+    parts.extend(checkpoint.marks().into_iter().map(str::to_owned));
     let rmse_deg = checkpoint.metrics.get(ValidationMetric::RmseDeg.key());
     parts.extend(rmse_deg.map(|rmse| format!("{}°", text::degrees(*rmse))));
     parts.join(" · ")
@@ -171,6 +177,11 @@ impl Shown {
         let predictions = match found {
             Ok(predictions) => predictions,
             Err(error @ (ApiError::Question(_) | ApiError::Live(_) | ApiError::NoModels)) => {
+                return Ok(Self::problem(error.to_string()));
+            }
+            // Another trajectory or checkpoint may be whole.
+            Err(error @ (ApiError::Damaged { .. } | ApiError::ShardUnreadable { .. })) => {
+                error.log();
                 return Ok(Self::problem(error.to_string()));
             }
             Err(error) => return Err(error),
@@ -226,44 +237,45 @@ impl Fields {
     }
 }
 
-/// The addresses of this page for the scenarios that an evaluation drew, in their order; none for
-/// one whose trajectories are not stored, or that has noise of its own.
-pub async fn links(
-    app: &App,
-    evaluation: &Job,
-    drawn: &DrawnPredictions,
-) -> Result<Vec<Option<String>>, ApiError> {
-    let spec = serde_json::from_value(evaluation.spec.clone());
-    let (dataset, begin) = match spec {
-        Ok(JobSpec::Evaluate(spec)) => match spec.data {
-            DataSource::Digest(digest) => {
-                (app.dataset_of_digest(digest).await?, spec.rounds() + spec.context)
-            }
-            _ => (None, 0),
-        },
-        _ => (None, 0),
-    };
-    let Some(dataset) = dataset else {
-        return Ok(drawn.scenarios.iter().map(|_| None).collect());
-    };
-    let mut checkpoints = Vec::new();
-    for predictor in &drawn.predictors {
-        if let (Some(digest), Some(step)) = (predictor.digest, predictor.step) {
-            checkpoints.extend(app.checkpoint_of_step(digest, step).await?);
-        }
-    }
-    let address = |scenario: &DrawnScenario| {
-        let fields = Fields {
-            dataset: Some(dataset),
-            trajectory: scenario.trajectory,
-            request: PredictionsRequest {
-                checkpoints: checkpoints.clone(),
-                begin: Some(begin as usize),
-                ..PredictionsRequest::default()
+/// The addresses of this page for scenarios of an evaluation.
+pub struct Viewers {
+    /// Without a trajectory.
+    fields: Fields,
+}
+
+impl Viewers {
+    /// `None` if the trajectories of the evaluation or its checkpoints are not stored.
+    pub async fn of(
+        app: &App,
+        evaluation: &Job,
+        drawn: &DrawnPredictions,
+    ) -> Result<Option<Self>, ApiError> {
+        let spec = serde_json::from_value(evaluation.spec.clone());
+        let (dataset, begin) = match spec {
+            Ok(JobSpec::Evaluate(spec)) => match spec.data {
+                DataSource::Digest(digest) => {
+                    (app.dataset_of_digest(digest).await?, spec.rounds() + spec.context)
+                }
+                _ => return Ok(None),
             },
+            _ => return Ok(None),
         };
-        let is_as_stored = scenario.position_noise_rad == 0.0 && !checkpoints.is_empty();
-        is_as_stored.then(|| fields.address("/predict", scenario.trajectory))
-    };
-    Ok(drawn.scenarios.iter().map(address).collect())
+        let mut checkpoints = Vec::new();
+        for predictor in &drawn.predictors {
+            if let (Some(digest), Some(step)) = (predictor.digest, predictor.step) {
+                checkpoints.extend(app.checkpoint_of_step(digest, step).await?);
+            }
+        }
+        if dataset.is_none() || checkpoints.is_empty() {
+            return Ok(None);
+        }
+        let begin = Some(begin as usize);
+        let request = PredictionsRequest { checkpoints, begin, ..PredictionsRequest::default() };
+        Ok(Some(Self { fields: Fields { dataset, trajectory: 0, request } }))
+    }
+
+    /// The address for a trajectory; `None` if the evaluation added noise to it.
+    pub fn address(&self, trajectory: u64, position_noise_rad: f64) -> Option<String> {
+        (position_noise_rad == 0.0).then(|| self.fields.address("/predict", trajectory))
+    }
 }

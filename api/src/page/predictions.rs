@@ -2,6 +2,7 @@
 
 use wire::{DrawnPredictions, DrawnScenario, ScenarioRank, at_noise};
 
+use crate::page::predict::Viewers;
 use crate::page::text;
 
 /// The figures of an evaluation, and what they have in common.
@@ -21,17 +22,18 @@ pub struct DrawnFigure {
 }
 
 impl Drawn {
-    /// `viewers` has the page of each scenario that predicts it again.
-    pub fn new(run: i64, drawn: &DrawnPredictions, viewers: Vec<Option<String>>) -> Self {
+    /// `viewers` has the pages that predict scenarios again.
+    pub fn new(run: i64, drawn: &DrawnPredictions, viewers: Option<&Viewers>) -> Self {
         let model = &drawn.model;
-        let figure = |(scenario, viewer): (&DrawnScenario, Option<String>)| DrawnFigure {
-            viewer,
+        let figure = |scenario: &DrawnScenario| DrawnFigure {
+            viewer: viewers.and_then(|viewers| {
+                viewers.address(scenario.trajectory, scenario.position_noise_rad)
+            }),
             ..DrawnFigure::new(run, model, scenario)
         };
-        let mut scenarios: Vec<(&DrawnScenario, Option<String>)> =
-            drawn.scenarios.iter().zip(viewers).collect();
+        let mut scenarios: Vec<&DrawnScenario> = drawn.scenarios.iter().collect();
         // The typical one comes first.
-        scenarios.sort_by_key(|(scenario, _)| scenario.rank != ScenarioRank::Median);
+        scenarios.sort_by_key(|scenario| scenario.rank != ScenarioRank::Median);
         Self {
             note: format!(
                 "The scenarios with the median, the largest and the smallest RMSE of {model}. Each figure shows the joint \

@@ -11,6 +11,7 @@ use wire::{Robot, RobotUrdf};
 use crate::app::App;
 use crate::extract::Path;
 use crate::page::answer::{InPage, PageError, html};
+use crate::page::instant::Instant;
 use crate::page::lists::Paged;
 use crate::page::parts::{Commands, Fact};
 use crate::page::text;
@@ -20,8 +21,9 @@ use crate::page::text;
 struct RobotPage {
     id: i64,
     name: String,
-    /// When and by whom it was added.
-    added: String,
+    added: Instant,
+    /// Who added it; empty if nobody is known, or a job did.
+    added_by: String,
     job: Option<i64>,
     digest: String,
     short_digest: String,
@@ -54,13 +56,10 @@ pub async fn show(
         .clone()
         .and_then(|description| serde_json::from_value::<RobotDescription>(description).ok());
     let commands = Commands::new(&headers);
-    let created = text::instant(&robot.created_at);
     let page = RobotPage {
         id,
-        added: match (&robot.added_by, robot.job) {
-            (_, Some(_)) | (None, None) => created,
-            (Some(caller), None) => format!("{created} by {caller}"),
-        },
+        added: Instant::new(&robot.created_at),
+        added_by: robot.added_by.clone().filter(|_| robot.job.is_none()).unwrap_or_default(),
         job: robot.job,
         digest: robot.digest.to_string(),
         short_digest: robot.digest.short(),

@@ -1,112 +1,65 @@
-//! Specs in a readable form: indented, with lists of numbers on one line.
+//! Specs in a readable form, with the names of what they refer to.
 
+use reports::json::readable;
 use serde_json::Value;
 
-/// JSON that is easy to read and can be submitted again.
-pub fn spec_text(spec: &Value) -> String {
-    let mut text = String::new();
-    write(spec, 0, &mut text);
-    text
+use crate::page::lineage::{Lineage, Source};
+
+/// The text of a spec, with links where it refers to results of other jobs.
+pub struct Specification {
+    pub pieces: Vec<Piece>,
 }
 
-fn write(value: &Value, depth: usize, text: &mut String) {
-    match value {
-        Value::Object(fields) if is_long(value) => {
-            let lines = fields.iter().map(|(key, value)| (Some(key.as_str()), value));
-            write_lines('{', lines, '}', depth, text);
-        }
-        Value::Array(items) if is_long(value) => {
-            write_lines('[', items.iter().map(|value| (None, value)), ']', depth, text);
-        }
-        short => text.push_str(&on_one_line(short)),
+/// A piece of the text. The digest of a job belongs to that job.
+#[derive(Debug, PartialEq)]
+pub struct Piece {
+    pub text: String,
+    pub source: Option<Source>,
+}
+
+impl Specification {
+    /// The spec of a job with this lineage.
+    pub fn new(spec: &Value, lineage: Option<&Lineage>) -> Self {
+        Self { pieces: pieces(&readable(spec), lineage.map_or(&[], |lineage| &lineage.sources)) }
     }
 }
 
-fn write_lines<'a>(
-    open: char,
-    lines: impl Iterator<Item = (Option<&'a str>, &'a Value)>,
-    close: char,
-    depth: usize,
-    text: &mut String,
-) {
-    text.push(open);
-    for (i, (key, value)) in lines.enumerate() {
-        text.push_str(if i == 0 { "\n" } else { ",\n" });
-        text.push_str(&"  ".repeat(depth + 1));
-        if let Some(key) = key {
-            text.push_str(&format!("{}: ", Value::from(key)));
-        }
-        write(value, depth + 1, text);
-    }
-    text.push('\n');
-    text.push_str(&"  ".repeat(depth));
-    text.push(close);
-}
-
-/// Whether a value needs several lines: it is nested twice, or is wide.
-fn is_long(value: &Value) -> bool {
-    const WIDTH: usize = 90;
-    let holds_some = |inner: &Value| match inner {
-        Value::Array(items) => !items.is_empty(),
-        Value::Object(fields) => !fields.is_empty(),
-        _ => false,
+fn pieces(text: &str, sources: &[Source]) -> Vec<Piece> {
+    let mut pieces = Vec::new();
+    let mut rest = text;
+    let next = |text: &str| {
+        let found = |source: &Source| Some((text.find(&source.digest)?, source.clone()));
+        sources.iter().filter_map(found).min_by_key(|(place, _)| *place)
     };
-    let is_nested = match value {
-        Value::Array(items) => items.iter().any(|item| item.is_object() && holds_some(item)),
-        Value::Object(fields) => fields.len() > 3 || fields.values().any(holds_some),
-        _ => false,
-    };
-    is_nested || on_one_line(value).chars().count() > WIDTH && holds_some(value)
-}
-
-fn on_one_line(value: &Value) -> String {
-    match value {
-        Value::Array(items) => {
-            let items: Vec<String> = items.iter().map(on_one_line).collect();
-            format!("[{}]", items.join(", "))
-        }
-        Value::Object(fields) => {
-            let fields: Vec<String> = fields
-                .iter()
-                .map(|(key, value)| {
-                    format!("{}: {}", Value::from(key.as_str()), on_one_line(value))
-                })
-                .collect();
-            format!("{{{}}}", fields.join(", "))
-        }
-        scalar => scalar.to_string(),
+    while let Some((place, source)) = next(rest) {
+        let (before, from) = rest.split_at(place);
+        let (digest, after) = from.split_at(source.digest.len());
+        pieces.push(Piece { text: before.to_owned(), source: None });
+        pieces.push(Piece { text: digest.to_owned(), source: Some(source) });
+        rest = after;
     }
+    pieces.push(Piece { text: rest.to_owned(), source: None });
+    pieces
 }
 
 #[cfg(test)]
 mod tests {
-    use proptest::prelude::*;
-    use serde_json::json;
-
     use super::*;
 
     #[test]
-    fn lists_of_numbers_stay_on_one_line() {
-        let spec = json!({"kind": "x", "range": [0.1, 2], "data": {"digest": "ab"}, "e": {}});
-        let expected = "{\n  \"data\": {\"digest\": \"ab\"},\n  \"e\": {},\n  \"kind\": \"x\",\n  \
-                        \"range\": [0.1, 2]\n}";
-        assert_eq!(spec_text(&spec), expected);
-    }
-
-    #[test]
-    fn every_preset_reads_back_the_same() {
-        for preset in spec::presets() {
-            let text = spec_text(&preset.spec);
-            assert_eq!(serde_json::from_str::<Value>(&text).unwrap(), preset.spec);
-        }
-    }
-
-    proptest! {
-        #[test]
-        fn any_text_reads_back_the_same(key in ".*", word in ".*", x in -1e9..1e9) {
-            let value = json!({key: [[word.as_str(), x], {"a": [word.as_str(), null, {}]}]});
-            let text = spec_text(&value);
-            prop_assert_eq!(serde_json::from_str::<Value>(&text).unwrap(), value);
-        }
+    fn a_digest_of_another_job_leads_there_and_the_text_stays_the_same() {
+        let source = |digest: &str, name: &str| Source {
+            digest: digest.to_owned(),
+            name: name.to_owned(),
+            href: format!("/datasets/{name}"),
+        };
+        let sources = [source("ab12", "train"), source("cd34", "test"), source("ef56", "unused")];
+        let text = "{\"on\": \"cd34\", \"data\": [\"ab12\", \"cd34\"], \"file\": \"9999\"}";
+        let pieces = pieces(text, &sources);
+        let all: String = pieces.iter().map(|piece| piece.text.as_str()).collect();
+        assert_eq!(all, text);
+        let named = pieces.iter().filter_map(|piece| Some(piece.source.as_ref()?.name.as_str()));
+        assert_eq!(named.collect::<Vec<_>>(), ["test", "train", "test"]);
+        assert_eq!(super::pieces(text, &[]).len(), 1);
     }
 }

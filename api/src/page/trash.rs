@@ -12,6 +12,7 @@ use crate::app::App;
 use crate::extract::{Path, Query};
 use crate::limits::PAGE_DEFAULT;
 use crate::page::answer::{InPage, PageError, html};
+use crate::page::instant::Instant;
 use crate::page::text;
 
 #[derive(Template)]
@@ -23,6 +24,7 @@ struct DeletePage {
     along: Vec<String>,
     along_left_out: usize,
     jobs: Vec<DependentRow>,
+    jobs_left_out: usize,
     /// Whether a job that has not ended prevents the deletion.
     is_kept: bool,
     days: u64,
@@ -47,8 +49,8 @@ struct TrashedRow {
     id: i64,
     name: String,
     size: String,
-    deleted_at: String,
-    purge_at: String,
+    deleted_at: Instant,
+    purge_at: Instant,
     reason: String,
 }
 
@@ -110,13 +112,18 @@ fn page(found: &Dependents, days: u64) -> DeletePage {
         state: job.state,
         relation: job.relation.phrase(),
     };
+    let is_open = |job: &&wire::Dependent| !job.state.is_final();
+    let open = found.jobs.iter().filter(is_open);
+    let ended = found.jobs.iter().filter(|job| !is_open(job));
     DeletePage {
         kind: found.kind,
         id: found.id,
         size: text::size(found.bytes),
         along: along.collect(),
         along_left_out: found.along.len().saturating_sub(ALONG),
-        jobs: found.jobs.iter().map(row).collect(),
+        // Those that prevent the deletion come first.
+        jobs: open.chain(ended).take(ALONG).map(row).collect(),
+        jobs_left_out: found.jobs.len().saturating_sub(ALONG),
         is_kept: found.jobs.iter().any(|job| !job.state.is_final()),
         days,
     }
@@ -129,8 +136,8 @@ impl From<TrashedItem> for TrashedRow {
             id: item.id,
             name: item.name,
             size: text::size(item.bytes),
-            deleted_at: text::instant(&item.deleted_at),
-            purge_at: text::instant(&item.purge_at),
+            deleted_at: Instant::new(&item.deleted_at),
+            purge_at: Instant::new(&item.purge_at),
             reason: item.reason.unwrap_or_default(),
         }
     }

@@ -3,6 +3,7 @@
 use wire::{JobState, Verification};
 
 use crate::app::verifications::Agreement;
+use crate::page::instant::Instant;
 use crate::page::text;
 
 /// A description of the newest verification of a dataset.
@@ -10,6 +11,8 @@ pub struct Checked {
     /// The job of the verification; `None` if there was none.
     pub job: Option<i64>,
     pub state: JobState,
+    /// When it ended.
+    pub at: Option<Instant>,
     pub outcome: String,
     pub remarks: Vec<String>,
     /// The first difference.
@@ -24,6 +27,7 @@ impl Checked {
             return Self {
                 job: None,
                 state: JobState::Waiting,
+                at: None,
                 outcome: "Not verified yet: every shard would be made again and compared with \
                           what is stored."
                     .to_owned(),
@@ -32,7 +36,6 @@ impl Checked {
                 settled: true,
             };
         };
-        let at = found.finished_at.as_deref().map(text::instant).unwrap_or_default();
         let outcome = outcome(Agreement {
             shards: found.shards,
             verified: found.shards_verified,
@@ -41,10 +44,11 @@ impl Checked {
         Self {
             job: Some(found.job),
             state: found.state,
+            at: found.finished_at.as_deref().map(Instant::new),
             outcome: match found.state {
-                JobState::Succeeded => format!("Verified at {at}: {outcome}."),
-                JobState::Failed => format!("Failed at {at}."),
-                JobState::Cancelled => format!("Cancelled at {at}, {outcome}."),
+                JobState::Succeeded => format!("Verified: {outcome}."),
+                JobState::Failed => "Failed.".to_owned(),
+                JobState::Cancelled => format!("Cancelled: {outcome}."),
                 JobState::Waiting | JobState::Queued | JobState::Running => outcome,
             },
             remarks: found.remarks.clone(),

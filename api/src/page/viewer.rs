@@ -4,6 +4,7 @@ use serde_json::{Map, Value};
 use wire::{Dataset, Summary};
 
 use crate::app::App;
+use crate::charts;
 use crate::error::ApiError;
 use crate::page::parts::Fact;
 use crate::page::text;
@@ -15,6 +16,8 @@ pub struct Viewer {
     pub last: u64,
     pub previous: Option<u64>,
     pub next: Option<u64>,
+    /// The height of its figure, px.
+    pub height: u32,
     /// The main parameters of the trajectory. Empty if it cannot be shown.
     pub facts: Vec<Fact>,
     /// Why it cannot be shown.
@@ -45,6 +48,7 @@ impl Viewer {
         Ok(Some(Self {
             trajectory,
             last,
+            height: charts::trajectory_height(summary.channels.iter().map(|it| it.name.as_str())),
             previous: trajectory.checked_sub(1).map(|previous| previous.min(last)),
             next: trajectory.checked_add(1).filter(|next| *next <= last),
             facts,

@@ -8,13 +8,14 @@ use wire::{Placement, PlacementState, Queue, Worker, Workers, WorkersTask};
 use crate::app::App;
 use crate::extract::Path;
 use crate::page::answer::{InPage, PageError, html};
-use crate::page::text::instant;
+use crate::page::instant::Instant;
+use crate::page::note::Note;
 
 #[derive(Template)]
 #[template(path = "workers.html")]
 struct WorkersPage {
     queue: Queue,
-    obstacles: Vec<String>,
+    obstacles: Vec<Note>,
     workers: Vec<WorkerRow>,
     placements: Vec<PlacementRow>,
 }
@@ -27,7 +28,7 @@ struct WorkerRow {
     device: String,
     offers: String,
     is_drained: bool,
-    seen_at: String,
+    seen_at: Instant,
     task: Option<WorkersTask>,
     /// A text for a worker without a task.
     does: String,
@@ -41,13 +42,13 @@ struct PlacementRow {
     place: String,
     state: PlacementState,
     reason: String,
-    changed_at: String,
+    changed_at: Instant,
 }
 
 pub async fn show(State(app): State<App>) -> Result<Response, PageError> {
     let Workers { workers, placements } = app.workers().await?;
     let page = WorkersPage {
-        obstacles: app.obstacles(&workers).await?,
+        obstacles: app.obstacles(&workers).await?.iter().filter_map(|it| Note::new(it)).collect(),
         queue: app.queue().await?,
         workers: workers.into_iter().map(WorkerRow::from).collect(),
         placements: placements.into_iter().map(PlacementRow::from).collect(),
@@ -102,7 +103,7 @@ impl From<Worker> for WorkerRow {
             version: worker.version,
             device: worker.device,
             is_drained: worker.drained_at.is_some(),
-            seen_at: instant(&worker.seen_at),
+            seen_at: Instant::new(&worker.seen_at),
             task: worker.task.filter(|_| worker.alive),
             does,
             placement: worker.placement.map(PlacementRow::from),
@@ -118,7 +119,7 @@ impl From<Placement> for PlacementRow {
             place: place.into_iter().flatten().collect::<Vec<_>>().join(" "),
             state: placement.state,
             reason: placement.reason.unwrap_or_default(),
-            changed_at: instant(&placement.changed_at),
+            changed_at: Instant::new(&placement.changed_at),
         }
     }
 }

@@ -164,7 +164,7 @@ pub async fn spectrum(State(app): State<App>, Path(id): Path<i64>) -> Result<Res
     Ok((saved_as(&format!("dataset-{id}-spectrum.svg"), SVG), drawn).into_response())
 }
 
-/// Get the mean spectra as CSV, with one line per signal and frequency.
+/// Get the mean spectra as CSV, with one line per signal and frequency: `u` is the mean over all joints, `u3` is of joint 3.
 #[utoipa::path(
     get,
     path = "/v1/datasets/{id}/spectrum.csv",

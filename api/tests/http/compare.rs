@@ -3,6 +3,7 @@
 use serde_json::json;
 
 use crate::fixture::{Server, small_training};
+use crate::mlflow::posted;
 
 /// The page about `query`, which is allowed.
 async fn page(server: &Server, query: &str) -> String {
@@ -39,6 +40,26 @@ async fn runs_stand_beside_each_other_with_a_curve_their_metrics_and_what_differ
 }
 
 #[tokio::test]
+async fn a_run_that_a_client_logged_stands_beside_a_run_of_torqued() {
+    let server = Server::with_small_pipeline().await;
+    let named = json!({"experiment_id": "0", "start_time": 1, "run_name": "mine"});
+    let run = posted(&server, "runs/create", named).await;
+    let id = run["run"]["info"]["run_id"].as_str().unwrap().to_owned();
+    let metric = |step: u64, value: f64| json!({"key": "train/loss", "value": value, "timestamp": step, "step": step});
+    let metrics = [metric(1, 3.0), metric(2, 2.0)];
+    let params = [json!({"key": "batch_size", "value": "16"})];
+    let fields = json!({"run_id": id, "metrics": metrics, "params": params});
+    posted(&server, "runs/log-batch", fields).await;
+    assert!(server.get("/logged").await.text().contains(&format!("name=\"run\" value=\"{id}\"")));
+    let both = page(&server, &format!("?run=1+{id}&metric=train/loss")).await;
+    let name = format!("{} mine", &id[..8]);
+    for part in [name.as_str(), "<title>train/loss over batch_size</title>", "<svg"] {
+        assert!(both.contains(part), "{part}: {both}");
+    }
+    assert!(both.contains(&format!("href=\"./logged/{id}\"")), "{both}");
+}
+
+#[tokio::test]
 async fn a_metric_is_drawn_over_a_parameter_that_differs() {
     let server = Server::with_small_pipeline().await;
     server.submitted(&small_training(&json!({"dataset": 1}))).await;
@@ -57,13 +78,14 @@ async fn a_metric_is_drawn_over_a_parameter_that_differs() {
 #[tokio::test]
 async fn a_comparison_that_is_not_allowed_names_the_parameter() {
     let server = Server::with_small_pipeline().await;
-    let many = (1..=21).map(|id| format!("run={id}")).collect::<Vec<_>>().join("&");
+    let many = (1..=33).map(|id| format!("run={id}")).collect::<Vec<_>>().join("&");
     for (query, status, part) in [
-        ("?run=one".to_owned(), 400, "ids of runs, whole numbers"),
+        ("?run=one".to_owned(), 400, "ids of runs, and identifiers of logged ones"),
         ("?run=1&x=epoch".to_owned(), 400, "step or time"),
         ("?run=1&smoothing=1".to_owned(), 400, "0 to 0.99"),
-        (format!("?{many}"), 400, "at most 20 runs"),
+        (format!("?{many}"), 400, "at most 32 runs"),
         ("?run=99".to_owned(), 404, "99"),
+        (format!("?run={}", "0".repeat(32)), 404, "00000000"),
     ] {
         let answer = server.get(&format!("/compare{query}")).await;
         assert_eq!(answer.status, status, "{query}");

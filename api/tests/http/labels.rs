@@ -254,8 +254,8 @@ async fn the_page_filters_and_changes_labels_by_plain_forms() {
     for (path, word) in [
         ("/jobs/5", "quickstart"),
         ("/runs/1", "train"),
-        ("/datasets/1", "Dataset 1"),
-        ("/checkpoints/1", "Checkpoint 1"),
+        ("/datasets/1", "dataset 1"),
+        ("/checkpoints/1", "checkpoint 1"),
     ] {
         assert!(server.get(path).await.text().contains(word), "{path}");
         let fields = "shown=&name=%3Ci%3ENamed&tags=a%2F1+b%2C+c&note=line%0D%0A%3Cscript%3E";

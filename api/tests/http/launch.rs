@@ -97,7 +97,8 @@ async fn a_form_of_fields_submits_what_the_same_json_would() {
 
     // Nothing is typed: the job that is there.
     let same = post(&server, &[("from", "job:1"), ("set:trajectories", "")]).await;
-    assert_eq!((same.status.as_u16(), same.header("location")), (303, "/jobs/1"));
+    assert_eq!((same.status.as_u16(), same.header("location")), (303, "/jobs/1?again=1"));
+    assert!(server.get("/jobs/1?again=1").await.text().contains("was submitted before"));
     let fields = [
         ("from", "job:1"),
         ("set:trajectories", "40"),

@@ -16,7 +16,7 @@ async fn post(server: &Server, path: &str, body: Value) -> TestResponse {
 }
 
 /// The answer to a request that must succeed.
-async fn posted(server: &Server, path: &str, body: Value) -> Value {
+pub async fn posted(server: &Server, path: &str, body: Value) -> Value {
     let answer = post(server, path, body).await;
     assert_eq!(answer.status, 200, "{path}: {answer:?}");
     answer.json()
@@ -412,11 +412,24 @@ async fn the_page_shows_what_clients_logged() {
 
     let list = server.get("/logged").await;
     let list = list.text();
-    for part in ["first", "arms", "RUNNING", "loss 0.25", "train/accuracy 0.75"] {
+    for part in ["first", "arms", "running", ">loss</a>", ">0.25<", ">train/accuracy</a>", ">0.75<"]
+    {
         assert!(list.contains(part), "{part}: {list}");
     }
     assert!(!list.contains("<b>arms") && !list.contains("<i>"), "{list}");
     assert!(server.get("/runs").await.text().contains("href=\"./logged\""));
+    for (filter, is_found) in [
+        ("metrics.loss < 0.3 and params.lr = '0.001'", true),
+        ("metrics.loss > 0.3", false),
+        ("tags.stage = 'lab'", true),
+    ] {
+        let query: String = form_urlencoded::byte_serialize(filter.as_bytes()).collect();
+        let found = server.get(&format!("/logged?filter={query}&columns=lr")).await;
+        assert_eq!(found.text().contains(&id), is_found, "{filter}: {found:?}");
+        assert_eq!(found.text().contains(">0.001<"), is_found, "{filter}: {found:?}");
+    }
+    let wrong = server.get("/logged?filter=loss").await;
+    assert!(wrong.status == 400 && wrong.text().contains("allowed: metrics.KEY"), "{wrong:?}");
     let shown = server.get(&format!("/logged/{id}")).await;
     for part in ["by ada", "0.001", "stage", "<metadata>", "plots/a%20b.txt"] {
         assert!(shown.text().contains(part), "{part}: {}", shown.text());

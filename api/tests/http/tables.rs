@@ -86,8 +86,17 @@ pub fn summary(data: &DataSpec, trajectories: u64, rejected: u64) -> ShardSummar
         mean: 0.25,
         std: 0.125,
     });
-    let spectrum = |signal: &str| Spectrum {
+    let parameters = [("mass_1", 2.5), ("mass_2", 3.5), ("payload_mass", 1.5)];
+    let arms = parameters.map(|(name, mean)| ChannelSummary {
+        name: name.to_owned(),
+        min: 0.0,
+        max: 2.0 * mean,
+        mean,
+        std: 0.125,
+    });
+    let spectrum = |signal: &str, joint: Option<u32>| Spectrum {
         signal: signal.to_owned(),
+        joint,
         trajectories,
         step_hz: 0.15,
         density: vec![0.0, 4.0, 2.0, 1.0],
@@ -97,6 +106,7 @@ pub fn summary(data: &DataSpec, trajectories: u64, rejected: u64) -> ShardSummar
         samples: trajectories * u64::from(data.samples()),
         rejected,
         channels: channels.collect(),
-        spectra: vec![spectrum("u"), spectrum("q")],
+        spectra: vec![spectrum("u", None), spectrum("q", None), spectrum("q", Some(2))],
+        arms: arms.into(),
     }
 }

@@ -138,7 +138,16 @@ async fn a_summary_covers_all_shards() {
     let svg = server.get("/v1/datasets/1/spectrum.svg").await;
     assert!(svg.text().contains("(N·m)²/Hz") && svg.text().contains("rad²/Hz"), "{svg:?}");
     let csv = server.get("/v1/datasets/1/spectrum.csv").await;
-    assert_eq!(csv.text().lines().count(), 1 + 2 * 4);
+    // The means, and joint 2.
+    assert_eq!(csv.text().lines().count(), 1 + 3 * 4);
+    assert!(csv.text().contains("q2,rad²/Hz,0.15,4"), "{csv:?}");
+    let arms = summary["arms"].as_array().unwrap();
+    let told: Vec<_> = arms.iter().map(|arm| (&arm["name"], &arm["unit"], &arm["mean"])).collect();
+    assert_eq!(told[2], (&json!("payload_mass"), &json!("kg"), &json!(1.5)));
+    let page = server.get("/datasets/1").await;
+    for part in ["<h2>Arms</h2>", "link mass", "2.5 <span class=\"interval\">[0, 5]</span>"] {
+        assert!(page.text().contains(part), "{part}: {page:?}");
+    }
 }
 
 /// Regression: the decoder panics on invalid pages.

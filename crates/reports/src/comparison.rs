@@ -10,15 +10,60 @@ use crate::{Align, Cell, Table};
 /// The longest text of a value in a table.
 const LONGEST: usize = 48;
 
+/// A run beside others, of torqued or of a client that logged it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Compared {
+    /// Its name in tables and figures. No two runs have the same.
+    pub label: String,
+    /// The spec or the parameters, as an object.
+    pub parameters: Value,
+    /// The last value of each metric; `None` for NaN.
+    pub metrics: BTreeMap<String, Option<f64>>,
+}
+
+impl From<&Run> for Compared {
+    fn from(run: &Run) -> Self {
+        let metrics = run.metrics.iter();
+        Self {
+            label: format!("{} {}", run.id, run.name),
+            parameters: run.spec.clone(),
+            metrics: metrics.map(|(key, latest)| (key.clone(), latest.value)).collect(),
+        }
+    }
+}
+
+impl Compared {
+    /// A run of a client of MLflow. Parameters that are written as numbers are numbers.
+    pub fn logged<'a>(
+        name: &str,
+        identifier: &str,
+        parameters: impl IntoIterator<Item = (&'a str, &'a str)>,
+        metrics: impl IntoIterator<Item = (&'a str, f64)>,
+    ) -> Self {
+        let read = |text: &str| match text.parse::<f64>() {
+            Ok(number) if number.is_finite() => serde_json::from_str(text).unwrap_or(number.into()),
+            _ => Value::from(text),
+        };
+        let parameters = parameters.into_iter().map(|(name, text)| (name.to_owned(), read(text)));
+        let known = |value: f64| Some(value).filter(|value| !value.is_nan());
+        let metrics = metrics.into_iter().map(|(key, value)| (key.to_owned(), known(value)));
+        Self {
+            label: format!("{} {name}", identifier.get(..8).unwrap_or(identifier)),
+            parameters: Value::Object(parameters.collect()),
+            metrics: metrics.collect(),
+        }
+    }
+}
+
 /// The last values of every metric, a row per metric and a column per run.
-pub fn metrics(runs: &[Run]) -> Table {
+pub fn metrics(runs: &[Compared]) -> Table {
     let mut keys: Vec<&String> = runs.iter().flat_map(|run| run.metrics.keys()).collect();
     keys.sort_unstable();
     keys.dedup();
     let mut table = beside("metric", Align::Right, runs);
     for key in keys {
-        let value = |run: &Run| {
-            let latest = run.metrics.get(key).and_then(|metric| metric.value);
+        let value = |run: &Compared| {
+            let latest = run.metrics.get(key).copied().flatten();
             latest.map_or(Cell::Missing, |value| Cell::Number(value, unit(key)))
         };
         table.push([vec![Cell::from(key.as_str())], runs.iter().map(value).collect()].concat());
@@ -30,8 +75,9 @@ pub fn metrics(runs: &[Run]) -> Table {
 
 /// The fields of the runs' specs, a row per field and a column per run. Without `all`, only those
 /// that differ.
-pub fn parameters(runs: &[Run], all: bool) -> Table {
-    let specs: Vec<BTreeMap<String, &Value>> = runs.iter().map(|run| fields(&run.spec)).collect();
+pub fn parameters(runs: &[Compared], all: bool) -> Table {
+    let specs: Vec<BTreeMap<String, &Value>> =
+        runs.iter().map(|run| fields(&run.parameters)).collect();
     let mut names: Vec<&String> = specs.iter().flat_map(BTreeMap::keys).collect();
     names.sort_unstable();
     names.dedup();
@@ -49,8 +95,9 @@ pub fn parameters(runs: &[Run], all: bool) -> Table {
 }
 
 /// The numbers in the runs' specs that differ, by their paths, with a value of each run that has one. Seeds are left out.
-pub fn numbers(runs: &[Run]) -> BTreeMap<String, Vec<Option<f64>>> {
-    let specs: Vec<BTreeMap<String, &Value>> = runs.iter().map(|run| fields(&run.spec)).collect();
+pub fn numbers(runs: &[Compared]) -> BTreeMap<String, Vec<Option<f64>>> {
+    let specs: Vec<BTreeMap<String, &Value>> =
+        runs.iter().map(|run| fields(&run.parameters)).collect();
     let names: BTreeSet<&String> = specs.iter().flat_map(BTreeMap::keys).collect();
     let is_seed = |name: &str| name == "seed" || name.ends_with(".seed");
     let differing = names.into_iter().filter(|name| !is_seed(name)).filter_map(|name| {
@@ -65,12 +112,12 @@ pub fn numbers(runs: &[Run]) -> BTreeMap<String, Vec<Option<f64>>> {
 
 /// The places of runs that repeat each other, whose specs differ in no field but seeds. Each run
 /// is in one group, and groups are in the order of their first runs.
-pub fn repetitions(runs: &[Run]) -> Vec<Vec<usize>> {
-    let without_seeds = |run: &Run| {
+pub fn repetitions(runs: &[Compared]) -> Vec<Vec<usize>> {
+    let without_seeds = |run: &Compared| {
         let is_other = |(name, _): &(String, &Value)| {
             name != "seed" && !name.ends_with(".seed") && !name.starts_with("execution.")
         };
-        let fields = fields(&run.spec).into_iter().filter(is_other);
+        let fields = fields(&run.parameters).into_iter().filter(is_other);
         fields.map(|(name, value)| (name, value.clone())).collect::<BTreeMap<String, Value>>()
     };
     let specs: Vec<BTreeMap<String, Value>> = runs.iter().map(without_seeds).collect();
@@ -84,13 +131,8 @@ pub fn repetitions(runs: &[Run]) -> Vec<Vec<usize>> {
     groups
 }
 
-/// The name of a run in a comparison.
-pub fn label(run: &Run) -> String {
-    format!("{} {}", run.id, run.name)
-}
-
-fn beside(first: &str, align: Align, runs: &[Run]) -> Table {
-    let columns = runs.iter().map(|run| (label(run), align));
+fn beside(first: &str, align: Align, runs: &[Compared]) -> Table {
+    let columns = runs.iter().map(|run| (run.label.clone(), align));
     Table::new([(first.to_owned(), Align::Left)].into_iter().chain(columns))
 }
 
@@ -132,7 +174,7 @@ mod tests {
 
     use super::*;
 
-    fn run(id: i64, spec: &Value, rmse_deg: Option<f64>) -> Run {
+    fn run(id: i64, spec: &Value, rmse_deg: Option<f64>) -> Compared {
         let mut metrics = json!({"train/loss": {"step": 10, "value": 0.25}});
         if let Some(rmse_deg) = rmse_deg {
             metrics["validation/rmse_deg"] = json!({"step": 10, "value": rmse_deg});
@@ -142,7 +184,7 @@ mod tests {
             "state": "succeeded", "error": null, "spec": spec, "metrics": metrics, "artifacts": [],
             "created_at": "2026-11-28T12:00:00Z",
         });
-        serde_json::from_value(run).unwrap()
+        Compared::from(&serde_json::from_value::<Run>(run).unwrap())
     }
 
     #[test]
@@ -151,12 +193,12 @@ mod tests {
         let expected = vec![Some(0.01), Some(0.02), Some(0.01)];
         assert_eq!(found, BTreeMap::from([("optimizer.learning_rate".to_owned(), expected)]));
         let mut without = three();
-        without[1].spec["optimizer"] = json!({});
-        without[2].spec["optimizer"]["learning_rate"] = json!(0.5);
+        without[1].parameters["optimizer"] = json!({});
+        without[2].parameters["optimizer"]["learning_rate"] = json!(0.5);
         assert_eq!(numbers(&without)["optimizer.learning_rate"], [Some(0.01), None, Some(0.5)]);
     }
 
-    fn three() -> Vec<Run> {
+    fn three() -> Vec<Compared> {
         let spec = |seed: u32, rate: f64| json!({"seed": seed, "steps": 100, "optimizer": {"learning_rate": rate}});
         vec![
             run(4, &spec(0, 0.01), Some(1.5)),
@@ -206,5 +248,17 @@ mod tests {
     #[test]
     fn runs_that_differ_in_their_seeds_repeat_each_other() {
         assert_eq!(repetitions(&three()), [vec![0, 2], vec![1]]);
+    }
+
+    #[test]
+    fn a_logged_run_stands_beside_a_run_of_torqued() {
+        let params = [("optimizer.learning_rate", "0.03"), ("seed", "7"), ("note", "1e400")];
+        let logged = Compared::logged("mine", "0123456789abcdef", params, [("train/loss", 0.5)]);
+        assert_eq!(logged.label, "01234567 mine");
+        let all = [three().remove(0), logged];
+        assert_eq!(numbers(&all)["optimizer.learning_rate"], [Some(0.01), Some(0.03)]);
+        assert_eq!(all[1].parameters["seed"], json!(7));
+        assert_eq!(all[1].parameters["note"], json!("1e400"));
+        assert_eq!(metrics(&all).rows[0][2], Cell::Number(0.5, Unit::Other));
     }
 }

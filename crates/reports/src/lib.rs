@@ -13,6 +13,7 @@ pub mod closed_loop;
 pub mod comparison;
 pub mod evaluation;
 pub mod identification;
+pub mod json;
 pub mod log_check;
 pub mod numbers;
 mod outcome;

@@ -24,6 +24,8 @@ pub struct Table {
     pub columns: Vec<Column>,
     /// The rows, from top to bottom, each with a cell for every column.
     pub rows: Vec<Vec<Cell>>,
+    /// The address of the page that a row leads to; empty, or missing at the end, for rows without one.
+    pub links: Vec<String>,
 }
 
 /// The head of a column.
@@ -53,8 +55,16 @@ impl<R> TableOf<R> {
             note: String::new(),
             columns: Vec::new(),
             rows: rows.iter().map(|_| Vec::new()).collect(),
+            links: Vec::new(),
         };
         Self { rows, table }
+    }
+
+    /// Gives each row the page that it leads to.
+    #[must_use]
+    pub fn linked(mut self, link: impl Fn(&R) -> Option<String>) -> Self {
+        self.table.links = self.rows.iter().map(|row| link(row).unwrap_or_default()).collect();
+        self
     }
 
     /// Adds a column of words.
@@ -123,7 +133,8 @@ impl Table {
             about: String::new(),
         };
         let columns = columns.into_iter().map(column).collect();
-        Self { title: String::new(), note: String::new(), columns, rows: Vec::new() }
+        let (title, note) = (String::new(), String::new());
+        Self { title, note, columns, rows: Vec::new(), links: Vec::new() }
     }
 
     /// The table without the intervals of its means.
@@ -147,6 +158,12 @@ impl Table {
     #[must_use]
     pub(crate) fn titled(self, title: impl Into<String>, note: impl Into<String>) -> Self {
         Self { title: title.into(), note: note.into(), ..self }
+    }
+
+    /// Each row with the address of the page that it leads to, which may be empty.
+    pub fn linked_rows(&self) -> impl Iterator<Item = (&str, &[Cell])> {
+        let links = self.links.iter().map(String::as_str).chain(std::iter::repeat(""));
+        links.zip(self.rows.iter().map(Vec::as_slice))
     }
 
     /// Adds a row. Missing cells stay empty.

@@ -97,6 +97,7 @@ impl Listed for Checkpoint {
         states: &[],
         sorts: &[Sort::Created, Sort::Step, Sort::Rmse],
         has_labels: true,
+        has_columns: true,
     };
 
     type Page = Checkpoints;
@@ -111,6 +112,10 @@ impl Listed for Checkpoint {
 
     fn tags(&self) -> Vec<&str> {
         all_tags(&self.tags, &self.job_tags)
+    }
+
+    fn chosen(&self, column: &str) -> ListCell {
+        ListCell::some(self.metrics.get(column).copied(), ListCell::Number)
     }
 }
 

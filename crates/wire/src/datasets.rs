@@ -107,6 +107,7 @@ impl Listed for Dataset {
         states: &DatasetState::WORDS,
         sorts: &[Sort::Created, Sort::Name, Sort::Trajectories],
         has_labels: true,
+        has_columns: false,
     };
 
     type Page = Datasets;

@@ -17,6 +17,14 @@ pub struct DrawnPredictions {
     pub scenarios: Vec<DrawnScenario>,
 }
 
+impl DrawnPredictions {
+    /// The predictor that is the checkpoint at this step of the training with this digest.
+    pub fn predictor_of(&self, digest: Digest, step: u64) -> Option<&DrawnPredictor> {
+        let is_it = |it: &&DrawnPredictor| it.digest == Some(digest) && it.step == Some(step);
+        self.predictors.iter().find(is_it)
+    }
+}
+
 /// A predictor whose predictions are drawn.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DrawnPredictor {

@@ -88,6 +88,7 @@ impl Listed for Evaluation {
         states: &JobState::WORDS,
         sorts: &[Sort::Created, Sort::Finished, Sort::Name, Sort::Priority, Sort::Rmse],
         has_labels: true,
+        has_columns: false,
     };
 
     type Page = Evaluations;

@@ -146,6 +146,7 @@ impl Listed for Job {
         states: &JobState::WORDS,
         sorts: &[Sort::Created, Sort::Finished, Sort::Name, Sort::Priority],
         has_labels: true,
+        has_columns: false,
     };
 
     type Page = Jobs;

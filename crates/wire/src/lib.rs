@@ -92,7 +92,7 @@ pub use report::{
     ShiftDifference, ShiftScores, ShiftSummary, TrainedOn, WorstCase, at_noise,
 };
 pub use robots::{RemovedRobot, Robot, RobotLink, RobotUrdf};
-pub use runs::{Artifact, LatestMetric, Metric, MetricPoint, Run};
+pub use runs::{Artifact, LatestMetric, Metric, MetricPoint, Run, RunName};
 pub use states::{
     AttemptOutcome, DatasetState, DeletionChange, EventKind, ItemKind, JobState, PlacementState,
     Relation, Scope, Sort, TaskState, UnknownState,
@@ -101,7 +101,7 @@ pub use streams::{
     FilledContext, Nothing, StreamFitted, StreamLatency, StreamMessage, StreamOpened, StreamReply,
     StreamSettings, StreamStep, StreamedPrediction, StreamedTorques,
 };
-pub use summaries::{ChannelSummary, SpectrumSummary, Summary};
+pub use summaries::{ARM_PARAMETERS, ArmParameter, ChannelSummary, SpectrumSummary, Summary};
 pub use tasks::{Task, Tasks, findings, findings_of};
 pub use trajectories::Trajectory;
 pub use trajectory_predictions::{TrajectoryPrediction, TrajectoryPredictions};

@@ -4,6 +4,7 @@
 use std::fmt::Display;
 
 use serde::de::DeserializeOwned;
+use serde_json::Value;
 use spec::JobKind;
 
 use crate::{Headline, JobState, Sort};
@@ -30,6 +31,12 @@ pub trait Listed: Tabled {
 
     /// Its own tags, then those of its job.
     fn tags(&self) -> Vec<&str>;
+
+    /// Its cell in a column that a reader chose: the last value of a metric, or a field of the spec by its path, such as
+    /// `optimizer.learning_rate`.
+    fn chosen(&self, _column: &str) -> ListCell {
+        ListCell::Missing
+    }
 }
 
 /// A page of a list.
@@ -63,6 +70,8 @@ pub struct List {
     pub sorts: &'static [Sort],
     /// Whether items have tags, which the list can be filtered by, and notes.
     pub has_labels: bool,
+    /// Whether tables can have columns that their reader chooses, see [`Listed::chosen`].
+    pub has_columns: bool,
 }
 
 /// A column of a table.
@@ -91,6 +100,8 @@ pub enum ListCell {
     Bytes(u64),
     /// An angle in degrees.
     Degrees(f64),
+    /// Any other number.
+    Number(f64),
     /// The best predictors of an evaluation.
     Headline(Headline),
     /// A part of 100.
@@ -132,6 +143,16 @@ impl ListCell {
     /// The word and the colour of a job's state.
     pub fn state(state: JobState) -> Self {
         Self::State(state, state.as_str())
+    }
+
+    /// The value at a path of a spec, such as `optimizer.learning_rate`.
+    pub fn at(spec: &Value, path: &str) -> Self {
+        let found = path.split('.').try_fold(spec, |value, field| value.get(field));
+        match found {
+            None | Some(Value::Null) => Self::Missing,
+            Some(Value::String(text)) => Self::text(text),
+            Some(value) => value.as_f64().map_or_else(|| Self::text(value), Self::Number),
+        }
     }
 
     /// A time in RFC 3339.

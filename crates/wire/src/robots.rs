@@ -110,6 +110,7 @@ impl Listed for Robot {
         states: &[],
         sorts: &[Sort::Created, Sort::Name],
         has_labels: false,
+        has_columns: false,
     };
 
     type Page = Robots;

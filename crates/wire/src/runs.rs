@@ -1,6 +1,8 @@
 //! Runs: the records of trainings, evaluations and control jobs.
 
 use std::collections::BTreeMap;
+use std::fmt::{self, Display, Formatter};
+use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -57,6 +59,39 @@ pub struct LatestMetric {
     pub value: Option<f64>,
 }
 
+/// The name by which commands and pages refer to a run.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum RunName {
+    /// The id of a run of torqued.
+    Own(i64),
+    /// The identifier of a run that a client of MLflow logged: 32 hexadecimal digits.
+    Logged(String),
+}
+
+impl FromStr for RunName {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let is_identifier = text.len() == 32 && text.chars().all(|c| c.is_ascii_hexdigit());
+        if is_identifier {
+            return Ok(Self::Logged(text.to_ascii_lowercase()));
+        }
+        text.parse().map(Self::Own).map_err(|_| {
+            "allowed: the id of a run, or the 32 hexadecimal digits of a run that was logged"
+                .to_owned()
+        })
+    }
+}
+
+impl Display for RunName {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Own(id) => Display::fmt(id, f),
+            Self::Logged(identifier) => f.write_str(identifier),
+        }
+    }
+}
+
 /// A file that a run left.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Artifact {
@@ -98,6 +133,7 @@ impl Listed for Run {
         states: &JobState::WORDS,
         sorts: &[Sort::Created, Sort::Finished, Sort::Name, Sort::Rmse],
         has_labels: true,
+        has_columns: true,
     };
 
     type Page = Runs;
@@ -112,6 +148,13 @@ impl Listed for Run {
 
     fn tags(&self) -> Vec<&str> {
         all_tags(&self.tags, &self.job_tags)
+    }
+
+    fn chosen(&self, column: &str) -> ListCell {
+        match self.metrics.get(column) {
+            Some(latest) => ListCell::some(latest.value, ListCell::Number),
+            None => ListCell::at(&self.spec, column),
+        }
     }
 }
 
@@ -136,4 +179,43 @@ pub struct MetricPoint {
     /// `null` if the value was not finite.
     #[schema(required)]
     pub value: Option<f64>,
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn a_run_is_named_by_its_id_or_by_its_identifier() {
+        let identifier = "0123456789abcdef0123456789ABCDEF";
+        assert_eq!("7".parse(), Ok(RunName::Own(7)));
+        assert_eq!(identifier.parse(), Ok(RunName::Logged(identifier.to_ascii_lowercase())));
+        for text in ["", "seven", "7.5", &identifier[1..]] {
+            assert!(text.parse::<RunName>().is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn a_chosen_column_is_a_metric_or_a_field_of_the_spec() {
+        let run: Run = serde_json::from_value(json!({
+            "id": 1, "job": 2, "kind": "train", "name": "train", "digest": "0".repeat(64),
+            "state": "succeeded", "error": null, "artifacts": [], "created_at": "2026-11-28T12:00:00Z",
+            "spec": {"optimizer": {"learning_rate": 0.01}, "model": {"architecture": "cdt"}, "betas": [1, 2]},
+            "metrics": {"train/loss": {"step": 10, "value": 0.25}, "nan": {"step": 1, "value": null}},
+        }))
+        .unwrap();
+        for (column, cell) in [
+            ("train/loss", ListCell::Number(0.25)),
+            ("nan", ListCell::Missing),
+            ("optimizer.learning_rate", ListCell::Number(0.01)),
+            ("model.architecture", ListCell::Text("cdt".to_owned())),
+            ("betas", ListCell::Text("[1,2]".to_owned())),
+            ("betas.x", ListCell::Missing),
+            ("nothing", ListCell::Missing),
+        ] {
+            assert_eq!(run.chosen(column), cell, "{column}");
+        }
+    }
 }

@@ -19,9 +19,12 @@ pub struct ShardSummary {
     pub channels: Vec<ChannelSummary>,
     /// The spectra of the channels.
     pub spectra: Vec<Spectrum>,
+    /// Columns of the table of robots, over the trajectories.
+    #[serde(default)]
+    pub arms: Vec<ChannelSummary>,
 }
 
-/// Statistics of all samples of a column.
+/// Statistics of all rows of a column.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct ChannelSummary {
     /// The name of the channel, which is its column.
@@ -36,12 +39,15 @@ pub struct ChannelSummary {
     pub std: f64,
 }
 
-/// Mean one-sided power spectral density of a signal over its seven joints and several
+/// Mean one-sided power spectral density of a signal over its joints, or of one of them, and several
 /// trajectories. Each has its mean removed and a Hann window. The integral is the mean variance.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Spectrum {
     /// `u` or `q`.
     pub signal: String,
+    /// The joint, from 1; `None` for the mean over all joints.
+    #[serde(default)]
+    pub joint: Option<u32>,
     /// Number of trajectories that the spectrum averages.
     pub trajectories: u64,
     /// Distance between frequencies in Hz. The first is 0 Hz.
@@ -70,8 +76,17 @@ impl ShardSummary {
         for (mine, theirs) in self.channels.iter_mut().zip(&other.channels) {
             mine.merge(self.samples, theirs, other.samples);
         }
-        for (mine, theirs) in self.spectra.iter_mut().zip(&other.spectra) {
-            mine.merge(theirs);
+        for (mine, theirs) in self.arms.iter_mut().zip(&other.arms) {
+            mine.merge(self.trajectories, theirs, other.trajectories);
+        }
+        // Only some shards have spectra of single joints.
+        for theirs in &other.spectra {
+            let is_same =
+                |mine: &&mut Spectrum| mine.signal == theirs.signal && mine.joint == theirs.joint;
+            match self.spectra.iter_mut().find(is_same) {
+                Some(mine) => mine.merge(theirs),
+                None => self.spectra.push(theirs.clone()),
+            }
         }
         self.trajectories += other.trajectories;
         self.samples += other.samples;
@@ -80,7 +95,7 @@ impl ShardSummary {
 }
 
 impl ChannelSummary {
-    /// Merges the summary of `added` samples into that of `count` samples.
+    /// Merges the summary of `added` rows into that of `count` rows.
     #[expect(clippy::cast_precision_loss, reason = "weights")]
     fn merge(&mut self, count: u64, other: &Self, added: u64) {
         let share = added as f64 / (count + added) as f64;
@@ -160,10 +175,12 @@ mod tests {
             }],
             spectra: vec![Spectrum {
                 signal: "q".to_owned(),
+                joint: None,
                 trajectories: values.len() as u64,
                 step_hz: 1.0,
                 density: vec![1.0 + values.len() as f32],
             }],
+            arms: Vec::new(),
         }
     }
 
@@ -180,5 +197,17 @@ mod tests {
         assert!((parts.1.std - whole.std).abs() < 1e-12);
         let density = f64::from(parts.0.spectra[0].density[0]);
         assert!((density - (2.0 * 3.0 + 5.0 * 6.0) / 7.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn spectra_of_single_joints_come_from_the_shards_that_have_them() {
+        let mut first = summary(&[1.0]);
+        first.spectra.push(Spectrum { joint: Some(1), ..first.spectra[0].clone() });
+        for (mut all, other) in [(first.clone(), summary(&[2.0])), (summary(&[2.0]), first)] {
+            all.merge(&other);
+            let spectra: Vec<_> =
+                all.spectra.iter().map(|it| (it.joint, it.trajectories)).collect();
+            assert_eq!(spectra, [(None, 2), (Some(1), 1)]);
+        }
     }
 }

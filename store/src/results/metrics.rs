@@ -4,7 +4,7 @@
 //! They are written in the transaction that records, replaces or deletes points. So a curve of a
 //! million points costs its reader a few thousand rows.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use serde_json::json;
 
@@ -184,7 +184,7 @@ impl Store {
         } else if spans >= u64::from(ranges / 2) {
             self.read(OPERATION).extremes_of_spans(run, key, ranges).await?
         } else {
-            self.read(OPERATION).extreme_points(run, key, ranges).await?
+            extremes(&self.read(OPERATION).all_points(run, key).await?, ranges)
         };
         Ok(MetricCurve { key: key.to_owned(), points, recorded })
     }
@@ -256,33 +256,26 @@ impl Reading<'_> {
         .all(self)
         .await
     }
+}
 
-    /// The lowest and the highest point of each of `ranges` equal ranges of steps, sorted by step.
-    pub async fn extreme_points(
-        &mut self,
-        run: RunId,
-        key: &str,
-        ranges: u32,
-    ) -> Result<Vec<CurvePoint>, StoreError> {
-        sql(
-            "WITH bound AS MATERIALIZED (SELECT MIN(step) AS low, MAX(step) AS high FROM metric \
-                            WHERE run = $1 AND key = $2), \
-             bucketed AS (SELECT step, time, value, \
-                          (step - low) * $3 / (high - low + 1) AS bucket \
-                          FROM metric, bound WHERE run = $1 AND key = $2), \
-             ranked AS (SELECT step, time, value, \
-                ROW_NUMBER() OVER (PARTITION BY bucket ORDER BY value NULLS FIRST, step) AS from_lowest, \
-                ROW_NUMBER() OVER (PARTITION BY bucket ORDER BY value DESC NULLS LAST, step) AS from_highest \
-                FROM bucketed) \
-             SELECT step, time, value FROM ranked \
-             WHERE from_lowest = 1 OR from_highest = 1 ORDER BY step",
-        )
-        .bind(run)
-        .bind(key)
-        .bind(ranges)
-        .all(self)
-        .await
-    }
+/// The lowest and the highest point of each of `ranges` equal ranges of steps. NaN is below all numbers.
+fn extremes(points: &[CurvePoint], ranges: u32) -> Vec<CurvePoint> {
+    let (Some(first), Some(last)) = (points.first(), points.last()) else { return Vec::new() };
+    let steps = u128::from(last.step - first.step) + 1;
+    let range =
+        |point: &CurvePoint| u128::from(point.step - first.step) * u128::from(ranges) / steps;
+    let order = |a: &CurvePoint, b: &CurvePoint| {
+        b.value.is_nan().cmp(&a.value.is_nan()).then(a.value.total_cmp(&b.value))
+    };
+    let of_range = |points: &[CurvePoint]| {
+        let ends = 0..points.len();
+        let lowest = ends.clone().min_by(|a, b| order(&points[*a], &points[*b]));
+        // Of several, the first.
+        let highest = ends.rev().max_by(|a, b| order(&points[*a], &points[*b]));
+        let places: BTreeSet<usize> = lowest.into_iter().chain(highest).collect();
+        places.into_iter().map(|place| points[place]).collect::<Vec<_>>()
+    };
+    points.chunk_by(|a, b| range(a) == range(b)).flat_map(of_range).collect()
 }
 
 impl Transaction {
@@ -401,5 +394,29 @@ impl FromRow for CurvePoint {
             time: row.get("time")?,
             value: value.unwrap_or(f64::NAN),
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_range_keeps_its_lowest_and_its_highest_point() {
+        let values = [1.0, 5.0, 3.0, 3.0, f64::NAN, 2.0, 7.0, 7.0, 4.0];
+        let point = |(step, value): (u64, &f64)| CurvePoint {
+            step,
+            time: Timestamp::from_milliseconds(0),
+            value: *value,
+        };
+        let points: Vec<CurvePoint> = (10..).zip(&values).map(point).collect();
+        let steps = |ranges: u32| -> Vec<u64> {
+            extremes(&points, ranges).iter().map(|point| point.step).collect()
+        };
+        // NaN is the lowest, and of equal points the first one counts.
+        assert_eq!(steps(1), [14, 16]);
+        assert_eq!(steps(3), [10, 11, 13, 14, 16, 18]);
+        assert_eq!(steps(100), (10..19).collect::<Vec<u64>>());
+        assert!(extremes(&[], 3).is_empty());
     }
 }

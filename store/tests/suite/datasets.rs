@@ -97,6 +97,7 @@ pub async fn what_shards_hold_adds_up_over_their_dataset(f: Fixture) {
             rejected: 1,
             channels: vec![q1],
             spectra: Vec::new(),
+            arms: Vec::new(),
         };
         f.store.commit_shard(task.fence, &shard, Some(&summary.to_result())).await.unwrap();
     }

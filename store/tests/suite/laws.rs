@@ -225,6 +225,7 @@ macro_rules! all_laws {
                 a_list_is_limited_to_a_span_of_time,
                 words_are_found_in_any_case_and_no_character_stands_for_others,
                 a_run_a_dataset_and_a_checkpoint_are_found_by_what_their_job_is_called,
+                a_pipeline_is_found_by_its_members_and_a_training_by_its_model,
                 every_order_reads_all_of_a_list_once_in_both_directions,
                 orders_are_those_of_their_fields,
                 rows_that_appear_meanwhile_change_no_page_behind,

@@ -9,7 +9,7 @@ use wire::Listed as _;
 
 use super::checkpoints::{commit, commit_measured};
 use super::labels::{labels, naming, one_of_each, tagging};
-use super::{Fixture, alone, evaluate, pipeline, simulate, train, with_execution};
+use super::{Fixture, alone, evaluate, pipeline, pipeline_of, simulate, train, with_execution};
 
 /// The ids of a page, and the position of its end.
 async fn page(f: &Fixture, item: ItemKind, listing: &Listing) -> (Vec<i64>, Option<Position>) {
@@ -155,9 +155,34 @@ pub async fn a_run_a_dataset_and_a_checkpoint_are_found_by_what_their_job_is_cal
         let own = Listing { tags: vec!["own".to_owned()], ..Listing::default() };
         assert_eq!(page(&f, item, &own).await.0, [id], "{item:?}");
     }
+    let training = f.store.job(JobId(things[0].1)).await.unwrap();
+    let digest = training.digest.to_string();
+    for (words, expected) in [(&digest[..8], 1), (&digest[1..9], 0), (&digest[..5], 0)] {
+        let listing = Listing { text: Some(words.to_owned()), ..Listing::default() };
+        for (item, id) in of_training {
+            let found = page(&f, item, &listing).await.0;
+            assert_eq!(found, vec![id; expected], "{item:?} {words}");
+        }
+    }
     let both = Listing { tags: vec!["own".to_owned(), "sweep".to_owned()], ..Listing::default() };
     assert_eq!(page(&f, ItemKind::Run, &both).await.0.len(), 1);
     assert!(page(&f, ItemKind::Dataset, &both).await.0.is_empty());
+}
+
+pub async fn a_pipeline_is_found_by_its_members_and_a_training_by_its_model(f: Fixture) {
+    let mut training = train(&simulate(1), vec![]);
+    training.spec = json!({"kind": "train", "model": {"architecture": "Robomorph-like"}});
+    training.name = "Big-One".to_owned();
+    let pipeline = f.submit(pipeline_of(vec![simulate(1), training])).await.job.0;
+    let found = async |text: &str| {
+        let listing = Listing { text: Some(text.to_owned()), ..Listing::default() };
+        (jobs(&f, listing.clone()).await, page(&f, ItemKind::Run, &listing).await.0)
+    };
+    let (of_member, _) = found("big-one").await;
+    assert!(of_member.contains(&pipeline), "{of_member:?}");
+    let (of_model, runs) = found("architecture").await;
+    assert_eq!((of_model.len(), runs.len()), (1, 1));
+    assert!(!of_model.contains(&pipeline));
 }
 
 pub async fn every_order_reads_all_of_a_list_once_in_both_directions(f: Fixture) {

@@ -97,7 +97,7 @@ pub(crate) fn convert(
     let footer = footer_entries(spec, &columns[1])?;
     let mut table = TableWriter::table(table, origins, &footer)?;
 
-    let mut summary = SummaryBuilder::new(spec.samples, spec.rate_hz);
+    let mut summary = SummaryBuilder::new(spec.samples, spec.rate_hz).beginning_at(0);
     let mut conversion = Conversion::new(rows, spec, schemas);
     while let Some(imported) = conversion.next_trajectories()? {
         if progress(conversion.trajectories()).is_break() {

@@ -132,7 +132,8 @@ impl<'a> SimulatedShard<'a> {
         progress: ProgressCallback<'_>,
         send: &SyncSender<Encoded>,
     ) -> Result<ShardSummary, TaskError> {
-        let mut summary = SummaryBuilder::new(self.spec.samples, self.spec.rate_hz);
+        let mut summary = SummaryBuilder::new(self.spec.samples, self.spec.rate_hz)
+            .beginning_at(self.trajectories.start);
         let mut parts = self.parts();
         let (mut current, mut ahead) = (Trajectories::default(), Trajectories::default());
         let mut pending = self.simulate_next(&mut parts, progress, &mut current)?;
@@ -145,6 +146,7 @@ impl<'a> SimulatedShard<'a> {
                     summary.add(&rows);
                     let scenarios = &current.scenarios;
                     let table = robots::record_batch(&self.robot_schema, self.spec, scenarios)?;
+                    summary.add_arms(&table);
                     let encoded = trajectories.encode(rows)?.into_iter().map(Encoded::Trajectories);
                     let table = robots.encode(table)?.into_iter().map(Encoded::Robots);
                     Ok::<_, TaskError>(encoded.chain(table).collect::<Vec<_>>())

@@ -14,10 +14,10 @@ mod standing;
 
 pub(crate) use skill::skill;
 use standing::Standing;
-pub use standing::{answer, ranked};
+pub use standing::{answer, answer_for, ranked};
 
-/// All tables with rows, in the order of the page.
-pub fn tables(report: &Report) -> Vec<Table> {
+/// All tables with rows, in the order of the page. `view` has the page that shows a scenario.
+pub fn tables(report: &Report, view: impl Fn(&WorstCase) -> Option<String>) -> Vec<Table> {
     let first = [
         errors(report),
         over_horizons(report),
@@ -28,7 +28,7 @@ pub fn tables(report: &Report) -> Vec<Table> {
         samples(report),
         jitter(report),
         latencies(report),
-        worst(report),
+        worst(report, view),
     ];
     let tables = first.into_iter().chain(by_frequency(report));
     tables.filter(|table| !table.rows.is_empty()).collect()
@@ -277,7 +277,7 @@ fn latencies(report: &Report) -> Table {
 }
 
 /// The worst scenario of each predictor, which comes first in the report.
-fn worst(report: &Report) -> Table {
+fn worst(report: &Report, view: impl Fn(&WorstCase) -> Option<String>) -> Table {
     let of = |info: &PredictorInfo| report.worst.iter().find(|case| case.predictor == info.name);
     let cell =
         |case: &WorstCase| cell_name(case.family, case.frequency_hz, case.position_noise_rad);
@@ -290,6 +290,7 @@ fn worst(report: &Report) -> Table {
         .number("trajectory", |case| case.trajectory.to_string())
         .number("seed", |case| seed(case))
         .number("RMSE, °", |case| Cell::Number(case.rmse_deg, Unit::Degrees))
+        .linked(|case| view(case))
         .titled("Worst scenarios", note)
 }
 
@@ -480,7 +481,8 @@ mod tests {
             lines(&samples(&report)),
             ["predictor  scenarios        CRPS, °", "robomorph  in distribution     0.50"]
         );
-        let titles: Vec<String> = tables(&report).into_iter().map(|table| table.title).collect();
+        let titles: Vec<String> =
+            tables(&report, |_| None).into_iter().map(|table| table.title).collect();
         assert!(!titles.contains(&"Jitter".to_owned()), "{titles:?}");
     }
 

@@ -50,34 +50,62 @@ pub fn ranked(report: &Report) -> Report {
 /// a group that has errors.
 pub fn answer(report: &Report) -> String {
     let Some(group) = report.groups.first() else { return String::new() };
-    let best = |standing: Standing| {
-        let of = report.predictors.iter().filter(|info| Standing::of(info) == standing);
-        let errors = of.filter_map(|info| Some((info, interval(group, info)?)));
-        errors.min_by(|(_, a), (_, b)| a.mean.total_cmp(&b.mean))
+    let model = best(report, group, Standing::Model).map(|(info, error)| {
+        let place = place(group);
+        format!("{} predicts the horizon{place} with an error of {}.", label(info), shown(error))
+    });
+    let sentences = model.into_iter().chain(baselines(report, group));
+    sentences.collect::<Vec<_>>().join(" ")
+}
+
+/// The errors of one predictor in a few sentences, and the best baselines beside it. Empty without an error of it.
+pub fn answer_for(report: &Report, predictor: &str) -> String {
+    let Some(info) = report.predictors.iter().find(|info| info.name == predictor) else {
+        return String::new();
     };
+    let error = |group: &GroupSummary| Some(shown(interval(group, info)?) + &place(group));
+    let errors: Vec<String> = report.groups.iter().filter_map(error).collect();
+    let (Some(group), [_, ..]) = (report.groups.first(), &errors[..]) else {
+        return String::new();
+    };
+    let model = format!("{} predicts with an error of {}.", label(info), errors.join(" and "));
+    [model].into_iter().chain(baselines(report, group)).collect::<Vec<_>>().join(" ")
+}
+
+/// The predictor of this standing with the smallest error.
+fn best<'a>(
+    report: &'a Report,
+    group: &GroupSummary,
+    standing: Standing,
+) -> Option<(&'a PredictorInfo, Interval)> {
+    let of = report.predictors.iter().filter(|info| Standing::of(info) == standing);
+    let errors = of.filter_map(|info| Some((info, interval(group, info)?)));
+    errors.min_by(|(_, a), (_, b)| a.mean.total_cmp(&b.mean))
+}
+
+/// A sentence about the best baseline that is told nothing, and one about the best that is told something.
+fn baselines(report: &Report, group: &GroupSummary) -> impl Iterator<Item = String> {
     let says = |(info, Interval { mean, .. }): (&PredictorInfo, Interval)| {
         format!("{}, has {}°", label(info), degrees(mean))
     };
-    let mut sentences = Vec::new();
-    if let Some((info, Interval { mean, low, high })) = best(Standing::Model) {
-        let group = match group.name.as_str() {
-            "" => String::new(),
-            name if name.starts_with("in ") || name.starts_with("out of ") => format!(" {name}"),
-            name => format!(" in {name}"),
-        };
-        let [mean, low, high] = [mean, low, high].map(degrees);
-        sentences.push(format!(
-            "{} predicts the horizon{group} with an error of {mean}° [{low}, {high}].",
-            label(info),
-        ));
+    let untold = best(report, group, Standing::Untold).map(says);
+    let told = best(report, group, Standing::Told).map(says);
+    let untold = untold.map(|it| format!("The best baseline that is told nothing, {it}."));
+    untold.into_iter().chain(told.map(|it| format!("The best that is told the arm, {it}.")))
+}
+
+/// Where the scenarios of a group are, to follow other words.
+fn place(group: &GroupSummary) -> String {
+    match group.name.as_str() {
+        "" => String::new(),
+        name if name.starts_with("in ") || name.starts_with("out of ") => format!(" {name}"),
+        name => format!(" in {name}"),
     }
-    if let Some(untold) = best(Standing::Untold) {
-        sentences.push(format!("The best baseline that is told nothing, {}.", says(untold)));
-    }
-    if let Some(told) = best(Standing::Told) {
-        sentences.push(format!("The best that is told the arm, {}.", says(told)));
-    }
-    sentences.join(" ")
+}
+
+fn shown(Interval { mean, low, high }: Interval) -> String {
+    let [mean, low, high] = [mean, low, high].map(degrees);
+    format!("{mean}° [{low}, {high}]")
 }
 
 fn interval(group: &GroupSummary, info: &PredictorInfo) -> Option<Interval> {
@@ -102,6 +130,18 @@ mod tests {
              best baseline that is told nothing, hold-last, has 8.00°. The best that is told the arm, \
              damped-integrator, has 2.00°."
         );
+    }
+
+    #[test]
+    fn a_predictor_is_told_with_its_errors_everywhere_and_the_baselines_beside_it() {
+        let report = example();
+        assert_eq!(
+            answer_for(&report, "robomorph"),
+            "robomorph predicts with an error of 2.50° [2.00, 3.00] in distribution and 2.50° [2.00, \
+             3.00] out of distribution. The best baseline that is told nothing, damped-integrator, \
+             has 2.00°."
+        );
+        assert_eq!(answer_for(&report, "cdt"), "");
     }
 
     #[test]

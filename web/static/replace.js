@@ -1,0 +1,41 @@
+// Replaces parts of the page by fresh ones of the server.
+
+import { carryOn, states } from "./charts.js";
+import { localize } from "./times.js";
+
+const REQUEST_TIMEOUT = 15000;
+
+/** The page at an address, as the server has it now. */
+export async function fetched(address) {
+  const response = await fetch(address, {
+    headers: { accept: "text/html" },
+    cache: "no-store",
+    signal: AbortSignal.timeout(REQUEST_TIMEOUT),
+  });
+  if (!response.ok) throw new Error(`the server answered ${response.status}`);
+  return new DOMParser().parseFromString(await response.text(), "text/html");
+}
+
+/**
+ * Puts `fresh` in the place of `stale`, keeping what the reader opened and ticked, how far it is scrolled and where the
+ * focus is.
+ */
+export function replace(stale, fresh) {
+  for (const details of stale.querySelectorAll("details[id][open]")) {
+    fresh.querySelector(`#${CSS.escape(details.id)}`)?.setAttribute("open", "");
+  }
+  const focused = stale.contains(document.activeElement) ? document.activeElement.id : "";
+  const scrolled = [...stale.querySelectorAll(".scroll")].map((region) => region.scrollLeft);
+  const checked = [...stale.querySelectorAll("input[type=checkbox][id]:checked")];
+  const shown = document.importNode(fresh, true);
+  const drawn = states(stale);
+  localize(shown);
+  stale.replaceWith(shown);
+  carryOn(shown, drawn);
+  shown.querySelectorAll(".scroll").forEach((region, at) => (region.scrollLeft = scrolled[at] ?? 0));
+  for (const { id } of checked) {
+    const box = document.getElementById(id);
+    if (box) box.checked = true;
+  }
+  if (focused) document.getElementById(focused)?.focus();
+}
