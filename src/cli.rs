@@ -75,7 +75,7 @@ pub enum Command {
     Evaluations(lists::Arguments<wire::Evaluation>),
     /// Show a job, a dataset, a run, a checkpoint or an evaluation
     Show(show::Arguments),
-    /// Download the files of a dataset, a checkpoint, a run or an evaluation
+    /// Download files of a dataset, a checkpoint, a run or an evaluation
     Download(download::Arguments),
     /// Write data for LeRobot, a model for Hugging Face, runs for MLflow
     Export(export::Arguments),

@@ -233,8 +233,10 @@ test("all runs are filtered and sorted by a metric and a parameter", async () =>
   await page.goto(`${product.url}/logged`);
   const names = () => page.locator("td.name").allInnerTexts();
   assert.ok((await names()).length >= 3);
-  await page.getByRole("searchbox").fill("params.`model.architecture` = 'robomorph' and metrics.`train/loss` < 1e9");
-  await page.getByRole("searchbox").press("Enter");
+  const filter = page.getByLabel("Filter in MLflow's syntax");
+  await filter.fill("params.`model.architecture` = 'robomorph' and metrics.`train/loss` < 1e9");
+  await filter.press("Enter");
+  await page.waitForURL(/filter=/);
   assert.deepEqual(await names(), ["train"]);
   await page.goto(`${product.url}/logged?columns=model.architecture,train/loss`);
   await page.getByRole("link", { name: "train/loss" }).click();
@@ -257,7 +259,7 @@ test("runs that are ticked in their list stand beside each other", async () => {
   await page.locator("select[name=metric]").selectOption("train/loss");
   await page.locator("select[name=x]").selectOption("time");
   await page.waitForURL(/metric=train%2Floss&x=time/);
-  await page.getByText("time (s)").first().waitFor();
+  await page.locator("figure svg text", { hasText: "time (s)" }).first().waitFor();
   const slider = page.getByRole("slider", { name: "Smoothing" });
   await slider.fill("0.5");
   await page.waitForURL(/smoothing=0\.5/);
@@ -315,6 +317,7 @@ test("the checkpoint downloads with the digest that the API states", async () =>
   const { files } = await product.get(`/v1/checkpoints/${id}`);
   const weights = files.find((file) => file.name.endsWith(".safetensors"));
   await page.goto(`${product.url}/checkpoints/${id}`);
+  await page.getByText(/^Files \(/).click();
   const [download] = await Promise.all([
     page.waitForEvent("download"),
     page.locator(`a[href$="${weights.url}"]`).first().click(),
@@ -414,7 +417,7 @@ test("a note is Markdown, and a spec leads to what it names", async () => {
   await page.getByText("Change name, tags and note").click();
   await page.getByLabel("Note").fill("## Why\n\n*Less* damping, <b>bold</b>\n- [data](/datasets)");
   await page.getByRole("button", { name: "Save" }).click();
-  const note = page.locator(".said");
+  const note = page.locator("div.said");
   assert.equal(await note.locator("em").innerText(), "Less");
   assert.equal(await note.locator("b").count(), 0);
   assert.match(await note.innerText(), /<b>bold<\/b>/);

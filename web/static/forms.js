@@ -9,12 +9,15 @@ const WAIT = 200; // A slider that moves asks when it rests.
 let asked = 0;
 let timer;
 
+// Fields may be called like properties of their form, such as `dataset`, and would be found in their place.
+const attribute = (form, name) => form.getAttribute(name);
+
 async function answer(form) {
   if (!form.checkValidity()) return;
-  const address = new URL(form.action);
+  const address = new URL(attribute(form, "action"), location);
   address.search = new URLSearchParams(new FormData(form)).toString();
   const mine = ++asked;
-  const parts = form.dataset.answers.split(" ").map((id) => document.getElementById(id));
+  const parts = attribute(form, "data-answers").split(" ").map((id) => document.getElementById(id));
   parts.forEach((part) => part?.setAttribute("aria-busy", "true"));
   let page;
   try {
@@ -56,7 +59,7 @@ function addSlider(number) {
 for (const form of document.querySelectorAll("form[data-answers]")) {
   form.querySelectorAll("input[data-slider]").forEach(addSlider);
   form.addEventListener("change", (event) => {
-    if ("whole" in event.target.dataset) form.submit();
+    if ("whole" in event.target.dataset) HTMLFormElement.prototype.submit.call(form);
     else if (event.target.type !== "range") soon(form);
   });
   form.addEventListener("submit", (event) => {
