@@ -22,9 +22,11 @@ async function answer(form) {
   let page;
   try {
     page = await fetched(address);
-  } catch {
-    // The server says what is wrong on a page of its own.
-    if (mine === asked) location.assign(address);
+  } catch (error) {
+    if (mine !== asked) return;
+    // The server says what is wrong on a page of its own. Without an answer, the button asks again.
+    if (error.cause) location.assign(address);
+    else parts.forEach((part) => part?.removeAttribute("aria-busy"));
     return;
   }
   if (mine !== asked) return;
@@ -64,6 +66,7 @@ for (const form of document.querySelectorAll("form[data-answers]")) {
   });
   form.addEventListener("submit", (event) => {
     event.preventDefault();
+    clearTimeout(timer);
     answer(form);
   });
 }

@@ -5,14 +5,14 @@ import { localize } from "./times.js";
 
 const REQUEST_TIMEOUT = 15000;
 
-/** The page at an address, as the server has it now. */
+/** The page at an address, as the server has it now. The cause of an error is the status, if there was an answer. */
 export async function fetched(address) {
   const response = await fetch(address, {
     headers: { accept: "text/html" },
     cache: "no-store",
     signal: AbortSignal.timeout(REQUEST_TIMEOUT),
   });
-  if (!response.ok) throw new Error(`the server answered ${response.status}`);
+  if (!response.ok) throw new Error(`the server answered ${response.status}`, { cause: response.status });
   return new DOMParser().parseFromString(await response.text(), "text/html");
 }
 

@@ -112,17 +112,17 @@ struct Found {
 
 async fn search(app: &App, asked: &FilterQuery) -> Result<Found, MlflowError> {
     let experiments = app.experiment_names().await?;
-    let order = match asked.value("order") {
-        order if order.is_empty() => "start_time DESC".to_owned(),
-        order => order,
-    };
+    let (filter, order) = (asked.value("filter"), asked.value("order"));
+    let newest = filter.is_empty() && order.is_empty();
+    let order = if order.is_empty() { "start_time DESC" } else { &order };
     let search = RunSearch {
         experiments: experiments.keys().copied().collect(),
-        filter: Filter::parse(&asked.value("filter"), &Attribute::OF_RUNS)?,
-        orders: vec![Order::parse(&order, &Attribute::OF_RUNS)?],
+        filter: Filter::parse(&filter, &Attribute::OF_RUNS)?,
+        orders: vec![Order::parse(order, &Attribute::OF_RUNS)?],
         view: View::Active,
         limit: RUNS,
         skipped: asked.value("cursor").parse().unwrap_or(0),
+        newest,
     };
     let (runs, next) = app.search_runs(&search).await?;
     let named = |(id, name): (ExperimentId, String)| (id.to_string(), name);

@@ -14,52 +14,27 @@ struct Asset {
     bytes: &'static [u8],
 }
 
-const ASSETS: [Asset; 9] = [
-    Asset {
-        name: "page.css",
-        media_type: "text/css; charset=utf-8",
-        bytes: include_bytes!("../../../web/static/page.css"),
-    },
-    Asset {
-        name: "live.js",
-        media_type: "text/javascript; charset=utf-8",
-        bytes: include_bytes!("../../../web/static/live.js"),
-    },
-    Asset {
-        name: "charts.js",
-        media_type: "text/javascript; charset=utf-8",
-        bytes: include_bytes!("../../../web/static/charts.js"),
-    },
-    Asset {
-        name: "times.js",
-        media_type: "text/javascript; charset=utf-8",
-        bytes: include_bytes!("../../../web/static/times.js"),
-    },
-    Asset {
-        name: "replace.js",
-        media_type: "text/javascript; charset=utf-8",
-        bytes: include_bytes!("../../../web/static/replace.js"),
-    },
-    Asset {
-        name: "forms.js",
-        media_type: "text/javascript; charset=utf-8",
-        bytes: include_bytes!("../../../web/static/forms.js"),
-    },
-    Asset {
-        name: "docs.css",
-        media_type: "text/css; charset=utf-8",
-        bytes: include_bytes!("../../../web/static/docs.css"),
-    },
-    Asset {
-        name: "docs.js",
-        media_type: "text/javascript; charset=utf-8",
-        bytes: include_bytes!("../../../web/static/docs.js"),
-    },
-    Asset {
-        name: "icon.svg",
-        media_type: "image/svg+xml",
-        bytes: include_bytes!("../../../web/static/icon.svg"),
-    },
+/// A file of `web/static`.
+macro_rules! asset {
+    ($name:literal, $media_type:literal) => {
+        Asset {
+            name: $name,
+            media_type: $media_type,
+            bytes: include_bytes!(concat!("../../../web/static/", $name)),
+        }
+    };
+}
+
+const ASSETS: &[Asset] = &[
+    asset!("page.css", "text/css; charset=utf-8"),
+    asset!("live.js", "text/javascript; charset=utf-8"),
+    asset!("charts.js", "text/javascript; charset=utf-8"),
+    asset!("times.js", "text/javascript; charset=utf-8"),
+    asset!("replace.js", "text/javascript; charset=utf-8"),
+    asset!("forms.js", "text/javascript; charset=utf-8"),
+    asset!("docs.css", "text/css; charset=utf-8"),
+    asset!("docs.js", "text/javascript; charset=utf-8"),
+    asset!("icon.svg", "image/svg+xml"),
 ];
 
 pub async fn show(Path(name): Path<String>, headers: HeaderMap) -> Result<Response, ApiError> {

@@ -28,6 +28,8 @@ pub struct RunSearch {
     pub view: View,
     pub limit: u32,
     pub skipped: usize,
+    /// Reads only as many of torqued's own runs, the newest ones, as fill the page: for a list without a filter, newest first.
+    pub newest: bool,
 }
 
 /// Runs whose data are read at the same time.
@@ -75,7 +77,7 @@ impl App {
         let keys = Keys::of(search);
         let mut candidates = self.tracked_candidates(search, &keys).await?;
         if search.experiments.contains(&ExperimentId::TORQUED) {
-            candidates.extend(self.own_candidates(&keys).await?);
+            candidates.extend(self.own_candidates(search, &keys).await?);
         }
         let (view, filter, orders) = (search.view, search.filter.clone(), search.orders.clone());
         let find = move || found(candidates, view, &filter, &orders);
@@ -139,8 +141,17 @@ impl App {
         Ok(candidates)
     }
 
-    async fn own_candidates(&self, keys: &Keys) -> Result<Vec<Candidate>, MlflowError> {
-        let rows = self.all_own_runs().await?;
+    async fn own_candidates(
+        &self,
+        search: &RunSearch,
+        keys: &Keys,
+    ) -> Result<Vec<Candidate>, MlflowError> {
+        let most = match search.newest {
+            // One more than the page has, so that there is a next one.
+            true => search.skipped.saturating_add(search.limit as usize).saturating_add(1),
+            false => usize::MAX,
+        };
+        let rows = self.own_runs(most).await?;
         let ids: Vec<RunId> = rows.iter().map(|run| run.id).collect();
         let places: HashMap<RunId, usize> =
             ids.iter().enumerate().map(|(place, id)| (*id, place)).collect();
@@ -164,14 +175,14 @@ impl App {
         Ok(candidates)
     }
 
-    /// All of torqued's own runs, newest first. They are read page by page.
-    async fn all_own_runs(&self) -> Result<Vec<store::Run>, MlflowError> {
+    /// Torqued's own runs, newest first, at least `most` of them if there are as many. They are read page by page.
+    async fn own_runs(&self, most: usize) -> Result<Vec<store::Run>, MlflowError> {
         let mut listing = Listing { limit: Page::MAX_LIMIT, ..Listing::default() };
         let mut runs = Vec::new();
         loop {
             let Listed { mut items, end } = self.store.list_runs(&listing).await?;
             runs.append(&mut items);
-            if end.is_none() {
+            if end.is_none() || runs.len() >= most {
                 return Ok(runs);
             }
             listing.after = end;

@@ -45,6 +45,7 @@ pub async fn search(State(app): State<App>, request: Request) -> MlflowResult {
         view: view(fields, "run_view_type")?,
         limit: limit(fields, limits::PAGE_DEFAULT, limits::PAGE_MAXIMUM)?,
         skipped: skipped_items(fields)?,
+        newest: false,
     };
     let (runs, next) = app.search_runs(&search).await?;
     let mut answer = json!({"runs": runs});
