@@ -109,7 +109,7 @@ function close() {
 }
 
 // A browser allows few connections to one server, so hidden pages close theirs.
-document.addEventListener("visibilitychange", () => {
+function seeOrHide() {
   wait = SHORTEST_WAIT;
   if (document.hidden) {
     close();
@@ -118,7 +118,7 @@ document.addEventListener("visibilitychange", () => {
     listen();
   }
   schedule();
-});
+}
 
 // MLflow's clients print addresses of this form.
 const logged = location.hash.match(/^#\/experiments\/\d+\/runs\/([0-9a-z-]+)/);
@@ -126,6 +126,7 @@ if (logged) location.replace(`/logged/${logged[1]}`);
 
 localize(document);
 if (document.querySelector("[data-live]")) {
+  document.addEventListener("visibilitychange", seeOrHide);
   listen();
   schedule();
 }
