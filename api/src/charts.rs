@@ -246,8 +246,8 @@ pub fn trajectory_svg(trajectory: &StoredTrajectory) -> Result<String, FigureErr
 }
 
 /// The height of the figure of a trajectory with these columns, px.
-pub fn trajectory_height<'a>(columns: impl Iterator<Item = &'a str> + Clone) -> u32 {
-    let is_shown = |panel: &&Panel| columns.clone().any(|column| panel.which(column).is_some());
+pub fn trajectory_height(columns: &[&str]) -> u32 {
+    let is_shown = |panel: &&Panel| columns.iter().any(|column| panel.which(column).is_some());
     let panels = u32::try_from(PANELS.iter().filter(is_shown).count()).unwrap_or(1);
     u32::from(PANEL.height) * panels
 }

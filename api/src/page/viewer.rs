@@ -45,10 +45,11 @@ impl Viewer {
             }
             Err(error) => return Err(error),
         };
+        let columns: Vec<&str> = summary.channels.iter().map(|it| it.name.as_str()).collect();
         Ok(Some(Self {
             trajectory,
             last,
-            height: charts::trajectory_height(summary.channels.iter().map(|it| it.name.as_str())),
+            height: charts::trajectory_height(&columns),
             previous: trajectory.checked_sub(1).map(|previous| previous.min(last)),
             next: trajectory.checked_add(1).filter(|next| *next <= last),
             facts,
