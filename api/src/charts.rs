@@ -92,7 +92,7 @@ pub struct Overlaid {
 
 /// A metric of several runs in one figure. Of runs that repeat each other it has the mean at the steps that all
 /// of them have, and a band from the least to the largest value. `smoothing` is the weight of what
-/// came before; what is smoothed stands pale behind.
+/// came before; the raw curve then stands pale behind the smoothed one.
 pub fn overlaid(key: &str, over: Over, smoothing: f64, all: &[Overlaid]) -> Figure {
     let values = all.iter().flat_map(|group| group.curves.iter().flatten());
     let y = loss_axis(key, values);
@@ -444,7 +444,7 @@ mod tests {
         assert_eq!((other.y, other.low), (4.0, None));
         let alone = group(vec![curve(&[4.0, 2.0])]);
         let smooth = overlaid("loss", Over::Time, 0.5, &[alone]);
-        // What is smoothed stands pale behind, in the same colour.
+        // The raw curve stands pale behind the smoothed one, in the same colour.
         let [raw, smooth] = &smooth.series[..] else { panic!("{smooth:?}") };
         assert_eq!((raw.points[1].y, raw.stroke, raw.colour), (2.0, Stroke::Faint, smooth.colour));
         let values: Vec<f64> = smooth.points.iter().map(|point| point.y).collect();

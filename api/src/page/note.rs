@@ -85,7 +85,7 @@ mod tests {
                 assert!(!shown.contains(forbidden), "{note}: {shown}");
             }
         }
-        // What was typed can still be read.
+        // The reader still sees the typed markup.
         assert!(shown("<script>alert(1)</script>").contains("&lt;script&gt;alert(1)"));
     }
 

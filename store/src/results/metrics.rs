@@ -270,7 +270,7 @@ fn extremes(points: &[CurvePoint], ranges: u32) -> Vec<CurvePoint> {
     let of_range = |points: &[CurvePoint]| {
         let ends = 0..points.len();
         let lowest = ends.clone().min_by(|a, b| order(&points[*a], &points[*b]));
-        // Of several, the first.
+        // The first of several equal points counts.
         let highest = ends.rev().max_by(|a, b| order(&points[*a], &points[*b]));
         let places: BTreeSet<usize> = lowest.into_iter().chain(highest).collect();
         places.into_iter().map(|place| points[place]).collect::<Vec<_>>()
