@@ -23,9 +23,9 @@ mod rows;
 mod scores;
 
 pub use baselines::{
-    Arx, ConstantVelocity, DampedIntegrator, FittedDamping, FollowReference, HoldLast,
-    Identification, KnownController, LeastSquares, NominalArm, Oracle, Simulated, baseline,
-    prior_knowledge,
+    Arx, BaseParameters, ConstantVelocity, DampedIntegrator, FittedDamping, FollowReference,
+    HoldLast, Identification, KnownController, LeastSquares, NominalArm, Oracle, Simulated,
+    baseline, prior_knowledge,
 };
 pub use cell::{
     CellResult, Failure, PredictorErrors, Rollouts, Scoring, evaluate_cell, measured_jitter_deg,

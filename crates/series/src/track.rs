@@ -8,7 +8,8 @@ pub struct Track<'a> {
 }
 
 impl<'a> Track<'a> {
-    pub(crate) fn new(values: &'a [f32], joints: usize) -> Self {
+    /// The `values` `[sample, joint]` of one robot.
+    pub fn new(values: &'a [f32], joints: usize) -> Self {
         Self { values, joints }
     }
 

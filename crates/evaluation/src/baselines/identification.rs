@@ -1,6 +1,6 @@
 //! Classical identification: an expert's fit of a model of the arm.
 
-use dynamics::{Anchor, InstructionSet, Joints, Motion, Replay, Robot, mass_matrix};
+use dynamics::{Anchor, Joints, Motion, Replay, Robot, mass_matrix};
 use models::Interrupt;
 use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
@@ -59,7 +59,7 @@ type Parameters = DVector<f64>;
 /// predictions.
 const NOISE: f64 = 1e-4;
 /// Time between two measured positions to which the simulation is set, s.
-const STRETCH_S: f64 = 1.0 / 3.0;
+pub(super) const STRETCH_S: f64 = 1.0 / 3.0;
 /// Rate at which positions are compared, Hz. At higher rates, neighbouring positions of slow arms
 /// add no information.
 const COMPARED_HZ: f64 = 15.0;
@@ -94,13 +94,8 @@ impl Identification {
     }
 
     fn with(arm: &NominalArm, freedom: Freedom) -> Self {
-        let NominalArm { robot, rate_hz, integrator, precision } = arm;
-        let replay = Replay {
-            rate_hz: *rate_hz,
-            integrator: *integrator,
-            precision: *precision,
-            instructions: InstructionSet::best(),
-        };
+        let NominalArm { robot, integrator, .. } = arm;
+        let replay = arm.replay();
         let coarse = match *integrator {
             Integrator::Extrapolated { order, substeps } => {
                 Integrator::Extrapolated { order: order.min(ORDER_OF_DERIVATIVES), substeps }
@@ -169,7 +164,7 @@ impl Identification {
 
 /// Whether every joint of the nominal arm loses at least two fifths of a velocity, 1 − e^-0.5, to its
 /// damping within a stretch.
-fn forgets_velocities(robot: &RobotSpec) -> bool {
+pub(super) fn forgets_velocities(robot: &RobotSpec) -> bool {
     let arm = Robot::nominal(robot);
     let center = robot.description().initial_state.center_rad.as_slice();
     let inertia = mass_matrix(&arm, center);
@@ -227,7 +222,7 @@ impl Predictor for Identification {
     clippy::cast_sign_loss,
     reason = "rates are at most 1000 Hz"
 )]
-fn whole(samples: f64) -> usize {
+pub(super) fn whole(samples: f64) -> usize {
     samples.round().max(1.0) as usize
 }
 

@@ -1,7 +1,9 @@
 //! Predictors that learn nothing from other robots. A learned model has to beat them.
 
 mod arx;
+mod base_parameters;
 mod constant_velocity;
+mod continuation;
 mod damped_integrator;
 mod end_state;
 mod filtered;
@@ -13,11 +15,13 @@ mod hold_last;
 mod identification;
 mod known_controller;
 mod least_squares;
+mod linear_arm;
 mod oracle;
 mod prior;
+mod ridge;
 mod rollout;
 
-use dynamics::{Joints, Scenario};
+use dynamics::{InstructionSet, Joints, Replay, Scenario};
 use spec::{
     Baseline, DataSpec, Given, InertiaScheme, Integrator, Precision, RobotSpec, SimulateSpec,
 };
@@ -26,6 +30,7 @@ use self::filtered::Filtered;
 use crate::Predictor;
 
 pub use arx::Arx;
+pub use base_parameters::BaseParameters;
 pub use constant_velocity::ConstantVelocity;
 pub use damped_integrator::DampedIntegrator;
 pub use fitted_damping::FittedDamping;
@@ -74,6 +79,12 @@ impl NominalArm {
             integrator: spec.sample_integrator(),
             precision: spec.precision,
         }
+    }
+
+    /// The simulation, on the best instruction set.
+    fn replay(&self) -> Replay {
+        let Self { rate_hz, integrator, precision, .. } = *self;
+        Replay { rate_hz, integrator, precision, instructions: InstructionSet::best() }
     }
 }
 
@@ -138,6 +149,7 @@ pub fn baseline(baseline: Baseline, arm: &NominalArm) -> Box<dyn Predictor> {
         Baseline::LeastSquares => Box::new(LeastSquares),
         Baseline::Arx => Box::new(Arx),
         Baseline::NominalSimulator => Box::new(Identification::nothing(arm)),
+        Baseline::BaseParameters => Box::new(BaseParameters::new(arm)),
         Baseline::SimulatorFittedDamping => Box::new(Identification::dampings(arm)),
         Baseline::Identification => Box::new(Identification::new(arm)),
         Baseline::Oracle => Box::new(Oracle::new(arm, None)),

@@ -1,6 +1,6 @@
 //! The robot itself.
 
-use dynamics::{InstructionSet, Joints, Motion, Replay, Robot};
+use dynamics::{Joints, Motion, Replay, Robot};
 use series::Observed;
 
 use super::{NominalArm, Simulated};
@@ -24,14 +24,11 @@ impl Oracle {
     /// The robots of scenarios, with their velocities at the last sample of the context. Without
     /// `simulated` it knows none.
     pub fn new(arm: &NominalArm, simulated: Option<&Simulated>) -> Self {
-        let NominalArm { rate_hz, integrator, precision, .. } = *arm;
-        let instructions = InstructionSet::best();
         let robots = simulated.map(|simulated| {
             let robots = simulated.scenarios.iter().map(|scenario| scenario.robot.clone());
             robots.zip(simulated.velocities.iter().copied()).collect()
         });
-        let replay = Replay { rate_hz, integrator, precision, instructions };
-        Self { replay, robots: robots.unwrap_or_default() }
+        Self { replay: arm.replay(), robots: robots.unwrap_or_default() }
     }
 }
 

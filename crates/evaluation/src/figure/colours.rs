@@ -24,9 +24,10 @@ pub fn colour_of(predictors: &[PredictorInfo], name: &str) -> usize {
 /// `None` unless `name` is a baseline's.
 fn of_baseline(name: &str) -> Option<usize> {
     let named: Result<Baseline, Error> = Baseline::deserialize(name.into_deserializer());
-    // The first two never stand beside each other.
+    // There are fewer colours than baselines. Those that share one rarely stand beside each other: one
+    // of them is not among the usual ones.
     let place = match named.ok()? {
-        Baseline::DampedIntegrator | Baseline::FollowReference => 0,
+        Baseline::DampedIntegrator | Baseline::FollowReference | Baseline::BaseParameters => 0,
         Baseline::HoldLast => 1,
         Baseline::ConstantVelocity => 2,
         Baseline::Arx => 3,
@@ -61,9 +62,9 @@ mod tests {
     }
 
     #[test]
-    fn baselines_that_stand_beside_each_other_have_different_colours() {
+    fn the_usual_baselines_have_different_colours() {
         for given in [Given::Torques, Given::References] {
-            let mut baselines = Baseline::answering(given);
+            let mut baselines = Baseline::usual_with(given);
             baselines.push(Baseline::Oracle);
             let count = baselines.len();
             let name = |baseline: Baseline| {

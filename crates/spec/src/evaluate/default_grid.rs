@@ -29,7 +29,7 @@ pub(super) fn read(
     let names_baselines = fields.contains_key("baselines");
     let mut spec: EvaluateSpec = from_fields(fields, found, schemas)?;
     if !names_baselines {
-        spec.baselines = Baseline::answering(spec.given);
+        spec.baselines = Baseline::usual_with(spec.given);
     }
     if !names_data {
         spec.fit_grid();

@@ -30,8 +30,8 @@ pub struct EvaluateSpec {
     #[serde(default)]
     pub checkpoints: Vec<CheckpointRef>,
     /// Predictors that learn nothing from other robots. Default: all that answer with what is
-    /// given, except the `oracle`.
-    #[serde(default = "Baseline::all")]
+    /// given, except `base-parameters` and the `oracle`.
+    #[serde(default = "Baseline::usual")]
     pub baselines: Vec<Baseline>,
     /// Models outside of torqued, as files of their predictions on a stored dataset. With them,
     /// `data` must not be a stream, and `position_noise_rad` must be left out.
@@ -122,6 +122,9 @@ pub enum Baseline {
     Arx,
     /// Simulates the nominal arm.
     NominalSimulator,
+    /// Fits the parameters in which torques are linear to each robot's context, by a ridge
+    /// regression towards the nominal arm's, and simulates that arm. Only where it is named.
+    BaseParameters,
     /// Simulates the nominal arm with dampings fitted to each robot's context through the
     /// simulator.
     SimulatorFittedDamping,
@@ -155,7 +158,16 @@ impl Baseline {
         }
     }
 
-    /// All baselines that answer with torques, from the least to the most knowledge about the arms.
+    /// The default ones of those that answer with `given`.
+    pub fn usual_with(given: Given) -> Vec<Self> {
+        match given {
+            Given::Torques => Self::usual(),
+            Given::References => Self::with_references(),
+        }
+    }
+
+    /// All baselines that answer with torques but the `oracle`, from the least to the most knowledge
+    /// about the arms.
     pub fn all() -> Vec<Self> {
         vec![
             Self::HoldLast,
@@ -165,19 +177,31 @@ impl Baseline {
             Self::LeastSquares,
             Self::Arx,
             Self::NominalSimulator,
+            Self::BaseParameters,
             Self::SimulatorFittedDamping,
             Self::Identification,
         ]
     }
 
-    /// Removes `constant-velocity` from a job's JSON if `baselines` names all.
+    /// The default ones with torques, in the same order. Results of earlier versions are found under
+    /// the digest of these.
+    pub fn usual() -> Vec<Self> {
+        Self::all().into_iter().filter(|baseline| !baseline.must_be_named()).collect()
+    }
+
+    /// Whether an evaluation has it only if it names it.
+    const fn must_be_named(self) -> bool {
+        matches!(self, Self::BaseParameters | Self::Oracle)
+    }
+
+    /// Removes `constant-velocity` from a job's JSON if `baselines` names the usual ones.
     ///
-    /// It was added after the others. An evaluation of all of them keeps its digest, so that the
+    /// It was added after the others. An evaluation of them keeps its digest, so that the
     /// results of earlier versions are still found under it. These results lack its row, and
     /// everything else in them is the same.
     pub(crate) fn leave_out_of_digest(fields: &mut Map<String, Value>) {
         let Some(baselines) = fields.get_mut("baselines") else { return };
-        if serde_json::to_value(Self::all()).is_ok_and(|all| all == *baselines)
+        if serde_json::to_value(Self::usual()).is_ok_and(|all| all == *baselines)
             && let Value::Array(names) = baselines
         {
             names.retain(|name| name != "constant-velocity");
@@ -206,7 +230,7 @@ impl Baseline {
             | Self::LeastSquares
             | Self::Arx => "nothing",
             Self::DampedIntegrator => "the nominal damping",
-            Self::NominalSimulator => "the nominal arm",
+            Self::NominalSimulator | Self::BaseParameters => "the nominal arm",
             Self::SimulatorFittedDamping => "the nominal arm, how dampings vary",
             Self::Identification => "the nominal arm, how all of it varies",
             Self::Oracle => "the robot, its velocity at the end of the context",
