@@ -24,8 +24,8 @@ mod scores;
 
 pub use baselines::{
     Arx, BaseParameters, ConstantVelocity, DampedIntegrator, FittedDamping, FollowReference,
-    HoldLast, Identification, KnownController, LeastSquares, NominalArm, Oracle, Simulated,
-    baseline, prior_knowledge,
+    HoldLast, Identification, JointEkf, KnownController, LeastSquares, NominalArm, Oracle,
+    Simulated, baseline, prior_knowledge,
 };
 pub use cell::{
     CellResult, Failure, PredictorErrors, Rollouts, Scoring, evaluate_cell, measured_jitter_deg,

@@ -13,6 +13,7 @@ pub(crate) mod fixture;
 mod follow_reference;
 mod hold_last;
 mod identification;
+mod joint_ekf;
 mod known_controller;
 mod least_squares;
 mod linear_arm;
@@ -37,6 +38,7 @@ pub use fitted_damping::FittedDamping;
 pub use follow_reference::FollowReference;
 pub use hold_last::HoldLast;
 pub use identification::Identification;
+pub use joint_ekf::JointEkf;
 pub use known_controller::KnownController;
 pub use least_squares::LeastSquares;
 pub use oracle::Oracle;
@@ -102,12 +104,12 @@ pub struct Simulated {
 /// The prior knowledge of a baseline about the arms of `data`, where it is `given` one kind of
 /// series. Reports call it `told`.
 ///
-/// `identification` is told how simulated robots differ. Nobody knows that of recordings: there it
-/// assumes the randomization of the arm that their import names, and friction and payload only if
+/// `identification` and `joint-ekf` are told how simulated robots differ. Nobody knows that of recordings: there they
+/// assume the randomization of the arm that their import names, and friction and payload only if
 /// the import gives them.
 pub fn prior_knowledge(name: Baseline, given: Given, data: &DataSpec) -> String {
     let told = name.prior_knowledge(given);
-    if name != Baseline::Identification {
+    if !matches!(name, Baseline::Identification | Baseline::JointEkf) {
         return told.to_owned();
     }
     let untold: Vec<&str> = match data {
@@ -151,6 +153,7 @@ pub fn baseline(baseline: Baseline, arm: &NominalArm) -> Box<dyn Predictor> {
         Baseline::NominalSimulator => Box::new(Identification::nothing(arm)),
         Baseline::BaseParameters => Box::new(BaseParameters::new(arm)),
         Baseline::SimulatorFittedDamping => Box::new(Identification::dampings(arm)),
+        Baseline::JointEkf => Box::new(JointEkf::new(arm)),
         Baseline::Identification => Box::new(Identification::new(arm)),
         Baseline::Oracle => Box::new(Oracle::new(arm, None)),
     }

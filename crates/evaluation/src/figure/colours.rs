@@ -33,7 +33,7 @@ fn of_baseline(name: &str) -> Option<usize> {
         Baseline::Arx => 3,
         Baseline::Identification => 4,
         Baseline::NominalSimulator => 5,
-        Baseline::SimulatorFittedDamping => 6,
+        Baseline::SimulatorFittedDamping | Baseline::JointEkf => 6,
         Baseline::LeastSquares => 7,
         Baseline::FittedDamping => 8,
         Baseline::Oracle => return Some(figures::MEASURED),

@@ -30,7 +30,7 @@ pub struct EvaluateSpec {
     #[serde(default)]
     pub checkpoints: Vec<CheckpointRef>,
     /// Predictors that learn nothing from other robots. Default: all that answer with what is
-    /// given, except `base-parameters` and the `oracle`.
+    /// given, except `base-parameters`, `joint-ekf` and the `oracle`.
     #[serde(default = "Baseline::usual")]
     pub baselines: Vec<Baseline>,
     /// Models outside of torqued, as files of their predictions on a stored dataset. With them,
@@ -128,6 +128,9 @@ pub enum Baseline {
     /// Simulates the nominal arm with dampings fitted to each robot's context through the
     /// simulator.
     SimulatorFittedDamping,
+    /// Filters positions, velocities and dynamic parameters of each robot along its context, by an
+    /// extended Kalman filter, and simulates that arm. Only where it is named.
+    JointEkf,
     /// Fits the dynamic parameters of each robot to its context through the simulator, starting
     /// from those of the nominal arm. An expert with a model would do this.
     Identification,
@@ -179,6 +182,7 @@ impl Baseline {
             Self::NominalSimulator,
             Self::BaseParameters,
             Self::SimulatorFittedDamping,
+            Self::JointEkf,
             Self::Identification,
         ]
     }
@@ -191,7 +195,7 @@ impl Baseline {
 
     /// Whether an evaluation has it only if it names it.
     const fn must_be_named(self) -> bool {
-        matches!(self, Self::BaseParameters | Self::Oracle)
+        matches!(self, Self::BaseParameters | Self::JointEkf | Self::Oracle)
     }
 
     /// Removes `constant-velocity` from a job's JSON if `baselines` names the usual ones.
@@ -232,7 +236,7 @@ impl Baseline {
             Self::DampedIntegrator => "the nominal damping",
             Self::NominalSimulator | Self::BaseParameters => "the nominal arm",
             Self::SimulatorFittedDamping => "the nominal arm, how dampings vary",
-            Self::Identification => "the nominal arm, how all of it varies",
+            Self::JointEkf | Self::Identification => "the nominal arm, how all of it varies",
             Self::Oracle => "the robot, its velocity at the end of the context",
         }
     }
