@@ -174,8 +174,9 @@ test("a finger reads a value as a pointer does, with the first tap", async () =>
   const phone = await context.newPage();
   const { run } = await product.get(`/v1/jobs/${member("train")}`);
   await phone.goto(`${product.url}/runs/${run}`);
-  const drawing = phone.locator("figure .scroll svg").first();
-  await drawing.scrollIntoViewIfNeeded();
+  await phone.locator("figure").first().scrollIntoViewIfNeeded();
+  const drawing = phone.locator("figure .chart > svg").first();
+  await drawing.waitFor();
   const box = await drawing.boundingBox();
   await phone.touchscreen.tap(box.x + 200, box.y + 100);
   const reading = phone.locator(".reading");

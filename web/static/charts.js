@@ -1,7 +1,9 @@
 // Makes figures answer: values under the pointer, a part of the x axis drawn larger, curves switched off, a PNG.
 // The server's drawings hold their numbers in <metadata> (crates/figures/src/numbers.rs). Without this script, and of drawings
 // without numbers, they stay pictures. The server's elements are never changed: what is added stands beside them, in
-// `.chart`, and `data-chart` on the figure hides the picture.
+// `.chart`, and `data-chart` on the figure hides the picture. On a narrow screen all is drawn anew at its width (narrow.js).
+
+import { NARROW, narrow } from "./narrow.js";
 
 const SVG = "http://www.w3.org/2000/svg";
 const CLOSE = 24; // A curve whose nearest point is further away, in pixels, is not read.
@@ -60,6 +62,8 @@ class Plot {
     this.whole = { x: numbers.x, y: numbers.y };
     this.x = numbers.x;
     this.y = numbers.y;
+    this.bands = numbers.bands ?? [];
+    this.isNarrow = false;
     let x = [];
     this.series = numbers.series.map((told) => {
       x = told.x ?? x;
@@ -86,6 +90,17 @@ class Plot {
 
   get isZoomed() {
     return this.x !== this.whole.x;
+  }
+
+  /** Whether the server's axes and curves do not show what is wanted. */
+  get isOwn() {
+    return this.isZoomed || this.isNarrow;
+  }
+
+  /** Ends the plot at `right`, in the units of the drawing. */
+  fit(right) {
+    this.right = right;
+    this.isNarrow = true;
   }
 
   get shown() {
@@ -143,7 +158,7 @@ class Plot {
   draw() {
     this.svg.querySelector(":scope > .zoomed")?.remove();
     for (const part of this.svg.querySelectorAll(".frame, svg.data")) {
-      if (part.closest("svg:not(.data)") === this.svg) part.style.display = this.isZoomed ? "none" : "";
+      if (part.closest("svg:not(.data)") === this.svg) part.style.display = this.isOwn ? "none" : "";
     }
     this.svg.querySelectorAll("[data-series]").forEach((part) => {
       if (part.closest("svg:not(.data)") !== this.svg) return;
@@ -151,7 +166,7 @@ class Plot {
       if (part.classList.contains("key")) part.style.opacity = isOff ? 0.35 : "";
       else part.style.display = isOff ? "none" : "";
     });
-    if (!this.isZoomed) return;
+    if (!this.isOwn) return;
     const { left, top, right, bottom } = this;
     const lines = element("svg", {
       x: left, y: top, width: right - left, height: bottom - top,
@@ -164,7 +179,15 @@ class Plot {
   *axes() {
     const { left, top, right, bottom } = this;
     const label = { fill: "#222222", "font-size": 12, "font-family": "system-ui, sans-serif" };
-    for (const value of ticks(this.x, 8)) {
+    for (const { from, to, label: name } of this.bands) {
+      const [low, high] = [from, to].map((end) => Math.max(left, Math.min(this.atX(end), right)));
+      if (low === high) continue;
+      yield element("rect", { x: low, y: top, width: high - low, height: bottom - top, fill: "#808080", opacity: 0.22 });
+      // A name that is wider than its band would run into the next one's.
+      if (name.length * 6.5 > high - low) continue;
+      yield element("text", { ...label, x: (low + high) / 2, y: top - 5, "text-anchor": "middle" }, name);
+    }
+    for (const value of ticks(this.x, Math.max(2, Math.min(8, Math.floor((right - left) / 60))))) {
       const x = this.atX(value);
       yield element("path", { d: `M${x} ${top}V${bottom}`, stroke: "#D6D6D6" });
       yield element("text", { ...label, x, y: bottom + 17, "text-anchor": "middle" }, short(value));
@@ -246,6 +269,11 @@ class Chart {
     this.region.append(this.box);
     figure.append(this.tools);
     figure.dataset.chart = "";
+    const room = this.region.clientWidth;
+    if (this.plots.length > 0 && room > 0 && room < NARROW) {
+      this.box.classList.add("narrow");
+      narrow(svg, this.plots, room);
+    }
     this.listen();
   }
 
@@ -522,6 +550,17 @@ for (const kind of ["pointerover", "focusin"]) {
   });
 }
 
+// On a narrow screen a figure is drawn as wide as the screen once it comes near.
+const near = new IntersectionObserver((entries) => {
+  for (const { target, isIntersecting } of entries) {
+    if (!isIntersecting) continue;
+    near.unobserve(target);
+    if (target.querySelector(".scroll")?.clientWidth < NARROW) awaken(target);
+  }
+}, { rootMargin: "400px" });
+
+for (const figure of document.querySelectorAll("figure")) near.observe(figure);
+
 /** A copy of a part of the page as the server sent it. */
 export function asSent(part) {
   const copy = part.cloneNode(true);
@@ -534,6 +573,7 @@ export function asSent(part) {
 export function carryOn(part, before) {
   const figures = [...part.querySelectorAll("figure")];
   for (const { at, state } of before) if (figures[at]) awaken(figures[at], state);
+  for (const figure of figures) near.observe(figure);
 }
 
 /** The state of each figure in a part of the page that answers. */

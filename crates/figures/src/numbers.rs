@@ -6,11 +6,11 @@ use crate::coordinate::Coordinate;
 use crate::layout::Layout;
 use crate::marks::CurveStyle;
 use crate::trace::{Dot, Trace};
-use crate::{Axis, Figure, Scale, Stroke, theme};
+use crate::{Axis, Band, Figure, Scale, Stroke, theme};
 
 /// `plot` has the edges of the plot (left, top, right, bottom) in the units of `viewBox`; `x` and `y` the axes with their
 /// ends; `series` the name, the colour and the drawn points of each curve. `null` among the points is a break of the line.
-/// A series without `x` has that of the series before it.
+/// A series without `x` has that of the series before it. `bands` has the shaded parts of x; it is missing without any.
 pub(crate) fn json(
     figure: &Figure,
     layout: &Layout,
@@ -52,7 +52,17 @@ pub(crate) fn json(
     }
     let edges = [plot.left, plot.top, plot.right, plot.bottom].map(short);
     let [x, y] = [(&figure.x, &layout.x), (&figure.y, &layout.y)].map(|(a, b)| axis(a, b));
-    json!({ "plot": edges, "x": x, "y": y, "series": series }).to_string()
+    let mut told = json!({ "plot": edges, "x": x, "y": y, "series": series });
+    let drawn = figure.bands.iter().filter(|band| band.from.is_finite() && band.to.is_finite());
+    let bands: Vec<Value> = drawn.map(band).collect();
+    if !bands.is_empty() {
+        told["bands"] = bands.into();
+    }
+    told.to_string()
+}
+
+fn band(Band { from, to, label }: &Band) -> Value {
+    json!({ "from": short(*from), "to": short(*to), "label": label })
 }
 
 fn axis(axis: &Axis, coordinate: &Coordinate) -> Value {

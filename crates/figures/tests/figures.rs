@@ -350,6 +350,15 @@ fn a_script_finds_the_drawn_numbers_where_the_lines_are() {
         "{last:?}, {x}, {y}"
     );
 
+    assert!(numbers["bands"].is_null());
+    let mut with_bands = figure.clone();
+    let band = |from, label: &str| Band { from, to: 5.0, label: label.to_owned() };
+    with_bands.bands = vec![band(2.0, "in distribution"), band(f64::NAN, "nowhere")];
+    let drawn = svg(&with_bands);
+    let told = self::numbers(&Document::parse(&drawn).unwrap());
+    let expected = serde_json::json!([{"from": 2.0, "to": 5.0, "label": "in distribution"}]);
+    assert_eq!(told["bands"], expected);
+
     // Ribbons, lines and the key of the legend: a script can hide all of a series.
     let groups = |place: &str| {
         document.descendants().filter(|node| node.attribute("data-series") == Some(place)).count()
