@@ -1,25 +1,15 @@
-"""The PyTorch twin of `crates/models/src/prefix_transformer`: same names, same numbers, in N·m, rad and s."""
-
-import math
+"""The PyTorch twin of `crates/models/src/prefix_transformer.rs`: same names, same numbers, in N·m, rad and s."""
 
 import torch
-import torch.nn.functional as F
 from torch import Tensor, nn
 
+from .path_tokens import PathTokens
 from .transformer import EncoderBlock
 
-RISE_S = 0.1
-LEAST_ERROR_DEG = 0.01
-LEAST_SPEED = 1e-3
-DISTANCE_S = 0.5
-"""As in `crates/models/src/prefix_transformer`."""
 
-
-class PrefixTransformer(nn.Module):
+class PrefixTransformer(PathTokens):
     """Transformer with one stream of tokens over the whole trajectory. It attends to the context in both
     directions, and to the horizon causally."""
-
-    is_physical = True
 
     def __init__(
         self,
@@ -36,72 +26,22 @@ class PrefixTransformer(nn.Module):
         rate_hz: float,
         joints: int = 7,
     ):
-        super().__init__()
-        [(_, path)] = residual.items()
-        self.patch, self.rate_hz = patch, rate_hz
-        self.contexts, self.samples = (least_context or context, context), samples
-        self.damping = path["damping"]
+        super().__init__(patch, least_context, residual, context, samples, rate_hz)
         tokens = samples // patch
-        self.input = nn.Linear((5 * joints + 2) * (patch + 1), d_model)
+        self.input = nn.Linear(self.width(joints), d_model)
         self.positions = nn.Parameter(0.02 * torch.randn(tokens, d_model))
         self.blocks = nn.ModuleList(EncoderBlock(d_model, heads, mlp_ratio * d_model) for _ in range(layers))
         self.norm = nn.LayerNorm(d_model)
         self.head = nn.Linear(d_model, joints * patch)
 
-    def answers(self, context: int, samples: int) -> bool:
-        """Whether it was trained for contexts of `context` samples, and for trajectories of at least `samples`."""
-        least, most = self.contexts
-        whole = context % self.patch == 0 and samples % self.patch == 0
-        ends = context < samples <= self.samples if least < most else samples == self.samples
-        return whole and least <= context <= most and ends
-
     def forward(self, tokens: Tensor, known: int) -> Tensor:
-        """Velocities relative to the path's [batch, horizon, joint] in units of the trajectory's speed, from tokens
-        [batch, token, (patch + 1) * channel]. The first `known` tokens are the context's."""
         count = tokens.shape[1]
         sees = torch.ones(count, count, dtype=torch.bool, device=tokens.device).tril()
         sees[:, :known] = True
         x = self.input(tokens) + self.positions[:count]
         for block in self.blocks:
             x = block(x, sees)
-        velocities = self.head(self.norm(x[:, known:]))
-        batch, horizon, width = velocities.shape
-        return velocities.reshape(batch, horizon * self.patch, width // self.patch)
-
-    def displacement(self, u: Tensor, y_context: Tensor, path: Tensor) -> Tensor:
-        """The displacement of the arm from the path [batch, samples, joint], rad, over the horizon."""
-        tokens, speed = self.tokens(u, y_context, path)
-        context = y_context.shape[1]
-        horizon = u.shape[1] - context
-        passed_s = torch.arange(1, horizon + 1, dtype=torch.float64) / self.rate_hz
-        rise = (1 - torch.exp(-passed_s / RISE_S)).to(tokens.dtype)[:, None]
-        return (self(tokens, context // self.patch) * rise * speed).cumsum(1) / self.rate_hz
-
-    def answer(self, u: Tensor, y_context: Tensor, path: Tensor, unit: Tensor) -> Tensor:
-        """The displacement in its unit [batch, samples, joint]."""
-        return self.displacement(u, y_context, path) / unit[:, y_context.shape[1] :]
-
-    def loss(self, u: Tensor, y_context: Tensor, y_horizon: Tensor, path: Tensor, unit: Tensor) -> Tensor:
-        """The mean over trajectories and joints of the root mean square error over the horizon, degrees."""
-        errors = self.displacement(u, y_context, path) - y_horizon * unit[:, y_context.shape[1] :]
-        errors = errors * math.degrees(1.0)
-        return (errors.square().mean(1) + LEAST_ERROR_DEG**2).sqrt().mean()
-
-    def tokens(self, u: Tensor, y_context: Tensor, path: Tensor) -> tuple[Tensor, Tensor]:
-        """Tokens [batch, token, (patch + 1) * channel], and the speed of each trajectory, [batch, 1, 1], rad/s."""
-        context = y_context.shape[1]
-        angles = torch.cat([y_context, path[:, context:]], 1)
-        driven = u / self.damping
-        velocities = angles.diff(dim=1) * self.rate_hz
-        velocities = torch.cat([velocities[:, :1], velocities], 1)
-        distances = F.pad(y_context - path[:, :context], (0, 0, 0, u.shape[1] - context))
-        squares = driven.square().mean((1, 2)) + velocities[:, :context].square().mean((1, 2))
-        speed = squares.sqrt()[:, None, None] + LEAST_SPEED
-        is_future = (torch.arange(u.shape[1]) >= context).to(u.dtype)[None, :, None]
-        channels = [driven / speed, velocities / speed, distances / (DISTANCE_S * speed), angles.sin(), angles.cos()]
-        channels += [is_future.expand(len(u), -1, -1), speed.log().expand(-1, u.shape[1], -1)]
-        samples = F.pad(torch.cat(channels, -1), (0, 0, 1, 0))
-        return samples.unfold(1, self.patch + 1, self.patch).mT.flatten(2), speed
+        return self.by_sample(self.head(self.norm(x[:, known:])))
 
 
 TWINS = {"prefix-transformer": PrefixTransformer}

@@ -49,6 +49,7 @@ mod small_disk;
 mod stopping;
 mod stored_predictions;
 mod streams;
+mod studies;
 mod sweeps;
 mod trainings;
 mod trash;

@@ -127,7 +127,13 @@ pub struct ScenarioErrors {
     /// Share of the horizon, over all joints, inside the central intervals of [`CALIBRATION`] for
     /// which there are enough samples. Rows of the table do not have it.
     pub calibration: Vec<f32>,
+    /// Share of the joints inside each of [`INTERVALS`] at every step of the horizon, as far as there
+    /// are enough samples. Rows of the table do not have it.
+    pub(crate) step_coverage: Vec<PerStep>,
 }
+
+/// A number per step of the horizon.
+pub(crate) type PerStep = Vec<f32>;
 
 /// The robot and the settings of the scores.
 #[derive(Clone, Copy)]
@@ -178,7 +184,7 @@ impl ScenarioErrors {
         values: impl Fn(Measure) -> Option<PerJoint>,
         horizons: Vec<PerJoint>,
     ) -> Option<Self> {
-        let errors = Self { values: Measure::ALL.map(values), horizons, calibration: Vec::new() };
+        let errors = Self { values: Measure::ALL.map(values), horizons, ..Self::default() };
         errors.get(Measure::RmseDeg).is_some().then_some(errors)
     }
 
@@ -193,6 +199,13 @@ impl ScenarioErrors {
         let values = self.get(measure)?;
         let sum: f64 = values.iter().map(|value| f64::from(*value)).sum();
         Some(sum / values.len() as f64)
+    }
+
+    /// The RMSE over the `k`th first part of the horizon, as a mean over joints, degrees. `None` if it
+    /// was not measured.
+    pub(crate) fn horizon(&self, k: usize) -> Option<f64> {
+        let joints = self.horizons.get(k).filter(|joints| !joints.is_empty())?;
+        Some(joints.iter().map(|rmse| f64::from(*rmse)).sum::<f64>() / joints.len() as f64)
     }
 
     pub(crate) fn set(&mut self, measure: Measure, values: impl IntoIterator<Item = f64>) {
@@ -256,6 +269,7 @@ impl ScenarioErrors {
         let mut crps_sum = vec![0.0; joints];
         let mut mean_squares = vec![0.0; joints];
         let mut covered = vec![vec![0.0; joints]; intervals.len()];
+        let mut step_covered = vec![vec![0.0; truth.len() / joints]; intervals.len()];
         let mut widths = vec![vec![0.0; joints]; intervals.len()];
         let mut calibrated = vec![0.0; calibration.len()];
         let mut drawn = Vec::with_capacity(samples.len());
@@ -270,7 +284,9 @@ impl ScenarioErrors {
             crps_sum[joint] += crps(&mut drawn, truth)?;
             for (k, interval) in intervals.iter().enumerate() {
                 let (low, high) = central_interval(&drawn, interval.nominal)?;
-                covered[k][joint] += one_if((low..=high).contains(&truth));
+                let inside = one_if((low..=high).contains(&truth));
+                covered[k][joint] += inside;
+                step_covered[k][entry / joints] += inside;
                 widths[k][joint] += high - low;
             }
             for (sum, &probability) in calibrated.iter_mut().zip(&calibration) {
@@ -285,6 +301,9 @@ impl ScenarioErrors {
             self.set(interval.coverage, covered.iter().map(|sum| sum / steps));
             self.set(interval.width_deg, widths.iter().map(|sum| sum / steps));
         }
+        let share =
+            |steps: &Vec<f64>| steps.iter().map(|sum| to_f32(sum / joints as f64)).collect();
+        self.step_coverage = step_covered.iter().map(share).collect();
         self.calibration = calibrated.iter().map(|sum| to_f32(sum / truth.len() as f64)).collect();
         Some(())
     }

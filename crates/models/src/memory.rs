@@ -206,6 +206,7 @@ mod tests {
             ("cdt", json!({"objective": "regression", "patch": 5})),
             ("cdt", transformer),
             ("prefix-transformer", json!({"d_model": 48, "heads": 4, "layers": 3, "patch": 8})),
+            ("gru", json!({"hidden": 40, "layers": 3, "patch": 8})),
             ("lagrangian", json!({"width": 20, "layers": 3, "forces": 0, "turns_freely": false})),
             ("lagrangian", json!({"rotor_inertia": true, "torque_offset": true})),
             ("lagrangian", json!({"robot": {"model": "panda"}, "rotor_inertia": true})),

@@ -3,7 +3,7 @@
 //! A result is a [`Table`]: columns, and rows of [`Cell`]s that know their unit. The terminal, the
 //! page, CSV and Markdown each show any table. Sentences say what a table cannot: the setting, the
 //! failures, the warnings, and a verdict on each model. [`study`] writes the folder with the report
-//! of the paper's study.
+//! of a study.
 
 #![warn(missing_docs)]
 
@@ -42,6 +42,7 @@ pub fn text(report: &Report) -> String {
     let first = [
         evaluation::errors(report),
         evaluation::over_horizons(report).means(),
+        evaluation::over_seeds(report),
         evaluation::skill(report),
     ];
     let tables = first.into_iter().chain(by_frequency).chain([evaluation::continuity(report)]);

@@ -131,7 +131,8 @@ pub use simulate::{
     Precision, Pulses, Rejection, RobotSpec, STEP_LEVELS, SimulateSpec, Steps, ViaPoints,
 };
 pub use study::{
-    StudyEvaluation, StudyModel, StudyPlan, StudyQuestion, StudyScale, StudyTraining, study_models,
+    StudyEdition, StudyEvaluation, StudyModel, StudyPlan, StudyQuestion, StudyRecording,
+    StudyScale, StudyTraining, real_study, study_models,
 };
 pub use train::{
     EarlyStopSpec, EmaSpec, Normalization, OptimizerSpec, TrainSpec, Training, ValidationMetric,

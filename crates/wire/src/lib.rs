@@ -34,9 +34,11 @@ mod predictions;
 mod presets;
 mod problem;
 mod queue;
+mod replications;
 mod report;
 mod robots;
 mod runs;
+mod shifts;
 mod states;
 mod streams;
 mod summaries;
@@ -85,14 +87,16 @@ pub use predictions::{
 pub use presets::Presets;
 pub use problem::Problem;
 pub use queue::Queue;
+pub use replications::{ReplicatedError, ReplicationDifference, ReplicationSummary};
 pub use report::{
     Calibration, CellSummary, DataNoise, FailureSummary, GroupSummary, HorizonError, Interval,
     IntervalSummary, Latency, ORACLE, PairedDifference, PredictorInfo, PredictorKind,
-    PredictorScores, PredictorSummary, Report, RolloutSummary, SamplingInfo, Shift,
-    ShiftDifference, ShiftScores, ShiftSummary, TrainedOn, WorstCase, at_noise,
+    PredictorScores, PredictorSummary, Report, RolloutSummary, SamplingInfo, TrainedOn, WorstCase,
+    at_noise,
 };
 pub use robots::{RemovedRobot, Robot, RobotLink, RobotUrdf};
 pub use runs::{Artifact, LatestMetric, Metric, MetricPoint, Run, RunName};
+pub use shifts::{Shift, ShiftDifference, ShiftScores, ShiftSummary};
 pub use states::{
     AttemptOutcome, DatasetState, DeletionChange, EventKind, ItemKind, JobState, PlacementState,
     Relation, Scope, Sort, TaskState, UnknownState,

@@ -48,7 +48,7 @@ pub fn estimate(plan: &Plan, device: DeviceKind) -> anyhow::Result<Estimate> {
         pipeline: &plan.pipeline,
         device,
         trainings: BTreeMap::new(),
-        simulation: None,
+        simulations: BTreeMap::new(),
         baselines: BTreeMap::new(),
     };
     let mut rows = Vec::new();
@@ -65,9 +65,10 @@ struct Rehearsal<'a> {
     device: DeviceKind,
     /// Training times, by the spec without its data.
     trainings: BTreeMap<String, TrainingTimes>,
-    simulation: Option<f64>,
-    /// Baselines' times, by name, context and samples.
-    baselines: BTreeMap<(spec::Baseline, u32, u32), f64>,
+    /// Times of a trajectory, by the spec without numbers of robots and seeds.
+    simulations: BTreeMap<String, f64>,
+    /// Baselines' times, by name, context, samples and joints.
+    baselines: BTreeMap<(spec::Baseline, u32, u32, usize), f64>,
 }
 
 impl Rehearsal<'_> {
@@ -110,12 +111,11 @@ impl Rehearsal<'_> {
     }
 
     fn simulation(&mut self, spec: &SimulateSpec) -> anyhow::Result<f64> {
-        if let Some(seconds) = self.simulation {
-            return Ok(seconds);
+        let one = SimulateSpec { seed: 0, trajectories: 1, ..spec.clone() };
+        match self.simulations.entry(serde_json::to_string(&one)?) {
+            Entry::Occupied(known) => Ok(*known.get()),
+            Entry::Vacant(new) => Ok(*new.insert(worker::simulation_seconds(spec)?)),
         }
-        let seconds = worker::simulation_seconds(spec)?;
-        self.simulation = Some(seconds);
-        Ok(seconds)
     }
 
     fn training(&mut self, spec: &TrainSpec) -> anyhow::Result<TrainingTimes> {
@@ -138,7 +138,8 @@ impl Rehearsal<'_> {
         let scenarios = data.trajectories as f64;
         let mut seconds = self.simulation(&data)?;
         for &name in &spec.baselines {
-            seconds += match self.baselines.entry((name, spec.context, data.samples)) {
+            seconds += match self.baselines.entry((name, spec.context, data.samples, data.joints()))
+            {
                 Entry::Occupied(known) => *known.get(),
                 Entry::Vacant(new) => {
                     *new.insert(worker::baseline_seconds(name, &data, spec.context)?)

@@ -28,6 +28,7 @@ pub async fn gather(client: &Client, plan: &Plan, job: &Job) -> anyhow::Result<S
         evaluations.push(members.evaluation(evaluation).await?);
     }
     Ok(Study {
+        edition: plan.edition,
         scale: plan.scale,
         spec: plan.pipeline.clone(),
         pipeline: JobRecord {

@@ -155,7 +155,7 @@ impl LinearArm {
     fn least_steps(&self, nominal: &DVector<f64>, spreads: &DVector<f64>) -> Vec<Option<f64>> {
         let (of_joints, offsets) = (self.of_joints(), self.of_joints() + 3 * self.joints());
         let is_positive = |place: usize| {
-            if place < of_joints { place % LINK_PARAMETERS == 0 } else { place < offsets }
+            if place < of_joints { place.is_multiple_of(LINK_PARAMETERS) } else { place < offsets }
         };
         let step = |place: usize| -(1.0 - LEAST_SHARE) * nominal[place] / spreads[place].max(1e-12);
         (0..nominal.len()).map(|place| is_positive(place).then(|| step(place))).collect()

@@ -69,6 +69,9 @@ pub struct PredictorErrors {
     /// Mean of [`ScenarioErrors::calibration`] over the scenarios with an answer.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub calibration: Vec<f64>,
+    /// Mean of [`ScenarioErrors::step_coverage`] over the scenarios with an answer.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub step_coverage: Vec<Vec<f64>>,
     /// The scenarios without an answer; `None` if it answered all.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub failure: Option<Failure>,
@@ -307,7 +310,8 @@ impl Scorer<'_> {
                 first,
                 reason: "a value that is not finite".to_owned(),
             }),
-            calibration: calibration(&scenarios),
+            calibration: mean_over_scenarios(&scenarios, |errors| &errors.calibration),
+            step_coverage: step_coverage(&scenarios),
             scenarios,
             rollouts: Some(self.rollouts(&answer)),
             diverged: self.diverged(&answer).collect(),
@@ -402,15 +406,24 @@ impl Scorer<'_> {
     }
 }
 
-/// Mean over the scenarios with an answer. Empty without samples.
-fn calibration(scenarios: &[Option<ScenarioErrors>]) -> Vec<f64> {
-    let of_each: Vec<&[f32]> =
-        scenarios.iter().flatten().map(|errors| errors.calibration.as_slice()).collect();
-    let levels = of_each.first().map_or(0, |levels| levels.len());
-    let mean = |level: usize| {
-        of_each.iter().map(|levels| f64::from(levels[level])).sum::<f64>() / of_each.len() as f64
+/// Mean of each number over the scenarios with an answer. Empty without samples.
+fn mean_over_scenarios(
+    scenarios: &[Option<ScenarioErrors>],
+    of: impl Fn(&ScenarioErrors) -> &[f32],
+) -> Vec<f64> {
+    let of_each: Vec<&[f32]> = scenarios.iter().flatten().map(of).collect();
+    let numbers = of_each.first().map_or(0, |numbers| numbers.len());
+    let mean = |k: usize| {
+        of_each.iter().map(|numbers| f64::from(numbers[k])).sum::<f64>() / of_each.len() as f64
     };
-    (0..levels).map(mean).collect()
+    (0..numbers).map(mean).collect()
+}
+
+fn step_coverage(scenarios: &[Option<ScenarioErrors>]) -> Vec<Vec<f64>> {
+    let intervals =
+        scenarios.iter().flatten().next().map_or(0, |errors| errors.step_coverage.len());
+    let of = |k: usize| mean_over_scenarios(scenarios, |errors| &errors.step_coverage[k]);
+    (0..intervals).map(of).collect()
 }
 
 #[cfg(test)]

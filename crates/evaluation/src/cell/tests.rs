@@ -167,8 +167,9 @@ fn the_rows_of_a_scenario_hold_its_errors() {
     for (read, made) in read.predictors.iter().zip(&found.predictors) {
         let mut made = made.scenarios.clone();
         for errors in made.iter_mut().flatten() {
-            // The cell stores the calibration as a whole.
+            // The cell stores the calibration and the coverage of steps as a whole.
             errors.calibration.clear();
+            errors.step_coverage.clear();
         }
         assert_eq!(read.scenarios, made);
     }
@@ -206,6 +207,22 @@ fn errors_of_steps_and_of_joints_are_the_same_errors() {
             .sum();
         assert!((by_step / by_scenario - 1.0).abs() < 1e-5, "{by_step} {by_scenario}");
     }
+}
+
+#[test]
+fn intervals_hold_as_often_over_steps_as_over_joints() {
+    let found = result(&[Box::new(Several), Box::new(HoldLast)]);
+    let errors = &found.predictors[0];
+    // Four samples are enough for one of the intervals.
+    let [steps] = &errors.step_coverage[..] else { panic!("{:?}", errors.step_coverage) };
+    assert_eq!(steps.len(), 40);
+    let by_step = steps.iter().sum::<f64>() / 40.0;
+    let scenarios = errors.scenarios.iter().flatten();
+    let by_joint: Vec<f64> = scenarios.filter_map(|it| it.mean(Measure::Coverage50)).collect();
+    let by_joint = by_joint.iter().sum::<f64>() / by_joint.len() as f64;
+    assert!((by_step - by_joint).abs() < 1e-6, "{by_step} {by_joint}");
+    assert!(steps.iter().any(|share| *share != steps[0]), "steps differ: {steps:?}");
+    assert!(found.predictors[1].step_coverage.is_empty());
 }
 
 #[test]

@@ -108,6 +108,8 @@ mod tests {
             scenarios: 100,
             rmse_deg: predictors.iter().map(rmse).collect(),
             scores,
+            replications: Vec::new(),
+            replication_differences: Vec::new(),
         };
         Report {
             context: 320,

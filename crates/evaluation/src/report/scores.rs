@@ -51,17 +51,12 @@ impl<'a> Measured<'a> {
     }
 
     fn scores(&self, predictor: &str) -> Option<PredictorScores> {
-        let joint_rmse_deg = |joint: usize| {
-            let values = self.values(Measure::RmseDeg, |of_joints| f64::from(of_joints[joint]))?;
-            let count = values.iter().map(Vec::len).sum::<usize>() as f64;
-            Some(values.iter().flatten().sum::<f64>() / count)
-        };
         let mut scores = PredictorScores {
             predictor: predictor.to_owned(),
-            joint_rmse_deg: (0..self.joints()).map(joint_rmse_deg).collect::<Option<_>>()?,
+            joint_rmse_deg: self.by_joint(Measure::RmseDeg)?,
             step_rmse_deg: self.step_rmse_deg(),
             horizon_errors: self.horizon_errors(),
-            intervals: INTERVALS.iter().filter_map(|interval| self.central(interval)).collect(),
+            intervals: (0..).zip(&INTERVALS).filter_map(|(k, it)| self.central(k, it)).collect(),
             calibration: self.calibration(),
             ..PredictorScores::default()
         };
@@ -90,7 +85,7 @@ impl<'a> Measured<'a> {
 
     fn horizon_errors(&self) -> Vec<HorizonError> {
         let over = |(k, &seconds): (usize, &f64)| {
-            let of_scenario = |errors: &&ScenarioErrors| errors.horizons.get(k).map(mean_of);
+            let of_scenario = |errors: &&ScenarioErrors| errors.horizon(k);
             let strata = self.strata.iter();
             let values: Vec<Vec<f64>> = strata
                 .map(|stratum| stratum.iter().map(of_scenario).collect())
@@ -100,32 +95,50 @@ impl<'a> Measured<'a> {
         self.horizons_s.iter().enumerate().filter_map(over).collect()
     }
 
-    fn central(&self, interval: &CentralInterval) -> Option<IntervalSummary> {
+    /// The summary of the `k`th interval.
+    fn central(&self, k: usize, interval: &CentralInterval) -> Option<IntervalSummary> {
+        let of_steps = |cell: &PredictorErrors| cell.step_coverage.get(k).cloned();
         Some(IntervalSummary {
             nominal: interval.nominal,
             coverage: self.mean(interval.coverage)?,
             width_deg: self.mean(interval.width_deg)?,
+            joint_coverage: self.by_joint(interval.coverage)?,
+            step_coverage: self.weighted(of_steps).unwrap_or_default(),
         })
     }
 
-    fn calibration(&self) -> Vec<Calibration> {
-        let of = |level: usize| {
-            let of_cells = self.cells.iter().zip(&self.strata);
-            let weighted = of_cells.map(|(cell, stratum)| {
-                let count = stratum.len() as f64;
-                Some((count * cell.calibration.get(level)?, count))
-            });
-            let (sum, count) = weighted
-                .collect::<Option<Vec<_>>>()?
-                .into_iter()
-                .fold((0.0, 0.0), |total, one| (total.0 + one.0, total.1 + one.1));
-            Some(sum / count)
+    /// The mean of a measure over scenarios, for each joint.
+    fn by_joint(&self, measure: Measure) -> Option<Vec<f64>> {
+        let mean = |joint: usize| {
+            let values = self.values(measure, |of_joints| f64::from(of_joints[joint]))?;
+            let count = values.iter().map(Vec::len).sum::<usize>() as f64;
+            Some(values.iter().flatten().sum::<f64>() / count)
         };
-        CALIBRATION
-            .into_iter()
-            .enumerate()
-            .filter_map(|(level, nominal)| Some(Calibration { nominal, coverage: of(level)? }))
-            .collect()
+        (0..self.joints()).map(mean).collect()
+    }
+
+    /// The mean over scenarios of numbers that each cell has as means. `None` unless all cells have
+    /// equally many.
+    fn weighted(&self, of: impl Fn(&PredictorErrors) -> Option<Vec<f64>>) -> Option<Vec<f64>> {
+        let of_cells: Vec<Vec<f64>> =
+            self.cells.iter().map(|cell| of(cell)).collect::<Option<_>>()?;
+        let all: f64 = self.strata.iter().map(|stratum| stratum.len() as f64).sum();
+        let mut sums = vec![0.0; of_cells.first()?.len()];
+        for (numbers, stratum) in of_cells.iter().zip(&self.strata) {
+            if numbers.len() != sums.len() {
+                return None;
+            }
+            for (sum, number) in sums.iter_mut().zip(numbers) {
+                *sum += number * stratum.len() as f64 / all;
+            }
+        }
+        Some(sums)
+    }
+
+    fn calibration(&self) -> Vec<Calibration> {
+        let coverage = self.weighted(|cell| Some(cell.calibration.clone())).unwrap_or_default();
+        let levels = CALIBRATION.into_iter().zip(coverage);
+        levels.map(|(nominal, coverage)| Calibration { nominal, coverage }).collect()
     }
 
     /// A value of each scenario. `None` unless all were measured.

@@ -11,6 +11,7 @@ use wire::{
 
 use super::by_shift::by_shift;
 use super::comparisons::{is_compared, paired_difference, rmse_deg};
+use super::replications::over_horizons;
 use super::scores::scores;
 use super::shift::{common, shift};
 use crate::bootstrap::stratified_mean;
@@ -110,13 +111,19 @@ pub fn summarize(setting: Setting, results: &[CellResult]) -> Result<Report, Eva
         groups: groups
             .par_iter()
             .inspect(|_| interrupt.leave_if_raised())
-            .map(|Group { name, position_noise_rad, cells }| GroupSummary {
-                name: name.clone(),
-                position_noise_rad: *position_noise_rad,
-                scenarios: cells.iter().map(|cell| cell.scenarios() as u64).sum(),
-                rmse_deg: means(&predictors, cells, bootstrap),
-                scores: scores(&predictors, cells, bootstrap),
-                rollouts: rollouts(&predictors, cells),
+            .map(|Group { name, position_noise_rad, cells }| {
+                let (replications, replication_differences) =
+                    over_horizons(&predictors, cells, bootstrap);
+                GroupSummary {
+                    name: name.clone(),
+                    position_noise_rad: *position_noise_rad,
+                    scenarios: cells.iter().map(|cell| cell.scenarios() as u64).sum(),
+                    rmse_deg: means(&predictors, cells, bootstrap),
+                    scores: scores(&predictors, cells, bootstrap),
+                    rollouts: rollouts(&predictors, cells),
+                    replications,
+                    replication_differences,
+                }
             })
             .collect(),
         shifts: by_shift(&predictors, &shifted, &levels, bootstrap),

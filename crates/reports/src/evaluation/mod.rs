@@ -9,9 +9,11 @@ use wire::{
 use crate::numbers::{count, degrees, value};
 use crate::{Align, Cell, ComparisonOutcome, Table, TableOf};
 
+mod seeds;
 mod skill;
 mod standing;
 
+pub(crate) use seeds::over_seeds;
 pub(crate) use skill::skill;
 use standing::Standing;
 pub use standing::{answer, answer_for, ranked};
@@ -21,6 +23,7 @@ pub fn tables(report: &Report, view: impl Fn(&WorstCase) -> Option<String>) -> V
     let first = [
         errors(report),
         over_horizons(report),
+        over_seeds(report),
         skill(report),
         continuity(report),
         paired(report),

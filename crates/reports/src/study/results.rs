@@ -2,13 +2,16 @@
 
 use serde::Serialize;
 use spec::{
-    Digest, Family, PipelineSpec, StudyEvaluation, StudyQuestion, StudyScale, StudyTraining,
+    Digest, Family, PipelineSpec, StudyEdition, StudyEvaluation, StudyQuestion, StudyScale,
+    StudyTraining,
 };
 use wire::{PredictorInfo, Report, Shift, ShiftScores, ShiftSummary};
 
 /// The results of a study.
 #[derive(Debug)]
 pub struct Study {
+    /// What it asks.
+    pub edition: StudyEdition,
     /// The scale at which it ran.
     pub scale: StudyScale,
     /// Every job, with all defaults filled in.
@@ -79,6 +82,11 @@ impl Study {
     /// The number of training sets, beginning with D1.
     pub(crate) fn sets(&self) -> usize {
         self.evaluations.iter().map(|evaluation| evaluation.plan.set).max().unwrap_or(0)
+    }
+
+    /// The name of a training set, counted from 1.
+    pub(crate) fn set_name(&self, set: usize) -> String {
+        self.edition.set_name(set)
     }
 
     /// The evaluation of a question on a training set, counted from 1.

@@ -6,10 +6,12 @@ mod cdt;
 mod diffuser;
 mod diffusion;
 mod flow;
+mod gru;
 mod lagrangian;
 mod lengths;
 mod loss;
 mod matmul_precision;
+mod path_tokens;
 mod prefix_transformer;
 mod residual;
 mod robomorph;
@@ -29,6 +31,7 @@ pub use diffusion::{
     DiffusionSpec, LossMean, NoiseSchedule, Prediction, SamplerKind, SamplerSpec, Spacing,
 };
 pub use flow::{FLOW_LEVELS, FLOW_STEPS, FlowPrediction, FlowSpec};
+pub use gru::GruSpec;
 pub use lagrangian::{KnownRobot, LagrangianSpec};
 pub use lengths::{Length, Lengths};
 pub use loss::PointLoss;
@@ -54,6 +57,7 @@ macro_rules! architectures {
             Flow(FlowSpec) = "flow",
             Lagrangian(LagrangianSpec) = "lagrangian",
             PrefixTransformer(PrefixTransformerSpec) = "prefix-transformer",
+            Gru(GruSpec) = "gru",
         }
     };
 }

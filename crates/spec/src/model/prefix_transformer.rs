@@ -4,8 +4,9 @@ use utoipa::ToSchema;
 use super::architecture::ArchitectureSpec;
 use super::lengths::Lengths;
 use super::matmul_precision::MatmulPrecision;
-use super::residual::{DampedIntegrator, Residual};
-use super::sizes::{check_transformer, four};
+use super::path_tokens::{check_path, check_tokens, lagged_integrator};
+use super::residual::Residual;
+use super::sizes::{check_transformer, five, four};
 use crate::check::{Check, Violations};
 
 /// Transformer with one sequence of tokens over the whole trajectory. Attention is bidirectional in
@@ -40,26 +41,11 @@ pub struct PrefixTransformerSpec {
     pub residual: Residual,
 }
 
-const fn five() -> u32 {
-    5
-}
-
-fn lagged_integrator() -> Residual {
-    Residual::LaggedIntegrator(DampedIntegrator::default())
-}
-
 impl Check for PrefixTransformerSpec {
     fn check(&self, violations: &mut Violations) {
         let layers = [("layers", self.layers)];
         check_transformer(violations, self.d_model, self.heads, &layers, self.mlp_ratio);
-        violations.within("patch", self.patch, 1..=1000);
-        if let Some(least) = self.least_context {
-            violations.within("least_context", least, 3..=9_999);
-            if self.patch > 0 && !least.is_multiple_of(self.patch) {
-                let allowed = format!("a multiple of patch, which is {}", self.patch);
-                violations.add("least_context", least, allowed);
-            }
-        }
+        check_tokens(violations, self.patch, self.least_context);
     }
 }
 
@@ -85,8 +71,6 @@ impl ArchitectureSpec for PrefixTransformerSpec {
     }
 
     fn report_options(&self, violations: &mut Violations) {
-        if self.residual.is_none() {
-            violations.add("residual", "none", "integrator or lagged-integrator");
-        }
+        check_path(violations, self.residual);
     }
 }

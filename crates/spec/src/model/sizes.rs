@@ -52,3 +52,7 @@ pub(super) const fn one() -> u32 {
 pub(super) const fn four() -> u32 {
     4
 }
+
+pub(super) const fn five() -> u32 {
+    5
+}

@@ -1,202 +1,93 @@
-//! The study of the paper, second edition. It is a pipeline made from a list of models
-//! (`study/models.json`, one per line) and the sizes of a scale.
+//! The studies: pipelines of trainings and evaluations, each made from a list.
+//!
+//! [`paper`] repeats the paper on its own arms (`study/paper.json`). [`real`] asks the same models
+//! about arms as they are used (`study/real.json`).
 
-mod evaluations;
+mod paper;
+mod plan;
+mod real;
 mod scale;
-mod trainings;
-
-use std::sync::LazyLock;
-
-use serde::Deserialize;
-use serde_json::{Map, Value, json};
 
 use crate::{Preset, PresetPlace};
-pub use evaluations::{StudyEvaluation, StudyQuestion};
+pub use paper::{StudyModel, study_models};
+pub use plan::{StudyEvaluation, StudyPlan, StudyQuestion, StudyTraining};
+pub use real::{StudyRecording, real_study};
 pub use scale::StudyScale;
-pub use trainings::StudyTraining;
 
-/// A model of the study: an entry of `study/models.json`.
-#[derive(Clone, Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct StudyModel {
-    /// The name in tables.
-    pub name: String,
-    /// Presets of the model, one for each scale: tiny, small, paper.
-    presets: [String; 3],
-    /// Fields of the model over its preset.
-    #[serde(default)]
-    model: Map<String, Value>,
-    /// Fields of the training, merged over those of its scale.
-    #[serde(default)]
-    training: Map<String, Value>,
-    /// Fields that replace `training` at scale paper.
-    #[serde(default)]
-    paper: Map<String, Value>,
-    /// Optimizer steps, as a multiple of the scale's.
-    #[serde(default = "one")]
-    steps: u64,
-    /// Number of trainings on each set. Each has robots of its own.
-    #[serde(default = "three")]
-    seeds: u64,
-    /// The last set on which it is trained, beginning with D1.
-    #[serde(default = "four")]
-    sets: usize,
-    /// Whether it gives several predictions, which are scored as a distribution.
-    #[serde(default)]
-    pub samples: bool,
-    /// Whether it removes noise step by step, so that it can use fewer steps and warm starts.
-    #[serde(default)]
-    pub denoiser: bool,
-    #[serde(default)]
-    lengths: Lengths,
-}
-
-/// How a model takes part in the comparison of contexts and horizons.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-enum Lengths {
+/// What a study asks.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum StudyEdition {
+    /// The paper's question on the paper's arms: torques unlike those of the training.
     #[default]
-    None,
-    /// It is trained for each length.
-    Trained,
-    /// One training supports all lengths.
-    Any,
+    Paper,
+    /// Arms as they are used: lightly damped, with friction, a controller and an unknown load.
+    Real,
 }
 
-const fn one() -> u64 {
-    1
-}
-const fn three() -> u64 {
-    3
-}
-const fn four() -> usize {
-    4
-}
+impl StudyEdition {
+    /// All editions.
+    pub const ALL: [Self; 2] = [Self::Paper, Self::Real];
 
-/// The models of the study, in the order of every table.
-///
-/// # Panics
-/// If the list cannot be read. A test checks that it can.
-pub fn study_models() -> &'static [StudyModel] {
-    static MODELS: LazyLock<Vec<StudyModel>> = LazyLock::new(|| {
-        let text = include_str!("../../study/models.json");
-        serde_json::from_str(text).unwrap_or_else(|error| panic!("study/models.json: {error}"))
-    });
-    &MODELS
-}
+    /// The name on the command line.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Paper => "paper",
+            Self::Real => "real",
+        }
+    }
 
-/// The study at one scale: all trainings and evaluations, with their purposes.
-#[derive(Clone, Debug)]
-pub struct StudyPlan {
-    /// The trainings, in the order of the pipeline.
-    pub trainings: Vec<StudyTraining>,
-    /// The evaluations, in the order of the pipeline.
-    pub evaluations: Vec<StudyEvaluation>,
+    /// The name of the preset at a scale. `None` if the edition has no such scale.
+    pub const fn preset(self, scale: StudyScale) -> Option<&'static str> {
+        match (self, scale) {
+            (Self::Paper, scale) => Some(scale.preset()),
+            (Self::Real, StudyScale::Tiny) => Some("real-study-tiny"),
+            (Self::Real, StudyScale::Small) => Some("real-study-small"),
+            (Self::Real, StudyScale::Paper) => None,
+        }
+    }
+
+    /// The name of a training set, counted from 1.
+    pub fn set_name(self, set: usize) -> String {
+        match self {
+            Self::Paper => format!("D{set}"),
+            Self::Real => real::arm_of_set(set).to_owned(),
+        }
+    }
 }
 
 impl StudyPlan {
-    /// The study at a scale.
-    pub fn of(scale: StudyScale) -> Self {
-        let trainings = trainings::all(scale);
-        let evaluations = evaluations::all(scale, &trainings);
-        Self { trainings, evaluations }
+    /// A study at a scale. An edition without that scale is planned at the next smaller one.
+    pub fn of(edition: StudyEdition, scale: StudyScale) -> Self {
+        match edition {
+            StudyEdition::Paper => paper::plan(scale),
+            StudyEdition::Real => real::plan(scale),
+        }
     }
 
-    /// The pipeline's JSON.
-    pub fn pipeline(&self, name: &str) -> Value {
-        let trainings =
-            self.trainings.iter().map(|training| (training.job.clone(), training.spec.clone()));
-        let evaluations = self
-            .evaluations
-            .iter()
-            .map(|evaluation| (evaluation.job.clone(), evaluation.spec.clone()));
-        let jobs: Map<String, Value> = trainings.chain(evaluations).collect();
-        json!({"kind": "pipeline", "name": name, "jobs": jobs})
+    /// Adds the evaluations of a study of real arms on an imported recording.
+    pub fn add_recording(&mut self, recording: &'static StudyRecording, dataset: i64) {
+        let evaluation = real::on_recording(recording, dataset, &self.trainings);
+        self.evaluations.push(evaluation);
     }
 }
 
-/// The presets of the study, with their positions in the list of all presets.
+/// The presets of the studies, with their positions in the list of all presets.
 pub(crate) fn presets() -> impl Iterator<Item = (String, Preset)> {
-    StudyScale::ALL.into_iter().zip(["040", "050", "060"]).map(|(scale, place)| {
-        let name = scale.preset().to_owned();
-        let spec = StudyPlan::of(scale).pipeline(&name);
-        let about = scale.about().to_owned();
-        (format!("{place}-{name}"), Preset { name, about, place: PresetPlace::Job, spec })
-    })
-}
-
-#[cfg(test)]
-mod tests {
-    use std::collections::BTreeSet;
-
-    use super::*;
-    use crate::{DataSource, JobSpec, PipelineSpec, parse};
-
-    fn pipeline(scale: StudyScale) -> PipelineSpec {
-        let text = json!({"preset": scale.preset()}).to_string();
-        match parse(text.as_bytes()).unwrap_or_else(|error| panic!("{error}")) {
-            JobSpec::Pipeline(pipeline) => pipeline,
-            other => panic!("{other:?}"),
-        }
-    }
-
-    #[test]
-    fn every_training_has_robots_of_its_own_which_no_evaluation_has() {
-        for scale in StudyScale::ALL {
-            let jobs = pipeline(scale).jobs;
-            let seed = |data: &DataSource| match data {
-                DataSource::Stream(stream) => stream.seed,
-                other => panic!("{other:?}"),
-            };
-            let mut trained = BTreeSet::new();
-            let mut asked = Vec::new();
-            for member in jobs.values() {
-                match &member.spec {
-                    JobSpec::Train(spec) => trained.extend(spec.data.each().iter().map(seed)),
-                    JobSpec::Evaluate(spec) => asked.push(seed(&spec.data)),
-                    other => panic!("{other:?}"),
-                }
-            }
-            assert!(asked.iter().all(|seed| !trained.contains(seed)), "{scale:?}");
-        }
-    }
-
-    #[test]
-    fn every_training_has_three_seeds_and_those_of_the_headline_five() {
-        let plan = StudyPlan::of(StudyScale::Small);
-        for model in study_models() {
-            let of_model: Vec<&StudyTraining> = plan
-                .trainings
-                .iter()
-                .filter(|training| {
-                    training.model == model.name && training.set == 1 && training.length.is_none()
-                })
-                .collect();
-            assert!(of_model.len() >= 3, "{}", model.name);
-        }
-        let headline = |name: &str| {
-            plan.trainings
-                .iter()
-                .filter(|training| training.model == name && training.set == 4)
-                .count()
+    const PLACES: [(&str, StudyEdition, StudyScale); 5] = [
+        ("040", StudyEdition::Paper, StudyScale::Tiny),
+        ("050", StudyEdition::Paper, StudyScale::Small),
+        ("060", StudyEdition::Paper, StudyScale::Paper),
+        ("062", StudyEdition::Real, StudyScale::Tiny),
+        ("064", StudyEdition::Real, StudyScale::Small),
+    ];
+    PLACES.into_iter().filter_map(|(place, edition, scale)| {
+        let name = edition.preset(scale)?.to_owned();
+        let spec = StudyPlan::of(edition, scale).pipeline(&name);
+        let about = match edition {
+            StudyEdition::Paper => scale.about(),
+            StudyEdition::Real => real::about(scale),
         };
-        assert_eq!((headline("lagrangian"), headline("robomorph")), (5, 5));
-    }
-
-    #[test]
-    fn every_evaluation_asks_trainings_of_its_own_set() {
-        for scale in StudyScale::ALL {
-            let plan = StudyPlan::of(scale);
-            for evaluation in &plan.evaluations {
-                let asked = evaluation.spec["checkpoints"].as_array().unwrap();
-                assert!(!asked.is_empty(), "{}", evaluation.job);
-                for checkpoint in asked {
-                    let job = checkpoint["job"].as_str().unwrap();
-                    let training =
-                        plan.trainings.iter().find(|training| training.job == job).unwrap();
-                    assert_eq!(training.set, evaluation.set, "{}", evaluation.job);
-                }
-            }
-        }
-    }
+        let about = about.to_owned();
+        Some((format!("{place}-{name}"), Preset { name, about, place: PresetPlace::Job, spec }))
+    })
 }

@@ -1,4 +1,4 @@
-//! The scales of the study.
+//! The scales of the studies.
 
 /// The sizes of the study.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -2,8 +2,9 @@
 
 use serde_json::{Value, json};
 
-use super::scale::StudyScale;
-use super::trainings::{CONTEXT, HORIZON, StudyTraining, checkpoints, lengths, prefix};
+use super::super::plan::{StudyEvaluation, StudyQuestion, StudyTraining, checkpoints};
+use super::super::scale::StudyScale;
+use super::trainings::{CONTEXT, HORIZON, lengths, prefix};
 use super::{Lengths, StudyModel, study_models};
 
 /// Seed of the robots in evaluations, beyond all seeds of trainings.
@@ -14,46 +15,6 @@ const ROUNDS: u32 = 4;
 
 /// Factor of the torques over those of the trainings, in cells with larger torques.
 const LARGER: f64 = 2.0;
-
-/// The question of one of the study's evaluations.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum StudyQuestion {
-    /// All frequencies, steps (on which nothing is trained), and latencies.
-    Sweep,
-    /// Frequencies of the trainings, with larger torques.
-    Amplitude,
-    /// Several predictions per scenario, scored as distributions.
-    Samples,
-    /// Other contexts and horizons.
-    Lengths {
-        /// Number of observed samples.
-        context: u32,
-        /// Number of predicted samples.
-        horizon: u32,
-    },
-    /// Denoisers with fewer steps and warm starts.
-    WarmStart,
-}
-
-impl StudyQuestion {
-    /// Whether its figures are in the report. Single figures about lengths and larger torques say
-    /// little.
-    pub fn is_drawn(self) -> bool {
-        matches!(self, Self::Sweep | Self::Samples | Self::WarmStart)
-    }
-}
-
-/// One evaluation of the study.
-#[derive(Clone, Debug)]
-pub struct StudyEvaluation {
-    /// Its name in the pipeline.
-    pub job: String,
-    /// Its question.
-    pub question: StudyQuestion,
-    /// The number of the training set; 1 for D1.
-    pub set: usize,
-    pub(super) spec: Value,
-}
 
 pub(super) fn all(scale: StudyScale, trainings: &[StudyTraining]) -> Vec<StudyEvaluation> {
     let mut evaluations = Vec::new();

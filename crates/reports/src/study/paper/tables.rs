@@ -1,17 +1,12 @@
 //! Tables with every number of the study. Each row names its job.
 
 use spec::StudyQuestion;
-use wire::{Interval, Latency, PredictorInfo, PredictorScores, ShiftSummary};
+use wire::{Interval, PredictorScores, ShiftSummary};
 
-use crate::{Align, Table};
+use crate::Table;
 
 use super::super::results::{Evaluation, Study};
-
-/// A table that is named as its file. `columns` has the names, separated by spaces.
-fn table(name: &str, columns: &str) -> Table {
-    let columns = columns.split_whitespace().map(|column| (column, Align::Left));
-    Table::new(columns).titled(name, "")
-}
+use super::super::tables::{how, interval, latency, source, table, text, trainings};
 
 pub fn all(study: &Study) -> Vec<Table> {
     vec![
@@ -36,7 +31,7 @@ fn of_shifts(
     for evaluation in &study.evaluations {
         for shift in &evaluation.report.shifts {
             let about = [
-                format!("D{}", evaluation.plan.set),
+                study.set_name(evaluation.plan.set),
                 evaluation.record.name.clone(),
                 shift.shift.to_string(),
                 text(shift.family),
@@ -136,7 +131,7 @@ fn cells(study: &Study) -> Table {
         for cell in &evaluation.report.cells {
             for error in &cell.rmse_deg {
                 let mut row = vec![
-                    format!("D{}", evaluation.plan.set),
+                    study.set_name(evaluation.plan.set),
                     evaluation.record.name.clone(),
                     text(cell.family),
                     text(cell.frequency_hz),
@@ -171,7 +166,7 @@ fn samples(study: &Study) -> Table {
             for scores in group.scores.iter().filter(|scores| scores.crps_deg.is_some()) {
                 let error = group.rmse_deg.iter().find(|rmse| rmse.predictor == scores.predictor);
                 let mut row = vec![
-                    format!("D{}", evaluation.plan.set),
+                    study.set_name(evaluation.plan.set),
                     group.name.clone(),
                     study.called(evaluation, &scores.predictor).to_owned(),
                     scores.predictor.clone(),
@@ -217,85 +212,9 @@ fn warm_start(study: &Study) -> Table {
     table
 }
 
-fn latency(study: &Study) -> Table {
-    let mut table = table(
-        "latency",
-        "training_set predictor training start steps median_ms p99_ms repeats threads device load job \
-         digest",
-    );
-    for evaluation in &study.evaluations {
-        for info in &evaluation.report.predictors {
-            let Some(Latency { median_ms, p99_ms, threads, repeats, device, load }) = &info.latency
-            else {
-                continue;
-            };
-            let mut row = vec![
-                format!("D{}", evaluation.plan.set),
-                study.name_of(info).to_owned(),
-                info.name.clone(),
-            ];
-            row.extend(how(info));
-            row.extend([
-                median_ms.to_string(),
-                p99_ms.to_string(),
-                repeats.to_string(),
-                threads.to_string(),
-            ]);
-            row.extend([device.clone(), text(*load)]);
-            row.extend(source(evaluation));
-            table.push(row);
-        }
-    }
-    table
-}
-
-fn trainings(study: &Study) -> Table {
-    let mut table = table(
-        "trainings",
-        "training_set model seed context horizon steps seconds reused validation_rmse_deg checkpoint \
-         sha256 job digest",
-    );
-    for training in &study.trainings {
-        let (record, plan) = (&training.record, &training.plan);
-        let (context, horizon) = plan.length.unzip();
-        table.push(vec![
-            format!("D{}", plan.set),
-            plan.model.clone(),
-            plan.seed.to_string(),
-            text(context),
-            text(horizon),
-            training.steps.to_string(),
-            text(record.seconds),
-            record.reused.to_string(),
-            text(training.validation_rmse_deg),
-            training.checkpoint.to_string(),
-            training.sha256.clone(),
-            record.job.to_string(),
-            record.digest.to_string(),
-        ]);
-    }
-    table
-}
-
 /// The name of the model, for its replications, or of the baseline.
 fn name(study: &Study, evaluation: &Evaluation, predictors: &[String]) -> String {
     predictors.first().map_or_else(String::new, |first| study.called(evaluation, first).to_owned())
-}
-
-/// The start and the number of passes.
-fn how(info: &PredictorInfo) -> [String; 2] {
-    match &info.sampling {
-        Some(sampling) => [sampling.start.to_string(), sampling.steps.to_string()],
-        None => [String::new(), String::new()],
-    }
-}
-
-fn source(evaluation: &Evaluation) -> [String; 2] {
-    [evaluation.record.job.to_string(), evaluation.record.digest.to_string()]
-}
-
-fn interval(Interval { mean, low, high }: Interval) -> [String; 3] {
-    [mean, low, high].map(|value| value.to_string())
 }
 
 fn interval_or_nothing(found: Option<Interval>) -> [String; 3] {
@@ -304,9 +223,4 @@ fn interval_or_nothing(found: Option<Interval>) -> [String; 3] {
 
 fn mean(interval: Option<Interval>) -> String {
     text(interval.map(|interval| interval.mean))
-}
-
-/// The value as text; empty if there is none.
-fn text(value: Option<impl ToString>) -> String {
-    value.map_or_else(String::new, |value| value.to_string())
 }

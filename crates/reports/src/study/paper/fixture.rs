@@ -1,27 +1,18 @@
 //! A study with invented numbers. On every shift the error of a model is its place in the list plus
 //! the number of its set. Seeds differ by half a degree, and errors above the band are doubled.
 
-use serde_json::{Value, json};
-use spec::{Digest, Family, StudyEvaluation, StudyQuestion, StudyScale};
+use serde_json::json;
+use spec::{Family, StudyEdition, StudyEvaluation, StudyQuestion, StudyScale};
 use wire::{Report, Shift};
 
+use super::super::fixture::{interval, record, report, trainings};
 use super::super::plan::Plan;
-use super::super::results::{Evaluation, File, JobRecord, Study, Training};
+use super::super::results::{Evaluation, File, Study, Training};
 use super::errors::IN_DISTRIBUTION;
 
 pub fn study() -> Study {
-    let plan = Plan::of(StudyScale::Tiny).unwrap();
-    let trainings: Vec<Training> = (0..)
-        .zip(&plan.parts.trainings)
-        .map(|(k, training)| Training {
-            plan: training.clone(),
-            record: JobRecord { digest: digest(k), ..record(&training.job, 10 + k) },
-            checkpoint: 5,
-            sha256: "ab".repeat(32),
-            steps: 200,
-            validation_rmse_deg: Some(1.5),
-        })
-        .collect();
+    let plan = Plan::of(StudyEdition::Paper, StudyScale::Tiny).unwrap();
+    let trainings = trainings(&plan);
     let evaluation = |plan: &StudyEvaluation| {
         let report = match plan.question {
             StudyQuestion::WarmStart => warm_start_report(&trainings),
@@ -37,30 +28,13 @@ pub fn study() -> Study {
         }
     };
     Study {
+        edition: StudyEdition::Paper,
         scale: StudyScale::Tiny,
         spec: plan.pipeline.clone(),
         pipeline: record("paper-study-tiny", 1),
         evaluations: plan.parts.evaluations.iter().map(evaluation).collect(),
         trainings,
     }
-}
-
-fn record(name: &str, job: i64) -> JobRecord {
-    JobRecord {
-        name: name.to_owned(),
-        job,
-        digest: format!("{job:064x}").parse().unwrap(),
-        seconds: Some(60.0),
-        reused: false,
-    }
-}
-
-fn digest(training: i64) -> Digest {
-    format!("{:064x}", 10_000 + training).parse().unwrap()
-}
-
-fn interval(mean: f64) -> Value {
-    json!({"mean": mean, "low": mean - 0.1, "high": mean + 0.1})
 }
 
 /// The trainings of a set with the usual lengths, model by model, after ARX.
@@ -144,14 +118,4 @@ fn warm_start_report(trainings: &[Training]) -> Report {
             "against": "cdt ddpm 100 cold", "difference_deg": interval(0.5),
         }],
     }))
-}
-
-fn report(parts: &Value) -> Report {
-    let mut whole = json!({
-        "context": 320, "horizon": 80, "rate_hz": 60.0, "bootstrap": {}, "samples": 1, "in_distribution": [],
-        "cells": [],
-    });
-    let (whole_fields, parts) = (whole.as_object_mut().unwrap(), parts.as_object().unwrap());
-    whole_fields.extend(parts.clone());
-    serde_json::from_value(whole).unwrap()
 }

@@ -1,45 +1,23 @@
 //! Transformer with one stream of tokens over the whole trajectory.
 //!
-//! A token is `patch` samples and the sample before them: torques, velocities, sines and cosines of
-//! the angles, the distance of the arm from a path, and whether the sample lies in the horizon. In
-//! the horizon, angles and velocities are the path's ([`samples`]). Tokens of the context attend to
-//! each other. Tokens of the horizon attend to the context and, causally, to the horizon.
-//!
-//! Torques and velocities are in units of the trajectory's own speed, which is a channel as well:
-//! an arm under three times the torque moves much like the same arm three times as fast. The head
-//! gives each joint's velocity relative to that of the path at each sample, in the same unit. This
-//! velocity is faded in from 0 within a tenth of a second and summed. So whatever the weights are,
-//! a prediction continues from the last measured position with the path's velocity, and patches
-//! meet without a jump.
-//!
-//! The loss is the metric: the root mean square of each joint's error over the horizon, averaged
-//! over robots and joints. A squared error would give a robot with an error of 5° 2500 times the
-//! weight of one with 0.1°.
-
-mod samples;
+//! Its tokens, and what it makes of its velocities, are those of [`path_tokens`](crate::path_tokens).
+//! Tokens of the context attend to each other. Tokens of the horizon attend to the context and,
+//! causally, to the horizon.
 
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
-use burn::tensor::{Tensor, TensorData};
+use burn::tensor::Tensor;
 use kernels::Mask;
-use spec::{PrefixTransformerSpec, Residual};
+use spec::PrefixTransformerSpec;
 
-use self::samples::Samples;
 use crate::ModelError;
 use crate::architecture::{Architecture, Ask, Extents, Model, ModelInput};
 use crate::initialization::{InitialWeights, POSITION_STANDARD_DEVIATION};
-use crate::layers::Dropout;
-use crate::layers::{LayerNorm, Linear, add_positions};
+use crate::layers::{Dropout, LayerNorm, Linear, add_positions};
 use crate::loss::Loss;
+use crate::path_tokens;
 use crate::randomness::Noise;
 use crate::sizes::{LARGEST_RATIO, LARGEST_WIDTH, MOST_LAYERS, divides, within};
 use crate::transformer::{BlockShape, EncoderBlock};
-
-/// Time over which the velocity relative to the path is faded in, s. It is the time constant of the
-/// heaviest joint behind its damper.
-const RISE_S: f64 = 0.1;
-
-/// Errors well below this count less, degrees.
-const LEAST_ERROR_DEG: f64 = 0.01;
 
 impl Architecture for PrefixTransformerSpec {
     type Model = PrefixTransformer;
@@ -53,35 +31,22 @@ impl Architecture for PrefixTransformerSpec {
         within("layers", self.layers, 1, MOST_LAYERS)?;
         within("mlp_ratio", self.mlp_ratio, 1, LARGEST_RATIO)?;
         divides("heads", self.heads, "d_model", self.d_model)?;
-        divides("patch", self.patch, "context", context)?;
-        divides("patch", self.patch, "horizon", horizon)?;
-        if let Some(least) = self.least_context {
-            within("least_context", least, self.patch, context)?;
-            divides("patch", self.patch, "least_context", least)?;
-        }
+        path_tokens::check(self.patch, self.least_context, [context, horizon])?;
         let shape =
             BlockShape::new(self.d_model, self.heads, self.mlp_ratio, self.matmul_precision);
         let (d_model, patch) = (shape.d_model, self.patch as usize);
         let tokens = ((context + horizon) / self.patch) as usize;
-        let damping = match self.residual {
-            // Specs have a path of torques.
-            Residual::None | Residual::Reference => 1.0,
-            Residual::Integrator(path) | Residual::LaggedIntegrator(path) => path.damping,
-        };
         Ok(PrefixTransformer {
-            input: Linear::new(samples::channels(joints) * (patch + 1), d_model, weights),
+            input: Linear::new(path_tokens::width(joints, patch), d_model, weights),
             positions: weights.normal([tokens, d_model], POSITION_STANDARD_DEVIATION),
             blocks: (0..self.layers).map(|_| EncoderBlock::new(shape, weights)).collect(),
             norm: LayerNorm::new(d_model, weights),
             head: Linear::new(d_model, joints * patch, weights),
             patch,
-            damping,
+            damping: path_tokens::damping(self.residual),
         })
     }
 }
-
-/// Arrays in the shape of the answer that the loss keeps: the errors, their unit and the prediction.
-const KEPT_BY_LOSS: usize = 3;
 
 /// Transformer with one stream of tokens over the whole trajectory.
 #[derive(Module, Debug)]
@@ -117,24 +82,14 @@ impl PrefixTransformer {
     /// The displacement of the arm from the path, rad, `[batch, horizon, joint]`.
     fn displacement(&self, input: &ModelInput) -> Tensor<3> {
         let [_, _, joints] = input.u.dims();
-        let device = input.u.device();
-        let samples = Samples::of(input, self.damping);
-        let [_, context, _] = input.y_context.dims();
-        let tokens = samples.tokens(self.patch, &device);
-        let velocities = self.forward(tokens, context / self.patch, joints);
-        let [_, horizon, _] = velocities.dims();
-        let steps = velocities * rise(horizon, input) * samples.speeds(&device);
-        steps.cumsum(1) / input.rate_hz
+        let velocities = |tokens, known| self.forward(tokens, known, joints);
+        path_tokens::displacement(input, self.damping, self.patch, velocities)
     }
 }
 
 impl Model for PrefixTransformer {
     fn loss(&self, input: ModelInput, target: Tensor<3>, _: &mut Noise) -> Loss {
-        let unit = input.unit_of_horizon();
-        let displacement = self.displacement(&input);
-        let predicted = displacement.clone().detach() / unit.clone();
-        let errors = (displacement - target * unit) * 1_f64.to_degrees();
-        Loss::root_mean_square(errors, LEAST_ERROR_DEG, predicted)
+        path_tokens::loss(self.displacement(&input), &input, target)
     }
 
     fn answer(&self, input: ModelInput, _: Ask<'_>) -> Tensor<3> {
@@ -146,9 +101,8 @@ impl Model for PrefixTransformer {
             [extents.samples(), extents.horizon].map(|samples| samples as usize / self.patch);
         let [width, d_model] = self.input.widths();
         let blocks: usize = self.blocks.iter().map(|block| block.kept(tokens)).sum();
-        let answer = extents.horizon as usize * extents.joints;
         // Beside the blocks, the tokens, and the inputs of the last norm and of the head.
-        tokens * width + blocks + 2 * horizon * d_model + KEPT_BY_LOSS * answer
+        tokens * width + blocks + 2 * horizon * d_model + path_tokens::kept_by_loss(extents)
     }
 
     fn is_generative(&self) -> bool {
@@ -166,13 +120,4 @@ impl Model for PrefixTransformer {
     fn map<M: ModuleMapper>(self, mapper: &mut M) -> Self {
         Module::map(self, mapper)
     }
-}
-
-/// The factor of the velocity relative to the path at each sample, `[1, horizon, 1]`.
-#[expect(clippy::cast_possible_truncation, reason = "series are computed in f32")]
-fn rise(horizon: usize, input: &ModelInput) -> Tensor<3> {
-    let samples = RISE_S * input.rate_hz;
-    let share = |sample: usize| (1.0 - (-(sample as f64) / samples).exp()) as f32;
-    let shares: Vec<f32> = (1..=horizon).map(share).collect();
-    Tensor::from_data(TensorData::new(shares, [1, horizon, 1]), &input.u.device())
 }

@@ -2,7 +2,8 @@
 
 use serde_json::{Value, json};
 
-use super::scale::StudyScale;
+use super::super::plan::StudyTraining;
+use super::super::scale::StudyScale;
 use super::{Lengths, StudyModel, study_models};
 use crate::MAX_TRAJECTORIES;
 use crate::merge::merge;
@@ -16,22 +17,6 @@ const SEEDS_OF_A_SET: u64 = 100;
 
 /// Number of seeds of a training for another length.
 const SEEDS_OF_A_LENGTH: u64 = 3;
-
-/// One training of the study.
-#[derive(Clone, Debug)]
-pub struct StudyTraining {
-    /// Its name in the pipeline.
-    pub job: String,
-    /// The model's name in tables.
-    pub model: String,
-    /// The number of the training set; 1 for D1.
-    pub set: usize,
-    /// The seed of its weights and batches.
-    pub seed: u64,
-    /// Context and horizon, if they are not 320 and 80.
-    pub length: Option<(u32, u32)>,
-    pub(super) spec: Value,
-}
 
 pub(super) fn all(scale: StudyScale) -> Vec<StudyTraining> {
     let mut trainings = Vec::new();
@@ -123,9 +108,4 @@ fn optimizer(scale: StudyScale) -> Value {
         }),
         StudyScale::Paper => json!({"learning_rate": 1e-4}),
     }
-}
-
-/// References to trainings as checkpoints.
-pub(super) fn checkpoints<'a>(trainings: impl Iterator<Item = &'a StudyTraining>) -> Value {
-    trainings.map(|training| json!({"job": training.job})).collect()
 }

@@ -1,80 +1,31 @@
-//! The folder with a study's report: text, tables, figures, and the source of each number.
+//! The report of the paper's study: text, tables and figures.
 
 mod claims;
 mod columns;
 mod errors;
 mod figures;
-mod folder;
 mod headline;
 mod samples;
 mod tables;
 mod text;
 
-use std::path::Path;
-
-use anyhow::Context;
-use spec::JobSpec;
-
-use super::results::Study;
-use folder::Folder;
-pub use folder::check_replaceable;
-
-/// Writes the report of a study into `out`. An older report there is replaced.
-///
-/// # Errors
-/// When the folder has other contents, or on an error of the disk.
-pub fn write(out: &Path, study: &Study) -> anyhow::Result<()> {
-    let mut folder = Folder::new();
-    for table in tables::all(study) {
-        folder.add(format!("tables/{}.csv", table.title), table.to_csv()?);
-    }
-    for figure in figures::all(study)? {
-        folder.add(format!("figures/{}", figure.name), figure.bytes);
-    }
-    for evaluation in &study.evaluations {
-        let json = serde_json::to_vec(&evaluation.report)?;
-        folder.add(format!("evaluations/{}.json", evaluation.record.name), json);
-    }
-    folder.add("study.json".to_owned(), provenance(study)?);
-    let pipeline = JobSpec::Pipeline(study.spec.clone()).to_json();
-    folder.add("pipeline.json".to_owned(), serde_json::to_vec_pretty(&pipeline)?);
-    folder.add("README.md".to_owned(), text::readme(study));
-    folder.write(out).with_context(|| format!("cannot write {}", out.display()))
-}
-
-/// Every job with its digest, as the source of the numbers.
-fn provenance(study: &Study) -> anyhow::Result<Vec<u8>> {
-    let mut jobs = vec![&study.pipeline];
-    jobs.extend(study.trainings.iter().map(|training| &training.record));
-    jobs.extend(study.evaluations.iter().map(|evaluation| &evaluation.record));
-    let checkpoints = study.trainings.iter().map(|training| {
-        serde_json::json!({
-            "name": training.record.name,
-            "checkpoint": training.checkpoint,
-            "steps": training.steps,
-            "sha256": training.sha256,
-        })
-    });
-    let all = serde_json::json!({
-        "study": study.scale.name(),
-        "torqued": env!("CARGO_PKG_VERSION"),
-        "machine": super::machine::describe(),
-        "jobs": jobs,
-        "checkpoints": checkpoints.collect::<Vec<_>>(),
-    });
-    Ok(serde_json::to_vec_pretty(&all)?)
-}
+pub(super) use figures::all as figures;
+pub(super) use tables::all as tables;
+pub(super) use text::readme;
 
 #[cfg(test)]
 mod fixture;
 
 #[cfg(test)]
 mod tests {
+    use spec::JobSpec;
+
     use super::columns::COLUMNS;
     use super::*;
+    use crate::study::write;
 
     fn csv(name: &str) -> String {
-        let table = tables::all(&fixture::study()).into_iter().find(|table| table.title == name);
+        let table = tables(&fixture::study()).into_iter().find(|table| table.title == name);
         table.unwrap().to_csv().unwrap()
     }
 

@@ -1,13 +1,11 @@
 //! The README of a study's folder, the first page for readers.
 
-use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 
-use crate::{Align, Table};
-use spec::{DataSource, JobSpec, PipelineSpec, StudyScale};
+use spec::StudyScale;
 
-use super::super::machine;
 use super::super::results::Study;
+use super::super::text::{SOURCES, image, setting};
 use super::{claims, headline, samples};
 
 /// The first page for readers.
@@ -36,14 +34,7 @@ pub fn readme(study: &Study) -> String {
             }
         }
     }
-    let _ = writeln!(
-        text,
-        "## Where the numbers come from\n\n`tables/` holds every number with the id of its job and \
-         the digest of the job's spec, which covers everything upstream; `evaluations/` the reports \
-         as the jobs wrote them; `study.json` all jobs and checkpoints; `pipeline.json` every job with \
-         all its defaults, to be submitted as it is or changed."
-    );
-    text
+    text + SOURCES
 }
 
 /// A section of the report with a title.
@@ -124,11 +115,6 @@ fn sections(study: &Study) -> Vec<Section> {
     ]
 }
 
-/// One of the report's figures.
-fn image(name: &str) -> String {
-    format!("![{name}](figures/{name}.svg)\n")
-}
-
 const fn about(scale: StudyScale) -> &'static str {
     match scale {
         StudyScale::Tiny => {
@@ -145,48 +131,4 @@ const fn about(scale: StudyScale) -> &'static str {
             "The paper's sizes: 3.5e6 samples per training, networks of 17 to 63 M parameters."
         }
     }
-}
-
-fn setting(study: &Study) -> String {
-    let mut table = Table::new([("", Align::Left), ("", Align::Left)]);
-    let mut add = |name: &str, value: String| table.push(vec![name.to_owned(), value]);
-    add("machine", machine::describe());
-    add("torqued", env!("CARGO_PKG_VERSION").to_owned());
-    add("pipeline", format!("job {}, digest `{}`", study.pipeline.job, study.pipeline.digest));
-    if let Some(seconds) = study.pipeline.seconds {
-        add("time", format!("{:.0} min", seconds / 60.0));
-    }
-    add("seeds", seeds(&study.spec));
-    table.to_markdown()
-}
-
-/// A list of the seeds of all jobs, each once.
-fn seeds(pipeline: &PipelineSpec) -> String {
-    let mut drawn: BTreeMap<&str, BTreeSet<u64>> = BTreeMap::new();
-    for member in pipeline.jobs.values() {
-        let mut add = |what, seed| drawn.entry(what).or_default().insert(seed);
-        match &member.spec {
-            JobSpec::Train(spec) => {
-                add("trainings", spec.seed);
-                for source in spec.data.each() {
-                    if let DataSource::Stream(robots) = source {
-                        add("robots of trainings", robots.seed);
-                    }
-                }
-            }
-            JobSpec::Evaluate(spec) => {
-                add("noise of samplers", spec.seed);
-                add("bootstrap", spec.bootstrap.seed);
-                if let DataSource::Stream(robots) = &spec.data {
-                    add("robots of evaluations", robots.seed);
-                }
-            }
-            _ => {}
-        }
-    }
-    let each = drawn.iter().map(|(what, seeds)| {
-        let seeds: Vec<String> = seeds.iter().map(u64::to_string).collect();
-        format!("{what} {}", seeds.join(", "))
-    });
-    each.collect::<Vec<_>>().join("; ")
 }
