@@ -39,7 +39,7 @@ pub enum Command {
     Devices(worker::DevicesArguments),
     /// Simulate, train and evaluate a small model, and show the result
     Quickstart(serve::QuickstartArguments),
-    /// Run a whole study, the paper's or of real arms, and write its report
+    /// Run a whole study and write its report
     Study(study::Arguments),
     /// Simulate a dataset into a folder, without a server
     Simulate(simulate::Arguments),

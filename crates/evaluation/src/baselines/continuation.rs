@@ -1,12 +1,15 @@
 //! The motion of an arm after its context, by simulation.
 
-use dynamics::{Anchor, Joints, Motion, Replay, Robot};
+use dynamics::{Anchor, Joints, Motion, Replay, Robot, mass_matrix};
 use series::Track;
+use spec::RobotSpec;
 
 use super::NominalArm;
 use super::constant_velocity::slope_at;
 use super::end_state::EndState;
-use super::identification::{STRETCH_S, forgets_velocities, whole};
+
+/// Time between two measured positions to which a simulation is set, s.
+pub(super) const STRETCH_S: f64 = 1.0 / 3.0;
 
 /// Simulates arms from the end of their context.
 #[derive(Clone, Debug)]
@@ -54,4 +57,23 @@ impl Continuation {
         let horizon = &simulated[(last + 1 - first) * joints..];
         horizon.iter().all(|q| q.is_finite()).then(|| horizon.to_vec())
     }
+}
+
+/// Whether every joint of the nominal arm loses at least two fifths of a velocity, 1 − e^-0.5, to its
+/// damping within a stretch.
+pub(super) fn forgets_velocities(robot: &RobotSpec) -> bool {
+    let arm = Robot::nominal(robot);
+    let center = robot.description().initial_state.center_rad.as_slice();
+    let inertia = mass_matrix(&arm, center);
+    (0..arm.joints()).all(|joint| arm.damping[joint] * STRETCH_S > 0.5 * inertia[joint][joint])
+}
+
+/// The nearest whole number of samples, at least one.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "rates are at most 1000 Hz"
+)]
+pub(super) fn whole(samples: f64) -> usize {
+    samples.round().max(1.0) as usize
 }

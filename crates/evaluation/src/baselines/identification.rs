@@ -1,14 +1,15 @@
 //! Classical identification: an expert's fit of a model of the arm.
 
-use dynamics::{Anchor, Joints, Motion, Replay, Robot, mass_matrix};
+use dynamics::{Anchor, Joints, Motion, Replay, Robot};
 use models::Interrupt;
 use nalgebra::{Cholesky, DMatrix, DVector};
 use rayon::prelude::*;
 use series::Observed;
-use spec::{Integrator, RobotSpec};
+use spec::Integrator;
 
 use super::NominalArm;
 use super::constant_velocity::slope_at;
+use super::continuation::{STRETCH_S, forgets_velocities, whole};
 use super::end_state::end_state;
 use super::filtered::smoothed;
 use super::prior::{Arm, Freedom, Prior};
@@ -58,8 +59,6 @@ type Parameters = DVector<f64>;
 /// encoders. A smaller one would fit rounding errors, with twice the steps and no better
 /// predictions.
 const NOISE: f64 = 1e-4;
-/// Time between two measured positions to which the simulation is set, s.
-pub(super) const STRETCH_S: f64 = 1.0 / 3.0;
 /// Rate at which positions are compared, Hz. At higher rates, neighbouring positions of slow arms
 /// add no information.
 const COMPARED_HZ: f64 = 15.0;
@@ -162,15 +161,6 @@ impl Identification {
     }
 }
 
-/// Whether every joint of the nominal arm loses at least two fifths of a velocity, 1 − e^-0.5, to its
-/// damping within a stretch.
-pub(super) fn forgets_velocities(robot: &RobotSpec) -> bool {
-    let arm = Robot::nominal(robot);
-    let center = robot.description().initial_state.center_rad.as_slice();
-    let inertia = mass_matrix(&arm, center);
-    (0..arm.joints()).all(|joint| arm.damping[joint] * STRETCH_S > 0.5 * inertia[joint][joint])
-}
-
 /// The last measured position and every `stride`th position before it, with the velocities there if
 /// `velocity` gives them.
 fn anchors(
@@ -214,16 +204,6 @@ impl Predictor for Identification {
             .unzip();
         Ok(Answer { positions: positions.concat(), arms: Some(arms), samples: None })
     }
-}
-
-/// The nearest whole number of samples, at least one.
-#[expect(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "rates are at most 1000 Hz"
-)]
-pub(super) fn whole(samples: f64) -> usize {
-    samples.round().max(1.0) as usize
 }
 
 /// State at the first sample, with the velocities that follow from the positions.

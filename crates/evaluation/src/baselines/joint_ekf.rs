@@ -9,10 +9,9 @@ use spec::Precision;
 
 use super::NominalArm;
 use super::constant_velocity::slope_at;
-use super::continuation::Continuation;
+use super::continuation::{Continuation, whole};
 use super::end_state::EndState;
 use super::filtered::smoothed;
-use super::identification::whole;
 use super::prior::{Freedom, Prior};
 use super::rollout::to_f32;
 use crate::predictor::Answer;
