@@ -1,4 +1,4 @@
-//! What `torqued study` refuses before it computes anything.
+//! `torqued study` refuses wrong flags before it computes anything.
 
 use crate::product::{run_to_end, torqued};
 

@@ -22,7 +22,7 @@ use crate::logging::Logging;
 use crate::progress;
 use crate::server::{Options, Server};
 
-/// What the study asks.
+/// The question of the study.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum Edition {
     /// The paper's question, on the paper's arms
@@ -63,7 +63,7 @@ impl From<Scale> for StudyScale {
 
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// What the study asks
+    /// Question of the study
     #[arg(long, value_enum, default_value = "paper")]
     edition: Edition,
 

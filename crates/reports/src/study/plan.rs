@@ -6,7 +6,7 @@ use spec::{JobSpec, PipelineSpec, StudyEdition, StudyPlan, StudyRecording, Study
 /// A study that can be submitted: its pipeline, and what each job of it is for.
 #[derive(Debug)]
 pub struct Plan {
-    /// What it asks.
+    /// The question that it puts to models.
     pub edition: StudyEdition,
     /// How large its models, data and seeds are.
     pub scale: StudyScale,

@@ -10,7 +10,7 @@ use wire::{PredictorInfo, Report, Shift, ShiftScores, ShiftSummary};
 /// The results of a study.
 #[derive(Debug)]
 pub struct Study {
-    /// What it asks.
+    /// The question that it puts to models.
     pub edition: StudyEdition,
     /// The scale at which it ran.
     pub scale: StudyScale,

@@ -14,20 +14,16 @@ pub use plan::{StudyEvaluation, StudyPlan, StudyQuestion, StudyTraining};
 pub use real::{StudyRecording, real_study};
 pub use scale::StudyScale;
 
-/// What a study asks.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+/// The question that a study puts to models.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum StudyEdition {
     /// The paper's question on the paper's arms: torques unlike those of the training.
-    #[default]
     Paper,
     /// Arms as they are used: lightly damped, with friction, a controller and an unknown load.
     Real,
 }
 
 impl StudyEdition {
-    /// All editions.
-    pub const ALL: [Self; 2] = [Self::Paper, Self::Real];
-
     /// The name on the command line.
     pub const fn name(self) -> &'static str {
         match self {
