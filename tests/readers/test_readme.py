@@ -57,7 +57,7 @@ class Readme(unittest.TestCase):
         model = means["lagrangian"]
         better = {name for name, of in means.items() if of[0] < model[0] or of[1] < model[1]}
         self.assertEqual(better, set())
-        self.assertIn("Its mean error is below those of `robomorph` and of all baselines", README)
+        self.assertIn("Its mean error is below those of `robomorph` and of all six baselines", README)
 
     def test_2_the_quickstart_again_computes_nothing(self):
         before = self.product.get("/v1/jobs")["jobs"]

@@ -11,7 +11,7 @@ use spec::{RobotDescription, RobotModel};
 use urdf::{Options, mjcf, read};
 
 use crate::agreement::{distance, energies, frame, motion};
-use crate::robots::{Draws, Moving, Robot};
+use crate::robots::{Draws, Energies, Moving, Robot};
 
 /// Names and attributes of the elements of a text.
 fn elements(text: &str) -> Vec<(String, BTreeMap<String, String>)> {
@@ -47,10 +47,10 @@ fn pose(attributes: &BTreeMap<String, String>) -> IsometryMatrix3<f64> {
 }
 
 /// The bodies of a model in motion, by name, the site, and all energies.
-fn moved(text: &str, q: &[f64], qd: &[f64]) -> (BTreeMap<String, Moving>, Moving, [f64; 2]) {
+fn moved(text: &str, q: &[f64], qd: &[f64]) -> (BTreeMap<String, Moving>, Moving, Energies) {
     let mut at = Moving::standing(IsometryMatrix3::identity());
     let mut bodies = BTreeMap::new();
-    let (mut site, mut sum) = (None, [0.0; 2]);
+    let mut site = None;
     let mut body = String::new();
     let mut held = Vec::new();
     for (name, attributes) in elements(text) {
@@ -71,21 +71,15 @@ fn moved(text: &str, q: &[f64], qd: &[f64]) -> (BTreeMap<String, Moving>, Moving
             _ => {}
         }
     }
-    for (body, attributes) in held {
-        let [xx, yy, zz, xy, xz, yz] = numbers(&attributes, "fullinertia");
+    let energies = held.iter().map(|(body, attributes)| {
+        let [xx, yy, zz, xy, xz, yz] = numbers(attributes, "fullinertia");
         let inertia = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);
-        let [mass] = numbers(&attributes, "mass");
-        let center = Vector3::from(numbers::<3>(&attributes, "pos"));
-        let more = bodies[&body].energies(mass, center, inertia);
-        sum = [sum[0] + more[0], sum[1] + more[1]];
-    }
+        let [mass] = numbers(attributes, "mass");
+        let center = Vector3::from(numbers::<3>(attributes, "pos"));
+        bodies[body].energies(mass, center, inertia)
+    });
+    let sum = energies.sum();
     (bodies, site.unwrap(), sum)
-}
-
-fn assert_close(ours: [f64; 2], theirs: [f64; 2]) {
-    for (ours, theirs) in ours.into_iter().zip(theirs) {
-        assert!((ours - theirs).abs() < 1e-12 * (1.0 + theirs.abs()), "{ours} J, not {theirs} J");
-    }
 }
 
 proptest! {
@@ -106,7 +100,7 @@ proptest! {
             prop_assert!(distance(&bodies[&body.link].fixed(&frame(body)), ours) < 1e-12);
         }
         prop_assert!(distance(&site, &frames[joints]) < 1e-12);
-        assert_close(sum, energies(&arm, &frames));
+        sum.assert_close(&energies(&arm, &frames), 1e-12);
 
         let (bodies, site, sum) = moved(&mjcf(&arm.description, None).unwrap(), &q, &qd);
         for (index, ours) in frames[..joints].iter().enumerate() {
@@ -114,7 +108,7 @@ proptest! {
             prop_assert!(distance(body, ours) < 1e-12);
         }
         prop_assert!(distance(&site, &frames[joints]) < 1e-12);
-        assert_close(sum, energies(&arm, &frames));
+        sum.assert_close(&energies(&arm, &frames), 1e-12);
     }
 }
 

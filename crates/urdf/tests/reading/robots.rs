@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
+use std::iter::Sum;
 
 use nalgebra::{IsometryMatrix3, Matrix3, Rotation3, Translation3, Unit, Vector3};
 use random::{ChaCha8Rng, below, keyed, shuffle, unit};
@@ -87,14 +88,50 @@ impl Moving {
         Self { pose: self.pose * turn, angular, ..*self }
     }
 
-    /// Potential and kinetic energy of a body with this centre and inertia in the frame, J.
-    pub fn energies(&self, mass: f64, center: Vector3<f64>, inertia: Matrix3<f64>) -> [f64; 2] {
+    /// Potential and kinetic energy of a body with this centre and inertia in the frame.
+    pub fn energies(&self, mass: f64, center: Vector3<f64>, inertia: Matrix3<f64>) -> Energies {
         let arm = self.pose.rotation * center;
         let height = self.pose.translation.z + arm.z;
         let velocity = self.linear + self.angular.cross(&arm);
         let inner = self.pose.rotation.inverse() * self.angular;
-        let kinetic = 0.5 * mass * velocity.norm_squared() + 0.5 * inner.dot(&(inertia * inner));
-        [mass * 9.81 * height, kinetic]
+        let turning = 0.5 * inner.dot(&(inertia * inner));
+        let farthest = self.pose.translation.z.abs() + arm.z.abs();
+        let fastest = self.linear.norm() + self.angular.norm() * arm.norm();
+        Energies {
+            joules: [mass * 9.81 * height, 0.5 * mass * velocity.norm_squared() + turning],
+            terms: [mass * 9.81 * farthest, 0.5 * mass * fastest.powi(2) + turning.abs()],
+        }
+    }
+}
+
+/// Potential and kinetic energy.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Energies {
+    pub joules: [f64; 2],
+    /// The sums of the magnitudes of their terms, which rounding errors are relative to.
+    terms: [f64; 2],
+}
+
+impl Energies {
+    /// `most`: the largest difference as a share of the terms.
+    #[track_caller]
+    pub fn assert_close(&self, theirs: &Self, most: f64) {
+        for kind in 0..2 {
+            let [ours, theirs_j] = [self, theirs].map(|energies| energies.joules[kind]);
+            assert!(
+                (ours - theirs_j).abs() < most * (1.0 + theirs.terms[kind]),
+                "{ours} J, not {theirs_j} J"
+            );
+        }
+    }
+}
+
+impl Sum for Energies {
+    fn sum<I: Iterator<Item = Self>>(bodies: I) -> Self {
+        bodies.fold(Self::default(), |sum, body| Self {
+            joules: [0, 1].map(|kind| sum.joules[kind] + body.joules[kind]),
+            terms: [0, 1].map(|kind| sum.terms[kind] + body.terms[kind]),
+        })
     }
 }
 
@@ -238,9 +275,11 @@ impl Robot {
 }
 
 impl Link {
-    /// Potential and kinetic energy of the link in motion, J.
-    pub fn energies(&self, moving: &Moving) -> [f64; 2] {
-        let Some(Inertial { origin, mass, inertia }) = &self.inertial else { return [0.0; 2] };
+    /// Potential and kinetic energy of the link in motion.
+    pub fn energies(&self, moving: &Moving) -> Energies {
+        let Some(Inertial { origin, mass, inertia }) = &self.inertial else {
+            return Energies::default();
+        };
         moving.fixed(&origin.pose()).energies(*mass, Vector3::zeros(), *inertia)
     }
 
