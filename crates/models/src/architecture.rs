@@ -62,6 +62,13 @@ pub type FittedRobot = Box<dyn Fn(&JointMotion) -> Vec<f32> + Send + Sync>;
 
 /// A network together with its task.
 pub(crate) trait Model: Clone + Debug {
+    /// The model with what it reads off the first batch of a training, before its first step. `seed`
+    /// is the training's.
+    #[must_use]
+    fn begin(self, _: &ModelInput, _seed: u64) -> Self {
+        self
+    }
+
     /// The loss on `target`, y of the horizon `[batch, horizon, joint]`.
     fn loss(&self, input: ModelInput, target: Tensor<3>, noise: &mut Noise) -> Loss;
 

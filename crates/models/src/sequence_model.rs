@@ -52,6 +52,12 @@ macro_rules! sequence_model {
                 match self { $(Self::$name(model) => Self::$name(Box::new(model.for_inference())),)* }
             }
 
+            pub fn begin(self, input: &ModelInput, seed: u64) -> Self {
+                match self {
+                    $(Self::$name(model) => Self::$name(Box::new(model.begin(input, seed))),)*
+                }
+            }
+
             pub fn map<M: ModuleMapper>(self, mapper: &mut M) -> Self {
                 match self { $(Self::$name(model) => Self::$name(Box::new(model.map(mapper))),)* }
             }

@@ -273,6 +273,9 @@ impl Trainer {
     /// was.
     pub fn step(&mut self, batch: &Series) -> Result<StepReport, ModelError> {
         let step = self.step + 1;
+        if self.step == 0 && self.identity.init.is_none() {
+            self.begin(batch)?;
+        }
         let (gradients, loss) = self.compute(|| self.gradients(batch))?;
         let gradient_norm = gradients.norm;
         let learning_rate = self.schedule.learning_rate(self.step);
@@ -297,6 +300,23 @@ impl Trainer {
         self.step = step;
         self.note(TRAIN_LOSS, loss);
         Ok(StepReport { step, loss, gradient_norm, learning_rate })
+    }
+
+    /// Lets the model read off the first batch what it wants to know before its first step. A second
+    /// call changes nothing.
+    fn begin(&mut self, batch: &Series) -> Result<(), ModelError> {
+        let model = self.compute(|| {
+            check_batch(&batch.view(), self.framing.samples, self.joints)?;
+            let batch = batch.view();
+            let statistics = self.normalizer.statistics_of_batch(&batch, self.framing.context);
+            let observed = batch.observed(0, self.framing.context);
+            let frames = self.framing.frames(&observed, &statistics);
+            let input = model_input(&observed, &statistics, &frames, &self.device.inference());
+            Ok(self.model.clone().begin(&input, self.identity.seed))
+        })?;
+        self.average = self.identity.ema.map(|ema| WeightAverage::new(ema, &model));
+        self.model = model;
+        Ok(())
     }
 
     /// Runs `work` where the device computes.

@@ -142,24 +142,29 @@ fn take_one(mut step: Step, label: &str) -> (Counts, String) {
 
 /// All steps in their order. Those of one list run side by side.
 fn steps(Arguments { quick, devices, .. }: &Arguments) -> Vec<Vec<Step>> {
-    let mut steps = vec![
+    let before = vec![
         Step {
             name: "formatting",
             command: command("cargo", &["fmt", "--all", "--check"]),
             count: None,
         },
+        Step { name: "build of tests", command: build_of_tests(), count: None },
+    ];
+    // Tests wait for servers, workers and timeouts for half of their time, which clippy uses.
+    let tests = vec![
         Step {
             name: "tests",
             command: with_skipped_tests(nextest_or_cargo_test(*quick)),
             count: Some(|text| counts::nextest(text).or_else(|| counts::cargo_test(text))),
         },
-        Step {
-            name: "doc tests",
-            command: command("cargo", &["test", "--release", "--workspace", "--doc"]),
-            count: Some(counts::cargo_test),
-        },
+        clippy(),
     ];
-    let (mut beside, mut alone) = (vec![clippy()], Vec::new());
+    let mut steps = vec![Step {
+        name: "doc tests",
+        command: command("cargo", &["test", "--release", "--workspace", "--doc"]),
+        count: Some(counts::cargo_test),
+    }];
+    let (mut beside, mut alone) = (Vec::new(), Vec::new());
     if *devices {
         steps.push(Step {
             name: "device tests",
@@ -180,7 +185,6 @@ fn steps(Arguments { quick, devices, .. }: &Arguments) -> Vec<Vec<Step>> {
             count: None,
         });
         steps.push(Step { name: "packages", command: dist(), count: None });
-        // These wait for servers and workers for half of their time, which clippy uses.
         beside.push(Step {
             name: "installed packages",
             command: with_product(installed_packages()),
@@ -202,7 +206,8 @@ fn steps(Arguments { quick, devices, .. }: &Arguments) -> Vec<Vec<Step>> {
         });
     }
     let one_by_one = |steps: Vec<Step>| steps.into_iter().map(|step| vec![step]);
-    one_by_one(steps).chain([beside]).chain(one_by_one(alone)).collect()
+    let groups = one_by_one(before).chain([tests]).chain(one_by_one(steps)).chain([beside]);
+    groups.chain(one_by_one(alone)).collect()
 }
 
 /// Checks the code with the processor's spare time, because tests beside it have to keep theirs.
@@ -219,6 +224,21 @@ fn skipped_tests() -> std::path::PathBuf {
     repository().join("target/skipped-tests.txt")
 }
 
+/// All tests of the workspace. Examples are benchmarks: clippy compiles them, and nothing here runs
+/// them.
+const WORKSPACE: [&str; 4] = ["--workspace", "--lib", "--bins", "--tests"];
+
+/// Compiles the tests, so that clippy does not wait for it.
+fn build_of_tests() -> Command {
+    let mut command = if process::exists("cargo-nextest") {
+        command("cargo", &["nextest", "run", "--cargo-profile", "release"])
+    } else {
+        command("cargo", &["test", "--release"])
+    };
+    command.args(WORKSPACE).arg("--no-run");
+    command
+}
+
 /// Without installs, plain `cargo test` replaces a missing nextest, and tests of PostgreSQL are
 /// left out where it is missing.
 fn nextest_or_cargo_test(quick: bool) -> Command {
@@ -227,12 +247,9 @@ fn nextest_or_cargo_test(quick: bool) -> Command {
         let _ = std::fs::write(skipped_tests(), "postgres::*: PostgreSQL is not installed\n");
     }
     if process::exists("cargo-nextest") {
-        let mut command = command(
-            "cargo",
-            &["nextest", "run", "--workspace", "--cargo-profile", "release", "--no-fail-fast"],
-        );
-        // Examples are benchmarks. Clippy compiles them, and nothing here runs them.
-        command.args(["--lib", "--bins", "--tests"]);
+        let mut command =
+            command("cargo", &["nextest", "run", "--cargo-profile", "release", "--no-fail-fast"]);
+        command.args(WORKSPACE);
         // The outputs of failed tests then follow the summary, so that they are repeated at the
         // end of the run.
         command.args(["--failure-output", "immediate-final"]);
@@ -245,10 +262,8 @@ fn nextest_or_cargo_test(quick: bool) -> Command {
         }
         command
     } else {
-        let mut command = command(
-            "cargo",
-            &["test", "--release", "--workspace", "--lib", "--bins", "--tests", "--no-fail-fast"],
-        );
+        let mut command = command("cargo", &["test", "--release", "--no-fail-fast"]);
+        command.args(WORKSPACE);
         if without_postgresql {
             command.args(["--", "--skip", "postgres::"]);
         }

@@ -252,6 +252,40 @@ impl Posteriors {
         self.information_gain.push(information_gain as f32);
     }
 
+    /// The mean and the spread of each number over robots.
+    pub fn over_robots(&self) -> Prior {
+        let (count, robots) = (self.count, self.robots().max(1) as f64);
+        let over = |value: &dyn Fn(usize) -> f64| -> f64 {
+            (0..self.robots()).map(|robot| value(robot * count)).sum::<f64>() / robots
+        };
+        let numbers = (0..count).map(|number| {
+            let mean = over(&|first| f64::from(self.mean[first + number]));
+            let variance = over(&|first| {
+                let off = f64::from(self.mean[first + number]) - mean;
+                off.mul_add(off, f64::from(self.variance[first + number]))
+            });
+            (mean, variance.sqrt())
+        });
+        let (mean, spread) = numbers.unzip();
+        Prior { mean, spread }
+    }
+
+    /// The root mean square of each joint's residual torque, N·m, for the equations of
+    /// [`Points::fit`].
+    pub fn residual_torques(&self, factors: &[f32], torques: &[f32], joints: usize) -> Vec<f64> {
+        let width = self.count + 1;
+        let rows = torques.len() / self.robots().max(1);
+        let mut squares = vec![0.0; joints];
+        for (row, (factors, torque)) in factors.chunks_exact(width).zip(torques).enumerate() {
+            let mean = &self.mean[row / rows * self.count..][..self.count];
+            let explained = factors[self.count]
+                + factors.iter().zip(mean).map(|(factor, number)| factor * number).sum::<f32>();
+            squares[row % joints] += f64::from(explained - torque).powi(2);
+        }
+        let each = (torques.len() / joints.max(1)).max(1) as f64;
+        squares.into_iter().map(|square| (square / each).sqrt()).collect()
+    }
+
     fn robots(&self) -> usize {
         self.information_gain.len()
     }

@@ -1,9 +1,10 @@
 //! The weights with which the training of a law begins.
 
-use spec::{LagrangianSpec, MAX_JOINTS};
+use spec::{Gravity, LagrangianSpec, MAX_JOINTS};
 
+use super::chain::{Chain, STORED};
 use super::kinematics::Kinematics;
-use super::law::DIRECTIONS;
+use super::law::{DIRECTIONS, Limits};
 use super::nominal::{self, NominalJoint};
 use super::regression::Numbers;
 use super::{CALIBRATION_PACE, Lagrangian, PACE};
@@ -33,6 +34,9 @@ const LEAST_SHARE_OF_ROTOR: f32 = 0.05;
 const INITIAL_SCALE_SPREAD: f32 = 0.3;
 /// The shortest context in samples: one sample with one before it and one after it.
 const LEAST_CONTEXT: u32 = 3;
+/// The shortest context that shows a chain: twice as many equations as the numbers of a joint and its
+/// link, from samples with one before them and one after.
+const LEAST_CONTEXT_OF_CHAIN: u32 = 30;
 
 impl Architecture for LagrangianSpec {
     type Model = Lagrangian;
@@ -47,21 +51,27 @@ impl Architecture for LagrangianSpec {
         within("points", self.points, 1, MOST_SAMPLES)?;
         within("particles", self.particles, 1, MOST_PARTS)?;
         within("forces", self.forces, 0, MOST_PARTS)?;
-        within("context", context, LEAST_CONTEXT, MOST_SAMPLES)?;
+        let least = if self.chain.is_some() { LEAST_CONTEXT_OF_CHAIN } else { LEAST_CONTEXT };
+        within("context", context, least, MOST_SAMPLES)?;
         let joints_of = |count: usize| u32::try_from(count).unwrap_or(u32::MAX);
-        let kinematics = self.robot.as_ref().map(Kinematics::new);
-        let told = self.robot.as_ref().map(|robot| robot.model.description().joints.len());
-        let fewest = told.unwrap_or(usize::from(self.turns_freely) + 1);
-        let most = told.unwrap_or(MAX_JOINTS);
+        let chain = self.chain.map(|_| Chain::straight(joints));
+        let gravity = self.chain.map_or(Gravity::On, |chain| chain.gravity);
+        let found = chain.as_ref().map(|chain| chain.kinematics(gravity));
+        let told = self.robot.as_ref().map(Kinematics::new);
+        let known = told.clone().or(found);
+        let expected = self.robot.as_ref().map(|robot| robot.model.description().joints.len());
+        let free = usize::from(self.turns_freely && self.chain.is_none());
+        let fewest = expected.unwrap_or(free + 1);
+        let most = expected.unwrap_or(MAX_JOINTS);
         within("joints", joints_of(joints), joints_of(fewest), joints_of(most))?;
-        let first = usize::from(self.turns_freely && kinematics.is_none());
+        let first = usize::from(self.turns_freely && known.is_none());
         let width = self.width as usize;
-        let [particles, forces] = match &kinematics {
+        let [particles, forces] = match &known {
             Some(kinematics) => [kinematics.particles(), 0],
             None => [self.particles, self.forces].map(|count| count as usize),
         };
         let Self { rotor_inertia: rotors, torque_offset: offsets, .. } = *self;
-        let moments = kinematics.is_some();
+        let moments = known.is_some();
         let numbers = Numbers { particles, forces, joints, moments, rotors, offsets };
         let inputs = |layer: u32| if layer == 0 { 2 * (joints - first) } else { width };
         let bound = INITIAL_HEAD / (width as f32).sqrt();
@@ -70,7 +80,7 @@ impl Architecture for LagrangianSpec {
             Some(robot) => nominal::of(robot.model.description()),
             None => nominal::unknown(joints),
         };
-        let load = kinematics.as_ref().map_or(particles, Kinematics::load)..particles;
+        let load = known.as_ref().map_or(particles, Kinematics::load)..particles;
         let spreads = (0..numbers.count()).map(|number| {
             let joint = number.saturating_sub(particles + forces) % joints;
             paced(if load.contains(&number) {
@@ -85,14 +95,15 @@ impl Architecture for LagrangianSpec {
                 nominal[joint].friction_spread
             })
         });
+        let limits: Vec<Limits> = nominal.iter().map(|joint| joint.limits).collect();
         let each = |value: fn(&NominalJoint) -> f32| nominal.iter().map(value).map(paced);
-        let layers = if kinematics.is_none() { self.layers } else { 0 };
+        let layers = if known.is_none() { self.layers } else { 0 };
         let hidden = (0..layers).map(|layer| {
             let bound = (6.0 / (inputs(layer) + width) as f32).sqrt();
             Linear::near(&vec![0.0; width], inputs(layer), bound, weights)
         });
         let hidden = hidden.collect();
-        let learned = kinematics.is_none().then(|| {
+        let learned = known.is_none().then(|| {
             let jacobians = DIRECTIONS * particles * joints;
             let columns = (DIRECTIONS * particles) as f32;
             let biases = weights.draws(jacobians, INITIAL_JACOBIAN / columns.sqrt());
@@ -107,7 +118,8 @@ impl Architecture for LagrangianSpec {
                 .then(|| Linear::near(&vec![0.0; (1 + forces) * joints], width, bound, weights)),
             share: weights.constant([joints], 0.0),
             armature: weights.given([joints], each(if rotors { least } else { armature })),
-            masses: kinematics
+            chain: chain.map(|chain| weights.given([joints, STORED], chain.stored(&limits))),
+            masses: known
                 .as_ref()
                 .map(|kinematics| weights.given([particles], kinematics.described())),
             rotor: rotors.then(|| weights.given([joints], each(|joint| joint.rotor))),
@@ -121,9 +133,10 @@ impl Architecture for LagrangianSpec {
             first,
             numbers,
             friction_units: nominal.iter().map(|joint| joint.friction_unit).collect(),
-            limits: nominal.iter().map(|joint| joint.limits).collect(),
+            limits,
             disturbance: self.disturbance,
-            kinematics,
+            told,
+            gravity,
             points: self.points.min(context - 2) as usize,
         })
     }

@@ -8,6 +8,8 @@
 //! A robot's numbers are not the weights of single particles, which depend on each other over robots,
 //! but ten *moments* of a body ([`MOMENTS`]): how many times its mass it has with the same shape, how
 //! far its centre is off along each principal axis, and how it is stretched and turned.
+//!
+//! The arm comes from a description, or from the motions of many arms ([`super::chain`]).
 
 use nalgebra::{Matrix3, Rotation3, SymmetricEigen, Vector3};
 use simd::Lanes;
@@ -58,20 +60,26 @@ const LOAD_KG: f64 = 2.0;
 /// Extent of the particles of the load, and how far its centre is along the hand's z, m.
 const LOAD_EXTENT_M: f64 = 0.1;
 
+/// Mass and extent of each body of an arm whose bodies are not known.
+const UNKNOWN_KG: f64 = 1.0;
+const UNKNOWN_EXTENT_M: f64 = 0.3;
+
 /// The lengths and axes of an arm, and the places of its particles.
 #[derive(Clone, Debug)]
 pub(super) struct Kinematics {
     joints: Vec<Frame>,
     particles: Vec<Particle>,
+    /// Particles of the load, which are last.
+    load: usize,
     /// Acceleration of a body that falls, along the third axis and negated, m/s².
     gravity: f64,
 }
 
 /// The frame of a joint at position 0, in the frame of the link before, or in the world.
 #[derive(Clone, Copy, Debug)]
-struct Frame {
-    turn: Matrix3<f64>,
-    origin: Vector3<f64>,
+pub(super) struct Frame {
+    pub turn: Matrix3<f64>,
+    pub origin: Vector3<f64>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -104,8 +112,41 @@ impl Kinematics {
             let place = hand.turn * place + hand.origin;
             Particle { link: last, place, root: (LOAD_KG / PER_BODY as f64).sqrt() }
         }));
-        let gravity = if robot.gravity == Gravity::Off { 0.0 } else { GRAVITY };
-        Self { joints: frames(description), particles, gravity }
+        Self {
+            joints: frames(description),
+            particles,
+            load: PER_BODY,
+            gravity: acceleration_of(robot.gravity),
+        }
+    }
+
+    /// An arm whose joints have these frames in the world at position 0. Each link has the body of
+    /// [`UNKNOWN_KG`] at its joint, and there is no load apart from the last link.
+    pub fn of_chain(frames: &[Frame], gravity: Gravity) -> Self {
+        let mut before = Frame::identity();
+        let joints = frames.iter().map(|frame| {
+            let turn = before.turn.transpose();
+            let origin = turn * (frame.origin - before.origin);
+            before = *frame;
+            Frame { turn: turn * frame.turn, origin }
+        });
+        let root = (UNKNOWN_KG / PER_BODY as f64).sqrt();
+        let bodies = (0..frames.len()).flat_map(|link| {
+            DIRECTIONS.map(|direction| {
+                let place = UNKNOWN_EXTENT_M * Vector3::from(direction);
+                Particle { link, place, root }
+            })
+        });
+        Self {
+            joints: joints.collect(),
+            particles: bodies.collect(),
+            load: 0,
+            gravity: acceleration_of(gravity),
+        }
+    }
+
+    pub fn joints(&self) -> usize {
+        self.joints.len()
     }
 
     /// Particles of the arm, with those of the load.
@@ -115,7 +156,7 @@ impl Kinematics {
 
     /// The first particle, and the first moment, of the load.
     pub fn load(&self) -> usize {
-        self.particles.len() - PER_BODY
+        self.particles.len() - self.load
     }
 
     /// The moments of the arm of the description, without a load.
@@ -262,6 +303,10 @@ impl Frame {
         let origin = Vector3::new(a_m, 0.0, 0.0) + twist * Vector3::new(0.0, 0.0, d_m);
         Self { turn: (twist * about).into_inner(), origin: origin + Vector3::from(shift_m) }
     }
+}
+
+fn acceleration_of(gravity: Gravity) -> f64 {
+    if gravity == Gravity::Off { 0.0 } else { GRAVITY }
 }
 
 /// The frames of all joints. That of the first is in the world.

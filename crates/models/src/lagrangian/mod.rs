@@ -20,7 +20,8 @@
 //!
 //! A law that is told the arm has no network: its particles are at known places of the links and
 //! have weight in gravity ([`kinematics`]). Moments of the links take the place of the weights, and
-//! what it learns is how robots differ.
+//! what it learns is how robots differ. A law can also find the lengths and axes itself, in the first
+//! batch of a training ([`chain`]), and goes on as if it had been told.
 //!
 //! The equation is linear in a robot's numbers. Given its torques they are normal, too, in closed
 //! form ([`regression`]). Training maximizes the likelihood of the context's torques by
@@ -30,6 +31,8 @@
 //! ([`draws`], [`scoring`]).
 
 mod batch;
+mod beginning;
+mod chain;
 mod disturbance;
 mod draws;
 mod features;
@@ -55,8 +58,10 @@ use std::sync::Arc;
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
 use burn::tensor::{Device, Tensor, TensorData, activation};
 use simd::InstructionSet;
+use spec::Gravity;
 
 use self::batch::{HostBatch, Points, Posteriors};
+use self::chain::Chain;
 use self::kinematics::Kinematics;
 use self::law::{Calibration, JointLaw, Law, Limits, Network, Places};
 use self::linear_algebra::Dense;
@@ -89,7 +94,9 @@ pub(crate) struct Lagrangian {
     share: Param<Tensor<1>>,
     /// Logarithm of each joint's inertia that no pose changes, kg m², over [`PACE`].
     armature: Param<Tensor<1>>,
-    /// Mean of each moment of a body over robots, where the arm is told.
+    /// The arm that the law finds: [`Chain::stored`], `[joint, value]`. No step changes it.
+    chain: Option<Param<Tensor<2>>>,
+    /// Mean of each moment of a body over robots, where the arm is told or found.
     masses: Option<Param<Tensor<1>>>,
     /// Logarithm of the mean of each rotor inertia over robots, kg m², over [`PACE`].
     rotor: Option<Param<Tensor<1>>>,
@@ -125,7 +132,10 @@ pub(crate) struct Lagrangian {
     disturbance: bool,
     /// The arm that the law is told.
     #[module(skip)]
-    kinematics: Option<Kinematics>,
+    told: Option<Kinematics>,
+    /// Whether the torques of the arm that the law finds carry its weight.
+    #[module(skip)]
+    gravity: Gravity,
     /// Samples of each trajectory in a training step.
     #[module(skip)]
     points: usize,
@@ -148,9 +158,10 @@ impl Lagrangian {
         let each = Tensor::<2>::eye(joints, device).unsqueeze::<3>();
         let own = |factor: Tensor<3>| factor.reshape(rows) * each.clone();
         let acceleration = points.acceleration(device);
-        let [shared, common] = match &self.kinematics {
-            Some(_) => {
-                let known = self.law().torques_of_points(InstructionSet::best(), points);
+        let [shared, common] = match self.kinematics() {
+            Some(kinematics) => {
+                let instructions = InstructionSet::best();
+                let known = kinematics.torques_of_moments(instructions, points.states());
                 let known = TensorData::new(known, [rows[0], joints, self.numbers.particles]);
                 let none = Tensor::zeros([rows[0], joints, 1], device);
                 [Tensor::from_data(known, device), none]
@@ -225,6 +236,24 @@ impl Lagrangian {
         unlikely.sum_dim(2) + posteriors.information_gain(&device) - given
     }
 
+    /// The arm that the law is told, or has found.
+    fn kinematics(&self) -> Option<Kinematics> {
+        let found = self.chain.as_ref().map(|chain| Chain::of_stored(&values(chain.val())).0);
+        found.map(|chain| chain.kinematics(self.gravity)).or_else(|| self.told.clone())
+    }
+
+    /// Whether particles are at places of links, which the law is told or has found.
+    fn has_links(&self) -> bool {
+        self.masses.is_some()
+    }
+
+    fn limits(&self) -> Vec<Limits> {
+        match &self.chain {
+            Some(chain) => Chain::of_stored(&values(chain.val())).1,
+            None => self.limits.clone(),
+        }
+    }
+
     fn paced(&self, param: &Param<Tensor<1>>) -> Tensor<3> {
         (param.val() * PACE).unsqueeze()
     }
@@ -235,6 +264,7 @@ impl Lagrangian {
             [&self.share, &self.armature, &self.noise, &self.friction_slope, &self.friction_shift]
                 .map(|param| values(param.val()));
         let paced = |value: f32| (PACE * value).exp();
+        let limits = self.limits();
         (0..share.len())
             .map(|joint| JointLaw {
                 share: LEAST_SHARE + (1.0 - LEAST_SHARE) / (1.0 + (-PACE * share[joint]).exp()),
@@ -242,7 +272,7 @@ impl Lagrangian {
                 noise: paced(noise[joint]),
                 friction_slope: paced(slope[joint]),
                 friction_shift: shift[joint],
-                limits: self.limits[joint],
+                limits: limits[joint],
             })
             .collect()
     }
@@ -276,8 +306,8 @@ impl Lagrangian {
             let (weight, bias) = layer.parameters();
             Dense::new(&values(weight), &values(bias))
         };
-        let places = match (&self.kinematics, &self.particles) {
-            (Some(kinematics), _) => Places::Known(kinematics.clone()),
+        let places = match (self.kinematics(), &self.particles) {
+            (Some(kinematics), _) => Places::Known(kinematics),
             (None, Some(particles)) => Places::Learned(Network {
                 hidden: self.hidden.iter().map(dense).collect(),
                 particles: dense(particles),
@@ -354,12 +384,16 @@ impl Model for Lagrangian {
         Some(fitted.map(robot).collect())
     }
 
+    fn begin(self, input: &ModelInput, seed: u64) -> Self {
+        self.with_found_chain(input, seed)
+    }
+
     fn kept(&self, extents: Extents) -> usize {
         let (points, width) = (self.points, self.numbers.count() + 1);
         // The combinations of a fit, the torques of each of them, which the loss squares, and arrays
         // in the shape of the torques.
         let of_loss = width * width + points * extents.joints * (width + KEPT_BY_LOSS);
-        let of_features = self.kinematics.is_none().then(|| self.kept_by_features(points));
+        let of_features = (!self.has_links()).then(|| self.kept_by_features(points));
         of_features.unwrap_or_default() + of_loss
     }
 

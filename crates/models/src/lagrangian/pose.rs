@@ -142,20 +142,8 @@ impl<L: Lanes> Pose<L> {
         particle: usize,
         acceleration: &[L; MAX_JOINTS],
     ) -> [L; MAX_JOINTS] {
-        let (particles, joints) = (law.numbers.particles, law.numbers.joints);
-        let mut torques = [L::splat(0.0); MAX_JOINTS];
-        for direction in 0..DIRECTIONS {
-            let row = direction * particles + particle;
-            let jacobian = &self.jacobians[row * joints..][..joints];
-            let mut accelerated = self.bias_accelerations[row];
-            for joint in 0..joints {
-                accelerated = jacobian[joint].mul_add(acceleration[joint], accelerated);
-            }
-            for joint in 0..joints {
-                torques[joint] = jacobian[joint].mul_add(accelerated, torques[joint]);
-            }
-        }
-        torques
+        let known = [&*self.jacobians, &*self.bias_accelerations];
+        particle_torques(known, particle, acceleration, law.numbers.joints)
     }
 
     /// A force of strength 1, N·m. Force 0 acts on every robot.
@@ -225,4 +213,30 @@ impl<L: Lanes> Pose<L> {
         }
         matrix
     }
+}
+
+/// The torques of a particle of weight 1, N·m, at an acceleration of the joints in rad/s². It needs
+/// the Jacobians `[direction, particle, joint]` and the accelerations at constant joint velocities
+/// `[direction, particle]` of all particles.
+#[inline(always)]
+pub(super) fn particle_torques<L: Lanes>(
+    [jacobians, bias_accelerations]: [&[L]; 2],
+    particle: usize,
+    acceleration: &[L; MAX_JOINTS],
+    joints: usize,
+) -> [L; MAX_JOINTS] {
+    let particles = bias_accelerations.len() / DIRECTIONS;
+    let mut torques = [L::splat(0.0); MAX_JOINTS];
+    for direction in 0..DIRECTIONS {
+        let row = direction * particles + particle;
+        let jacobian = &jacobians[row * joints..][..joints];
+        let mut accelerated = bias_accelerations[row];
+        for joint in 0..joints {
+            accelerated = jacobian[joint].mul_add(acceleration[joint], accelerated);
+        }
+        for joint in 0..joints {
+            torques[joint] = jacobian[joint].mul_add(accelerated, torques[joint]);
+        }
+    }
+    torques
 }

@@ -7,12 +7,12 @@ use series::{JointMotion, MeasurementNoise};
 use simd::{InstructionSet, Kernel, Lanes, MAX_LANES, with_f32_lanes};
 use spec::MAX_JOINTS;
 
-use super::batch::Points;
-use super::law::{Law, narrow};
-use super::pose::Pose;
+use super::kinematics::Kinematics;
+use super::law::{DIRECTIONS, Law, narrow};
+use super::pose::{Pose, particle_torques};
 use super::prediction::smoother_of;
 use super::recorded::Recorded;
-use super::regression::{Bounds, Numbers};
+use super::regression::Bounds;
 
 impl Law {
     /// The numbers of the most likely robot for each context.
@@ -47,47 +47,56 @@ impl Law {
     }
 }
 
-impl Law {
-    /// The torques of each moment of 1 at the points of a training step, `[point, joint, moment]`,
-    /// N·m, where the arm is told.
-    pub fn torques_of_points(&self, instructions: InstructionSet, points: &Points) -> Vec<f32> {
-        let joints = self.numbers.joints;
-        let [q, velocity, acceleration] = points.states();
-        let groups = MAX_LANES * joints;
+impl Kinematics {
+    /// The torques of each moment of 1 in states, whose positions, velocities and accelerations are
+    /// `[point, joint]`: `[point, joint, moment]`, N·m.
+    pub fn torques_of_moments(
+        &self,
+        instructions: InstructionSet,
+        states: [&[f32]; 3],
+    ) -> Vec<f32> {
+        let [q, velocity, acceleration] = states;
+        let groups = MAX_LANES * self.joints();
         let each = q.par_chunks(groups).zip(velocity.par_chunks(groups));
         let parts: Vec<Vec<f32>> = each
             .zip(acceleration.par_chunks(groups))
             .map(|((q, velocity), acceleration)| {
                 let states = [q, velocity, acceleration];
-                with_f32_lanes!(instructions, L => L::run(TorquesOfPoints { law: self, states }))
+                with_f32_lanes!(instructions, L => {
+                    L::run(TorquesOfMoments { kinematics: self, states })
+                })
             })
             .collect();
         parts.concat()
     }
 }
 
-/// The torques of particles in a few states, `[state, joint]` each.
-struct TorquesOfPoints<'a> {
-    law: &'a Law,
+/// The torques of moments in a few states, `[state, joint]` each.
+struct TorquesOfMoments<'a> {
+    kinematics: &'a Kinematics,
     states: [&'a [f32]; 3],
 }
 
-impl<L: Lanes> Kernel<L> for TorquesOfPoints<'_> {
+impl<L: Lanes> Kernel<L> for TorquesOfMoments<'_> {
     type Output = Vec<f32>;
 
     #[inline(always)]
     fn run(self) -> Vec<f32> {
-        let Self { law, states } = self;
-        let Numbers { joints, particles, .. } = law.numbers;
+        let Self { kinematics, states } = self;
+        let (joints, particles) = (kinematics.joints(), kinematics.particles());
         let count = states[0].len() / joints;
         let mut torques = vec![0.0; count * joints * particles];
-        let mut pose = Pose::<L>::new(law);
+        let room = |values: usize| vec![L::splat(0.0); values];
+        let rows = DIRECTIONS * particles;
+        let [mut jacobians, mut rates] = [rows * joints, rows * joints].map(room);
+        let mut bias = room(rows);
         for first in (0..count).step_by(L::LANES) {
             let lanes = L::LANES.min(count - first);
             let [q, velocity, acceleration] = gathered(states, first, lanes, joints);
-            pose.update(law, &q, &velocity);
+            kinematics.update(&q, &velocity, &mut jacobians, &mut rates, &mut bias);
             for particle in 0..particles {
-                let of_particle = pose.particle(law, particle, &acceleration);
+                let of_particle =
+                    particle_torques([&jacobians, &bias], particle, &acceleration, joints);
                 for (joint, torque) in of_particle.iter().enumerate().take(joints) {
                     let mut of_lanes = [0.0; MAX_LANES];
                     torque.store(&mut of_lanes);
@@ -98,7 +107,7 @@ impl<L: Lanes> Kernel<L> for TorquesOfPoints<'_> {
                 }
             }
         }
-        torques.chunks_exact_mut(particles).for_each(|torques| law.gather(torques));
+        torques.chunks_exact_mut(particles).for_each(|torques| kinematics.gather(torques));
         torques
     }
 }

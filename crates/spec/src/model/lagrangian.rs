@@ -39,6 +39,11 @@ pub struct LagrangianSpec {
     /// network, and the sizes above but `points` have no effect. `null` if the law is told nothing.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub robot: Option<KnownRobot>,
+    /// Takes an arm that the law is not told as a chain of rotating joints, whose lengths and axes
+    /// the training finds in its first batch. The rest is as if it had been told them. `null` for a
+    /// network in the place of lengths and axes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub chain: Option<UnknownChain>,
     /// Whether the rotor inertia of each joint is fitted to each robot. Otherwise all robots have the
     /// same.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
@@ -59,6 +64,15 @@ pub struct LagrangianSpec {
 pub struct KnownRobot {
     /// The robot.
     pub model: RobotModel,
+    /// Whether the torques carry the arm's weight: not with `off`.
+    #[serde(default = "defaults::gravity")]
+    pub gravity: Gravity,
+}
+
+/// An arm of rotating joints, one after the other, whose lengths and axes are not known.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct UnknownChain {
     /// Whether the torques carry the arm's weight: not with `off`.
     #[serde(default = "defaults::gravity")]
     pub gravity: Gravity,
@@ -97,6 +111,13 @@ impl Check for LagrangianSpec {
         violations.within("forces", self.forces, 0..=64);
         if let Some(robot) = &self.robot {
             violations.part("robot", robot);
+            if self.chain.is_some() {
+                violations.add(
+                    "chain",
+                    "a chain to find",
+                    "nothing beside robot, which tells the arm",
+                );
+            }
         }
     }
 }
@@ -115,6 +136,7 @@ impl ArchitectureSpec for LagrangianSpec {
             "forces",
             "share",
             "armature",
+            "chain",
             "masses",
             "rotor",
             "damping",

@@ -32,7 +32,7 @@ pub use diffusion::{
 };
 pub use flow::{FLOW_LEVELS, FLOW_STEPS, FlowPrediction, FlowSpec};
 pub use gru::GruSpec;
-pub use lagrangian::{KnownRobot, LagrangianSpec};
+pub use lagrangian::{KnownRobot, LagrangianSpec, UnknownChain};
 pub use lengths::{Length, Lengths};
 pub use loss::PointLoss;
 pub use matmul_precision::MatmulPrecision;

@@ -19,6 +19,7 @@ use super::{Lagrangian, PACE, values};
 use crate::architecture::{Architecture, Extents};
 use crate::initialization::InitialWeights;
 
+mod chain;
 mod draws;
 mod paths;
 mod told;
@@ -36,6 +37,7 @@ fn spec() -> LagrangianSpec {
         forces: 3,
         turns_freely: true,
         robot: None,
+        chain: None,
         rotor_inertia: false,
         torque_offset: false,
         disturbance: false,

@@ -68,21 +68,21 @@ fn expected(q: [f64; 2], v: [f64; 2], a: [f64; 2]) -> [f64; 2] {
 #[test]
 fn the_described_moments_have_the_torques_of_the_arm() {
     let model = told(pendulum(), 2);
-    let law = model.law();
+    let kinematics = model.kinematics().unwrap();
     let y: Vec<f32> = [[0.1, -0.9], [0.13, -0.86], [0.17, -0.84], [0.2, -0.8]].concat();
     let robot = Recorded { u: &[0.0; 8], y: &y, joints: 2, rate_hz: RATE_HZ };
     let mut points = Points::new([1, 2, 2], 0);
     (1..3).for_each(|sample| points.push(&robot, sample));
     let [q, v, a] = points.states().map(<[f32]>::to_vec);
     for instructions in InstructionSet::available() {
-        let torques = law.torques_of_points(instructions, &points);
-        for (point, of_joints) in torques.chunks_exact(2 * law.numbers.particles).enumerate() {
+        let torques = kinematics.torques_of_moments(instructions, points.states());
+        for (point, of_joints) in torques.chunks_exact(2 * kinematics.particles()).enumerate() {
             let state = |values: &[f32]| [0, 1].map(|joint| f64::from(values[2 * point + joint]));
             let expected = expected(state(&q), state(&v), state(&a));
             for (of_particles, expected) in
-                of_joints.chunks_exact(law.numbers.particles).zip(expected)
+                of_joints.chunks_exact(kinematics.particles()).zip(expected)
             {
-                let described = model.kinematics.as_ref().unwrap().described();
+                let described = kinematics.described();
                 let found: f32 = of_particles.iter().zip(described).map(|(a, b)| a * b).sum();
                 assert!((f64::from(found) - expected).abs() < 1e-4, "{found} {expected}");
             }

@@ -1,0 +1,154 @@
+//! What a law reads off the first batch of a training before its first step: the chain of an arm that
+//! it is not told, and the distribution of robots' numbers with which training begins.
+
+use burn::module::{Module, Param};
+use burn::tensor::{Tensor, TensorData};
+use random::keyed;
+
+use super::batch::{HostBatch, Points};
+use super::chain::{self, Chain, Motions};
+use super::law::Limits;
+use super::recorded::Recorded;
+use super::regression::Prior;
+use super::{Lagrangian, PACE, values};
+use crate::architecture::ModelInput;
+
+/// Samples of each context that show the chain, and that show its robots' numbers.
+const POINTS: usize = 80;
+/// Rounds of expectation-maximization.
+const ROUNDS: usize = 12;
+/// How far beyond the positions of the batch predictions may go, as a share of their range, and how
+/// many times as fast as its motions.
+const MORE_RANGE: f32 = 1.0;
+const MORE_SPEED: f32 = 4.0;
+/// The initial spread of a number over robots, as a share of its mean; of a moment at least the
+/// second.
+const SPREAD_SHARE: f64 = 0.3;
+const MOMENT_SPREAD: f64 = 0.1;
+/// The least value of a number that is kept as a logarithm, N·m·s/rad or kg m².
+const LEAST: f64 = 1e-4;
+/// The share of a rotor that all robots have in common, where rotors are fitted.
+const COMMON_ROTOR: f64 = 0.05;
+
+impl Lagrangian {
+    /// The law with the chain of the robots in `input`, if it has to find one.
+    pub(super) fn with_found_chain(mut self, input: &ModelInput, seed: u64) -> Self {
+        let Some(stored) = self.chain.take() else { return self };
+        let mut batch = HostBatch::new(input);
+        batch.smooth(input.measurement_noise);
+        let [robots, ..] = input.u.dims();
+        let recordings: Vec<Recorded<'_>> = (0..robots).map(|robot| batch.robot(robot)).collect();
+        let motions = Motions::new(&recordings, POINTS, self.gravity);
+        let chain = chain::find(&motions, &mut keyed([seed, 0, 0, 0]));
+        let limits = limits(&recordings);
+        self.chain = Some(with(stored, chain.stored(&limits)));
+        self.with_numbers_of(&motions, &chain).with_distribution_of(&recordings)
+    }
+
+    /// The law whose robots have in the mean the numbers that fit all motions.
+    fn with_numbers_of(mut self, motions: &Motions, chain: &Chain) -> Self {
+        let common = motions.common_numbers(chain);
+        let positive = |values: &[f64]| values.iter().map(|value| value.max(LEAST)).collect();
+        let [dampings, frictions, rotors]: [Vec<f64>; 3] =
+            [&common.dampings, &common.frictions, &common.rotors].map(|values| positive(values));
+        let mut mean = [common.moments, dampings, frictions].concat();
+        if self.numbers.rotors {
+            mean.extend(&rotors);
+        }
+        mean.resize(self.numbers.count(), 0.0);
+        let least = |number: usize| {
+            if self.numbers.weights().contains(&number) { MOMENT_SPREAD } else { LEAST }
+        };
+        let spreads = mean.iter().enumerate();
+        let spread =
+            spreads.map(|(number, mean)| (SPREAD_SHARE * mean.abs()).max(least(number))).collect();
+        let share = if self.numbers.rotors { COMMON_ROTOR } else { 1.0 };
+        self.armature =
+            with_logarithms(self.armature, rotors.iter().map(|rotor| (share * rotor).max(LEAST)));
+        self.with_prior(&Prior { mean, spread })
+    }
+
+    /// The law with the distribution of numbers and residual torques of these robots, by
+    /// expectation-maximization.
+    fn with_distribution_of(mut self, recordings: &[Recorded<'_>]) -> Self {
+        let joints = self.numbers.joints;
+        let samples = recordings.iter().map(Recorded::samples).min().unwrap_or_default();
+        let stride = (samples.saturating_sub(2) / POINTS).max(1);
+        let chosen: Vec<usize> =
+            (1..samples.saturating_sub(1)).step_by(stride).take(POINTS).collect();
+        let mut points = Points::new([recordings.len(), joints, chosen.len()], self.first);
+        for recorded in recordings {
+            chosen.iter().for_each(|&sample| points.push(recorded, sample));
+        }
+        let law = self.valid();
+        let device = law.share.val().device();
+        let [factors, torques] = law.equations(&points, &device).map(values);
+        for _ in 0..ROUNDS {
+            let prior = self.prior();
+            let laws = self.joint_laws();
+            let fitted = points.fit(&factors, &torques, &laws, &prior, self.numbers);
+            let noise = fitted.residual_torques(&factors, &torques, joints);
+            self.noise =
+                with_logarithms(self.noise, noise.into_iter().map(|noise| noise.max(LEAST)));
+            self = self.with_prior(&fitted.over_robots());
+        }
+        self
+    }
+
+    /// The law whose robots have these means and spreads.
+    #[expect(clippy::cast_possible_truncation, reason = "parameters are f32")]
+    fn with_prior(mut self, prior: &Prior) -> Self {
+        let Prior { mean, spread } = prior;
+        let narrow = |values: &[f64]| values.iter().map(|&value| value as f32).collect();
+        let numbers = self.numbers;
+        let positive =
+            |values: &[f64]| values.iter().map(|value| value.max(LEAST)).collect::<Vec<_>>();
+        self.masses = self.masses.map(|masses| with(masses, narrow(&mean[numbers.weights()])));
+        self.damping = with_logarithms(self.damping, positive(&mean[numbers.dampings()]));
+        let units = self.friction_units.iter().copied().map(f64::from);
+        let frictions = mean[numbers.frictions()].iter().zip(units);
+        let frictions: Vec<f64> =
+            frictions.map(|(friction, unit)| friction.max(0.0) / unit / f64::from(PACE)).collect();
+        self.friction = with(self.friction, narrow(&frictions));
+        self.rotor =
+            self.rotor.map(|rotor| with_logarithms(rotor, positive(&mean[numbers.rotors()])));
+        self.spread = with_logarithms(self.spread, positive(spread));
+        self
+    }
+}
+
+/// Where predictions stay: about as far and as fast as these motions.
+fn limits(recordings: &[Recorded<'_>]) -> Vec<Limits> {
+    let joints = recordings.first().map_or(0, |recorded| recorded.joints);
+    let of_joint = |joint: usize| {
+        let (mut low, mut high, mut speed) = (f32::MAX, f32::MIN, 0.0_f32);
+        for recorded in recordings {
+            let positions = recorded.y[joint..].iter().step_by(joints);
+            for (&position, &next) in positions.clone().zip(positions.skip(1)) {
+                low = low.min(position).min(next);
+                high = high.max(position).max(next);
+                speed = speed.max((next - position).abs() * recorded.rate_hz);
+            }
+        }
+        let more = MORE_RANGE * (high - low);
+        Limits { position: [low - more, high + more], speed: MORE_SPEED * speed }
+    };
+    (0..joints).map(of_joint).collect()
+}
+
+/// A parameter with other values.
+fn with<const D: usize>(param: Param<Tensor<D>>, values: Vec<f32>) -> Param<Tensor<D>> {
+    param.map(|tensor| {
+        let data = TensorData::new(values, tensor.shape());
+        Tensor::from_data(data, &tensor.device()).set_require_grad(tensor.is_require_grad())
+    })
+}
+
+/// A parameter that keeps the logarithms of these values, over [`PACE`].
+#[expect(clippy::cast_possible_truncation, reason = "parameters are f32")]
+fn with_logarithms(
+    param: Param<Tensor<1>>,
+    values: impl IntoIterator<Item = f64>,
+) -> Param<Tensor<1>> {
+    with(param, values.into_iter().map(|value| value.ln() as f32 / PACE).collect())
+}

@@ -1,0 +1,130 @@
+//! The lengths and axes of an arm that the law is not told. The first batch of a training shows them.
+//!
+//! An arm is taken as a chain of rotating joints. Once the axes are known, its torques are linear in
+//! the moments of its links, and in damping, friction, rotor and offset of each joint
+//! ([`super::kinematics`]). So a chain is sought whose best linear fit to each of many arms leaves the
+//! least residual torque ([`fit`], [`search`]). What the data cannot tell stays open and changes no
+//! prediction: where along its axis a joint is, how the base is turned about the vertical, and whether
+//! the arm is its own mirror image.
+
+mod fit;
+mod search;
+
+use nalgebra::{Rotation3, Vector3};
+use random::{ChaCha8Rng, normal};
+use spec::Gravity;
+
+use super::kinematics::{Frame, Kinematics};
+use super::law::Limits;
+
+pub(super) use self::fit::Motions;
+pub(super) use self::search::find;
+
+/// Typical distance of a joint from the base in each direction where a search starts, m.
+const START_M: f64 = 0.3;
+/// Values of a joint in a stored chain: nine of its turn, row by row, three of its origin in m, its
+/// least and largest position in rad, and its largest speed in rad/s.
+pub(super) const STORED: usize = 15;
+/// Ways to move a joint's axis: two turns and two shifts across it.
+const MOVES: usize = 4;
+
+/// The frame of each joint in the world, whose third axis the joint turns about, with the arm at
+/// position 0.
+#[derive(Clone, Debug)]
+pub(super) struct Chain {
+    frames: Vec<Frame>,
+}
+
+impl Chain {
+    /// A chain of random joints.
+    pub fn random(joints: usize, generator: &mut ChaCha8Rng) -> Self {
+        Self { frames: (0..joints).map(|_| random_frame(generator)).collect() }
+    }
+
+    /// The chain with another axis of one joint, at the same place.
+    pub fn with_random_axis(&self, joint: usize, generator: &mut ChaCha8Rng) -> Self {
+        let mut chain = self.clone();
+        chain.frames[joint].turn = random_frame(generator).turn;
+        chain
+    }
+
+    /// An upright chain, before anything is known.
+    pub fn straight(joints: usize) -> Self {
+        let frames = (0..joints).map(|joint| {
+            let axis = if joint % 2 == 0 { Vector3::z() } else { Vector3::y() };
+            let turn = Rotation3::rotation_between(&Vector3::z(), &axis).unwrap_or_default();
+            let origin = Vector3::new(0.0, 0.0, joint as f64 * START_M);
+            Frame { turn: turn.into_inner(), origin }
+        });
+        Self { frames: frames.collect() }
+    }
+
+    pub fn kinematics(&self, gravity: Gravity) -> Kinematics {
+        Kinematics::of_chain(&self.frames, gravity)
+    }
+
+    /// The number of ways to move one axis. The base may be anywhere, so the first axis only turns.
+    fn moves(&self) -> usize {
+        (MOVES * self.frames.len()).saturating_sub(2)
+    }
+
+    /// The chain with every axis moved: rad about x and y and m along x and y of each joint's frame.
+    /// The first joint has no shifts.
+    fn moved(&self, moves: &[f64]) -> Self {
+        let (first, others) = moves.split_at(2);
+        let each = std::iter::once([first[0], first[1], 0.0, 0.0])
+            .chain(others.as_chunks::<MOVES>().0.iter().copied());
+        let frames = self.frames.iter().zip(each).map(|(frame, [about_x, about_y, x, y])| {
+            let turn = Rotation3::new(Vector3::new(about_x, about_y, 0.0));
+            let origin = frame.origin + frame.turn * Vector3::new(x, y, 0.0);
+            Frame { turn: frame.turn * turn.into_inner(), origin }
+        });
+        Self { frames: frames.collect() }
+    }
+
+    /// The same chain with each joint at the place of its axis that is next to the joint before.
+    fn gathered(&self) -> Self {
+        let mut before = Vector3::zeros();
+        let frames = self.frames.iter().map(|frame| {
+            let axis = frame.turn.column(2);
+            let origin = frame.origin + axis * axis.dot(&(before - frame.origin));
+            before = origin;
+            Frame { turn: frame.turn, origin }
+        });
+        Self { frames: frames.collect() }
+    }
+
+    /// The values of a parameter, `[joint, value]`, with the limits of each joint.
+    #[expect(clippy::cast_possible_truncation, reason = "parameters are f32")]
+    pub fn stored(&self, limits: &[Limits]) -> Vec<f32> {
+        let each = self.frames.iter().zip(limits);
+        each.flat_map(|(frame, limits)| {
+            let turn = frame.turn.transpose();
+            let place = turn.iter().chain(frame.origin.iter()).map(|value| *value as f32);
+            place.chain(limits.position).chain([limits.speed]).collect::<Vec<f32>>()
+        })
+        .collect()
+    }
+
+    /// The chain and the limits of a parameter.
+    pub fn of_stored(values: &[f32]) -> (Self, Vec<Limits>) {
+        let rows = values.as_chunks::<STORED>().0.iter();
+        let each = rows.map(|row| {
+            let place = row.map(f64::from);
+            let frame = Frame {
+                turn: nalgebra::Matrix3::from_row_slice(&place[..9]),
+                origin: Vector3::from_column_slice(&place[9..12]),
+            };
+            (frame, Limits { position: [row[12], row[13]], speed: row[14] })
+        });
+        let (frames, limits) = each.unzip();
+        (Self { frames }, limits)
+    }
+}
+
+fn random_frame(generator: &mut ChaCha8Rng) -> Frame {
+    let mut drawn = || Vector3::from_fn(|_, _| normal(generator));
+    let (axis, origin) = (drawn(), drawn() * START_M);
+    let turn = Rotation3::rotation_between(&Vector3::z(), &axis).unwrap_or_default();
+    Frame { turn: turn.into_inner(), origin }
+}

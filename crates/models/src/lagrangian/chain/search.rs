@@ -1,0 +1,103 @@
+//! The search for a chain among many random ones: races, in which ever fewer go on.
+
+use random::ChaCha8Rng;
+use rayon::prelude::*;
+
+use super::Chain;
+use super::fit::{Candidate, Motions};
+
+/// A round of a race.
+struct Round {
+    /// The chains that take part, the best of the round before.
+    runners: usize,
+    /// Robots whose motions they fit.
+    robots: usize,
+    /// Steps that each takes.
+    steps: usize,
+    /// Whether joints count by how well they are explained. Otherwise they count by their torques,
+    /// which leads to the neighbourhood of a solution, and leaves light joints wrong.
+    by_residuals: bool,
+}
+
+const RACE: [Round; 4] = [
+    Round { runners: 32, robots: 6, steps: 6, by_residuals: false },
+    Round { runners: 16, robots: 6, steps: 8, by_residuals: false },
+    Round { runners: 8, robots: 8, steps: 10, by_residuals: false },
+    Round { runners: 8, robots: 8, steps: 10, by_residuals: true },
+];
+/// What the winner does after the races.
+const POLISH: Round = Round { runners: 1, robots: 12, steps: 30, by_residuals: true };
+/// What it does with another axis of one joint, and how often each joint is tried. A joint may have come
+/// to rest at a wrong axis while all others found theirs.
+const RETRY: Round = Round { runners: usize::MAX, robots: 12, steps: 15, by_residuals: true };
+const RETRIES: usize = 2;
+/// The last steps, with the motions of all robots, after each change of units.
+const LAST: [Round; 2] = [
+    Round { runners: 1, robots: 48, steps: 15, by_residuals: true },
+    Round { runners: 1, robots: 48, steps: 15, by_residuals: true },
+];
+/// The most races. On Pandas as they are used two races of three find the arm.
+const RACES: usize = 4;
+/// The arm is found when the winner is this much better than the median runner: its residual torques
+/// are e times smaller. Runners that are wrong in some joint are much alike.
+const CLEAR: f64 = 1.0;
+
+/// The chain that fits the motions best.
+pub(in crate::lagrangian) fn find(motions: &Motions, generator: &mut ChaCha8Rng) -> Chain {
+    let mut best: Option<Candidate> = None;
+    for _ in 0..RACES {
+        let starts = (0..RACE[0].runners).map(|_| Chain::random(motions.joints(), generator));
+        let mut field = starts.collect();
+        let mut ranked = Vec::new();
+        for round in &RACE {
+            ranked = round.run(motions, field);
+            field = ranked.iter().map(|candidate| candidate.chain.clone()).collect();
+        }
+        let median = ranked[ranked.len() / 2].misfit;
+        let winner = ranked.swap_remove(0);
+        let is_clear = winner.misfit < median - CLEAR;
+        if best.as_ref().is_none_or(|best| winner.misfit < best.misfit) {
+            best = Some(winner);
+        }
+        if is_clear {
+            break;
+        }
+    }
+    let start = best.expect("a race has a winner").chain;
+    let mut best = POLISH.winner(motions, vec![start]);
+    for _ in 0..RETRIES {
+        let tries =
+            (0..motions.joints()).map(|joint| best.chain.with_random_axis(joint, generator));
+        let tried = RETRY.winner(motions, tries.collect());
+        if tried.misfit < best.misfit {
+            best = POLISH.winner(motions, vec![tried.chain]);
+        }
+    }
+    for round in &LAST {
+        best = round.winner(motions, vec![best.chain]);
+    }
+    best.chain.gathered()
+}
+
+impl Round {
+    /// The runners after the round, the best one first.
+    fn run(&self, motions: &Motions, mut field: Vec<Chain>) -> Vec<Candidate> {
+        let motions = motions.of_first(self.robots);
+        field.truncate(self.runners);
+        let run = |chain: Chain| {
+            let mut candidate = motions.candidate(chain);
+            if self.by_residuals {
+                candidate = candidate.in_units_of_residuals(&motions);
+            }
+            motions.improve(&mut candidate, self.steps);
+            candidate
+        };
+        let mut ranked: Vec<Candidate> = field.into_par_iter().map(run).collect();
+        ranked.sort_by(|one, other| one.misfit.total_cmp(&other.misfit));
+        ranked
+    }
+
+    fn winner(&self, motions: &Motions, field: Vec<Chain>) -> Candidate {
+        self.run(motions, field).swap_remove(0)
+    }
+}
