@@ -21,6 +21,9 @@ const ROUNDS: usize = 12;
 /// many times as fast as its motions.
 const MORE_RANGE: f32 = 1.0;
 const MORE_SPEED: f32 = 4.0;
+/// A joint that is still in the batch counts as one of this range, rad, and speed, rad/s.
+const LEAST_RANGE: f32 = 0.1;
+const LEAST_SPEED: f32 = 0.5;
 /// The initial spread of a number over robots, as a share of its mean; of a moment at least the
 /// second.
 const SPREAD_SHARE: f64 = 0.3;
@@ -130,8 +133,8 @@ fn limits(recordings: &[Recorded<'_>]) -> Vec<Limits> {
                 speed = speed.max((next - position).abs() * recorded.rate_hz);
             }
         }
-        let more = MORE_RANGE * (high - low);
-        Limits { position: [low - more, high + more], speed: MORE_SPEED * speed }
+        let more = MORE_RANGE * (high - low).max(LEAST_RANGE);
+        Limits { position: [low - more, high + more], speed: MORE_SPEED * speed.max(LEAST_SPEED) }
     };
     (0..joints).map(of_joint).collect()
 }

@@ -26,6 +26,9 @@ const LESS_DAMPING: f64 = 1.0 / 3.0;
 const MORE_DAMPING: f64 = 4.0;
 /// The share of the mean curvature that is added to each one's, for moves that change nothing.
 const FLOOR: f64 = 1e-4;
+/// The least torque that counts as 1, N·m, and as a share of the largest one.
+const LEAST_UNIT: f64 = 1e-6;
+const LEAST_SHARE: f64 = 1e-3;
 /// Steps that are tried with ever more damping.
 const TRIES: usize = 10;
 /// A fit whose step takes less off the cost than this share has ended.
@@ -232,9 +235,10 @@ impl Motions {
             }
         }
         let rows = self.states[0].len() / self.joints.max(1);
-        let unit = |square: f64| (square / rows.max(1) as f64).sqrt().max(f64::MIN_POSITIVE);
-        let units = squares.into_iter().map(unit).collect();
-        self.judged(chain, units)
+        let roots: Vec<f64> =
+            squares.into_iter().map(|square| (square / rows.max(1) as f64).sqrt()).collect();
+        let least = LEAST_SHARE * roots.iter().copied().fold(LEAST_UNIT, f64::max);
+        self.judged(chain, roots.into_iter().map(|root| root.max(least)).collect())
     }
 
     fn judged(&self, chain: Chain, units: Vec<f64>) -> Candidate {
@@ -352,9 +356,8 @@ impl Candidate {
         let fits = motions.fit(&self.chain, &self.units);
         let Some((squares, each)) = motions.squares(&fits) else { return self };
         let units = self.units.iter().zip(squares);
-        let units = units
-            .map(|(unit, square)| (unit * (square / each).sqrt()).max(f64::MIN_POSITIVE))
-            .collect();
+        let units =
+            units.map(|(unit, square)| (unit * (square / each).sqrt()).max(LEAST_UNIT)).collect();
         motions.judged(self.chain, units)
     }
 }
