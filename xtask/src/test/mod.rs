@@ -228,15 +228,23 @@ fn skipped_tests() -> std::path::PathBuf {
 /// them.
 const WORKSPACE: [&str; 4] = ["--workspace", "--lib", "--bins", "--tests"];
 
-/// Compiles the tests, so that clippy does not wait for it.
+/// Where nextest finds the tests that were built. Otherwise it would ask cargo, which waits until
+/// clippy ends.
+const TEST_PROGRAMS: &str = "target/test-programs.json";
+
+/// Compiles the tests.
 fn build_of_tests() -> Command {
-    let mut command = if process::exists("cargo-nextest") {
-        command("cargo", &["nextest", "run", "--cargo-profile", "release"])
-    } else {
-        command("cargo", &["test", "--release"])
-    };
-    command.args(WORKSPACE).arg("--no-run");
-    command
+    if !process::exists("cargo-nextest") {
+        let mut command = command("cargo", &["test", "--release", "--no-run"]);
+        command.args(WORKSPACE);
+        return command;
+    }
+    let tests = WORKSPACE.join(" ");
+    let list = format!(
+        "cargo nextest list --cargo-profile release {tests} --list-type binaries-only \
+         --message-format json > {TEST_PROGRAMS}"
+    );
+    command("sh", &["-c", &list])
 }
 
 /// Without installs, plain `cargo test` replaces a missing nextest, and tests of PostgreSQL are
@@ -247,9 +255,8 @@ fn nextest_or_cargo_test(quick: bool) -> Command {
         let _ = std::fs::write(skipped_tests(), "postgres::*: PostgreSQL is not installed\n");
     }
     if process::exists("cargo-nextest") {
-        let mut command =
-            command("cargo", &["nextest", "run", "--cargo-profile", "release", "--no-fail-fast"]);
-        command.args(WORKSPACE);
+        let mut command = command("cargo", &["nextest", "run", "--no-fail-fast"]);
+        command.args(["--binaries-metadata", TEST_PROGRAMS]);
         // The outputs of failed tests then follow the summary, so that they are repeated at the
         // end of the run.
         command.args(["--failure-output", "immediate-final"]);

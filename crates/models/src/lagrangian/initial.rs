@@ -34,8 +34,7 @@ const LEAST_SHARE_OF_ROTOR: f32 = 0.05;
 const INITIAL_SCALE_SPREAD: f32 = 0.3;
 /// The shortest context in samples: one sample with one before it and one after it.
 const LEAST_CONTEXT: u32 = 3;
-/// The shortest context that shows a chain: twice as many equations as the numbers of a joint and its
-/// link, from samples with one before them and one after.
+/// The shortest context that shows a chain. It has more samples than a joint and its link have numbers.
 const LEAST_CONTEXT_OF_CHAIN: u32 = 30;
 
 impl Architecture for LagrangianSpec {

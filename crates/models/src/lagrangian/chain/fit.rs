@@ -44,6 +44,8 @@ pub(in crate::lagrangian) struct Motions {
     increases: Vec<f32>,
     /// The torques of each robot, N·m, `[point · joint]`.
     torques: Vec<Vec<f64>>,
+    /// The root mean square of each joint's torques, N·m.
+    torque_rms: Vec<f64>,
 }
 
 /// Numbers that many robots have in common: moments of links, and of each joint the damping in
@@ -63,8 +65,7 @@ pub(super) struct Candidate {
     units: Vec<f64>,
     /// Mean square of the residual torques, in these units.
     cost: f64,
-    /// Mean logarithm of each joint's residual torque, N·m. Joints count alike whatever their torques
-    /// are.
+    /// Mean logarithm over joints of the residual torque, as a share of the joint's torques.
     pub misfit: f64,
     damping: f64,
     has_ended: bool,
@@ -101,8 +102,18 @@ impl Motions {
             }
             torques
         };
-        let torques = recordings.iter().map(of_recording).collect();
-        Self { joints, gravity, states, increases, torques }
+        let torques: Vec<Vec<f64>> = recordings.iter().map(of_recording).collect();
+        let mut squares = vec![0.0; joints];
+        for torques in &torques {
+            for (row, torque) in torques.iter().enumerate() {
+                squares[row % joints] += torque * torque;
+            }
+        }
+        let rows = (states[0].len() / joints.max(1)).max(1) as f64;
+        let rms: Vec<f64> = squares.into_iter().map(|square| (square / rows).sqrt()).collect();
+        let least = LEAST_SHARE * rms.iter().copied().fold(LEAST_UNIT, f64::max);
+        let torque_rms = rms.into_iter().map(|rms| rms.max(least)).collect();
+        Self { joints, gravity, states, increases, torques, torque_rms }
     }
 
     pub fn joints(&self) -> usize {
@@ -115,7 +126,8 @@ impl Motions {
         let values = torques.iter().map(Vec::len).sum();
         let states = self.states.each_ref().map(|states| states[..values].to_vec());
         let increases = self.increases[..values].to_vec();
-        Self { states, increases, torques, ..*self }
+        let torque_rms = self.torque_rms.clone();
+        Self { states, increases, torques, torque_rms, ..*self }
     }
 
     /// The torques of each moment, N·m, `[robot, point · joint, moment]`, and how many moments there
@@ -228,17 +240,7 @@ impl Motions {
 
     /// A chain with the joints' torques as units.
     pub(super) fn candidate(&self, chain: Chain) -> Candidate {
-        let mut squares = vec![0.0; self.joints];
-        for torques in &self.torques {
-            for (row, torque) in torques.iter().enumerate() {
-                squares[row % self.joints] += torque * torque;
-            }
-        }
-        let rows = self.states[0].len() / self.joints.max(1);
-        let roots: Vec<f64> =
-            squares.into_iter().map(|square| (square / rows.max(1) as f64).sqrt()).collect();
-        let least = LEAST_SHARE * roots.iter().copied().fold(LEAST_UNIT, f64::max);
-        self.judged(chain, roots.into_iter().map(|root| root.max(least)).collect())
+        self.judged(chain, self.torque_rms.clone())
     }
 
     fn judged(&self, chain: Chain, units: Vec<f64>) -> Candidate {
@@ -251,7 +253,7 @@ impl Motions {
             damping: DAMPING,
             has_ended: false,
         };
-        candidate.judge(self.squares(&fits));
+        candidate.judge(self, &fits);
         candidate.has_ended = !candidate.cost.is_finite();
         candidate
     }
@@ -295,7 +297,7 @@ impl Motions {
             }
             candidate.has_ended = candidate.cost > (1.0 - LEAST_GAIN) * before;
         }
-        candidate.judge(self.squares(&fits));
+        candidate.judge(self, &fits);
     }
 
     /// The squares of the derivatives of residuals by the moves, and their products with the residuals.
@@ -338,14 +340,14 @@ impl Motions {
 }
 
 impl Candidate {
-    /// Judges the chain by the squares of its residuals and their number, for each joint.
-    fn judge(&mut self, found: Option<(Vec<f64>, f64)>) {
-        let Some((squares, each)) = found else { return };
+    /// Judges the chain by the least squares of all robots.
+    fn judge(&mut self, motions: &Motions, fits: &[LeastSquares]) {
+        let Some((squares, each)) = motions.squares(fits) else { return };
         let joints = squares.len().max(1) as f64;
-        let logs = squares
-            .iter()
-            .zip(&self.units)
-            .map(|(square, unit)| (unit * (square / each).sqrt()).max(f64::MIN_POSITIVE).ln());
+        let shares = squares.iter().zip(&self.units).zip(&motions.torque_rms);
+        let logs = shares.map(|((square, unit), torque)| {
+            ((unit * (square / each).sqrt()).max(LEAST_UNIT) / torque).ln()
+        });
         self.misfit = logs.sum::<f64>() / joints;
         self.cost = squares.iter().sum::<f64>() / (each * joints);
     }

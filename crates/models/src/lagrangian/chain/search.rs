@@ -41,6 +41,9 @@ const RACES: usize = 4;
 /// The arm is found when the winner is this much better than the median runner: its residual torques
 /// are e times smaller. Runners that are wrong in some joint are much alike.
 const CLEAR: f64 = 1.0;
+/// It is found as well when this share of its torques is left. Of an arm of few joints all runners may
+/// be right.
+const LEFT: f64 = 0.005;
 
 /// The chain that fits the motions best.
 pub(in crate::lagrangian) fn find(motions: &Motions, generator: &mut ChaCha8Rng) -> Chain {
@@ -55,11 +58,11 @@ pub(in crate::lagrangian) fn find(motions: &Motions, generator: &mut ChaCha8Rng)
         }
         let median = ranked[ranked.len() / 2].misfit;
         let winner = ranked.swap_remove(0);
-        let is_clear = winner.misfit < median - CLEAR;
+        let is_found = winner.misfit < f64::max(median - CLEAR, LEFT.ln());
         if best.as_ref().is_none_or(|best| winner.misfit < best.misfit) {
             best = Some(winner);
         }
-        if is_clear {
+        if is_found {
             break;
         }
     }
