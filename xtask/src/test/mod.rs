@@ -13,7 +13,7 @@ use std::time::Instant;
 use clap::Args;
 
 use crate::peers;
-use crate::places::repository;
+use crate::places::{repository, target};
 use crate::process::{self, command};
 use counts::Counts;
 
@@ -230,7 +230,9 @@ const WORKSPACE: [&str; 4] = ["--workspace", "--lib", "--bins", "--tests"];
 
 /// Where nextest finds the tests that were built. Otherwise it would ask cargo, which waits until
 /// clippy ends.
-const TEST_PROGRAMS: &str = "target/test-programs.json";
+fn test_programs() -> std::path::PathBuf {
+    target().join("test-programs.json")
+}
 
 /// Compiles the tests.
 fn build_of_tests() -> Command {
@@ -242,9 +244,11 @@ fn build_of_tests() -> Command {
     let tests = WORKSPACE.join(" ");
     let list = format!(
         "cargo nextest list --cargo-profile release {tests} --list-type binaries-only \
-         --message-format json > {TEST_PROGRAMS}"
+         --message-format json > \"$0\""
     );
-    command("sh", &["-c", &list])
+    let mut command = command("sh", &["-c", &list]);
+    command.arg(test_programs());
+    command
 }
 
 /// Without installs, plain `cargo test` replaces a missing nextest, and tests of PostgreSQL are
@@ -256,7 +260,7 @@ fn nextest_or_cargo_test(quick: bool) -> Command {
     }
     if process::exists("cargo-nextest") {
         let mut command = command("cargo", &["nextest", "run", "--no-fail-fast"]);
-        command.args(["--binaries-metadata", TEST_PROGRAMS]);
+        command.arg("--binaries-metadata").arg(test_programs());
         // The outputs of failed tests then follow the summary, so that they are repeated at the
         // end of the run.
         command.args(["--failure-output", "immediate-final"]);
