@@ -1,5 +1,5 @@
-//! What a law reads off the first batch of a training before its first step: the chain of an arm that
-//! it is not told, and the distribution of robots' numbers with which training begins.
+//! A training begins: before its first step, a law that is not told its arm finds the chain in the
+//! first batch, and takes the distribution of robots' numbers from there.
 
 use burn::module::{Module, Param};
 use burn::tensor::{Tensor, TensorData};
@@ -51,8 +51,7 @@ impl Lagrangian {
     /// The law whose robots have in the mean the numbers that fit all motions.
     fn with_numbers_of(mut self, motions: &Motions, chain: &Chain) -> Self {
         let common = motions.common_numbers(chain);
-        let positive = |values: &[f64]| values.iter().map(|value| value.max(LEAST)).collect();
-        let [dampings, frictions, rotors]: [Vec<f64>; 3] =
+        let [dampings, frictions, rotors] =
             [&common.dampings, &common.frictions, &common.rotors].map(|values| positive(values));
         let mut mean = [common.moments, dampings, frictions].concat();
         if self.numbers.rotors {
@@ -104,8 +103,6 @@ impl Lagrangian {
         let Prior { mean, spread } = prior;
         let narrow = |values: &[f64]| values.iter().map(|&value| value as f32).collect();
         let numbers = self.numbers;
-        let positive =
-            |values: &[f64]| values.iter().map(|value| value.max(LEAST)).collect::<Vec<_>>();
         self.masses = self.masses.map(|masses| with(masses, narrow(&mean[numbers.weights()])));
         self.damping = with_logarithms(self.damping, positive(&mean[numbers.dampings()]));
         let units = self.friction_units.iter().copied().map(f64::from);
@@ -137,6 +134,11 @@ fn limits(recordings: &[Recorded<'_>]) -> Vec<Limits> {
         Limits { position: [low - more, high + more], speed: MORE_SPEED * speed.max(LEAST_SPEED) }
     };
     (0..joints).map(of_joint).collect()
+}
+
+/// The values, at least [`LEAST`].
+fn positive(values: &[f64]) -> Vec<f64> {
+    values.iter().map(|value| value.max(LEAST)).collect()
 }
 
 /// A parameter with other values.

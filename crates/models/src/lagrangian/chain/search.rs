@@ -25,13 +25,13 @@ const RACE: [Round; 4] = [
     Round { runners: 8, robots: 8, steps: 10, by_residuals: false },
     Round { runners: 8, robots: 8, steps: 10, by_residuals: true },
 ];
-/// What the winner does after the races.
+/// The winner of the races goes on alone.
 const POLISH: Round = Round { runners: 1, robots: 12, steps: 30, by_residuals: true };
-/// What it does with another axis of one joint, and how often each joint is tried. A joint may have come
-/// to rest at a wrong axis while all others found theirs.
+/// Then each joint is tried with another axis, so often. A joint may have come to rest at a wrong axis
+/// while all others found theirs.
 const RETRY: Round = Round { runners: usize::MAX, robots: 12, steps: 15, by_residuals: true };
 const RETRIES: usize = 2;
-/// The last steps, with the motions of all robots, after each change of units.
+/// The last steps fit the motions of more robots, with new units each time.
 const LAST: [Round; 2] = [
     Round { runners: 1, robots: 48, steps: 15, by_residuals: true },
     Round { runners: 1, robots: 48, steps: 15, by_residuals: true },
