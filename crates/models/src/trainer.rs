@@ -7,13 +7,13 @@ use random::ChaCha12Rng;
 use series::{Series, SeriesView};
 use spec::{DataSource, DataSources, Digest, EmaSpec, Given, Lengths, ModelSpec, Range, TrainSpec};
 
-use crate::architecture::{Draw, Extents};
+use crate::architecture::{Draw, Extents, ModelInput};
 use crate::checkpoint::{
     self, CheckpointConfig, CheckpointFiles, InitialCheckpoint, Origin, TrainingState, Versions,
 };
 use crate::device::host_values;
 use crate::ema::WeightAverage;
-use crate::frame::Framing;
+use crate::frame::{Frame, Framing};
 use crate::frozen::freeze;
 use crate::gradient_sum::{self, GradientSum};
 use crate::initialization::InitialWeights;
@@ -307,11 +307,8 @@ impl Trainer {
     fn begin(&mut self, batch: &Series) -> Result<(), ModelError> {
         let model = self.compute(|| {
             check_batch(&batch.view(), self.framing.samples, self.joints)?;
-            let batch = batch.view();
-            let statistics = self.normalizer.statistics_of_batch(&batch, self.framing.context);
-            let observed = batch.observed(0, self.framing.context);
-            let frames = self.framing.frames(&observed, &statistics);
-            let input = model_input(&observed, &statistics, &frames, &self.device.inference());
+            let device = self.device.inference();
+            let (input, _) = self.input(&batch.view(), self.framing, &device);
             Ok(self.model.clone().begin(&input, self.identity.seed))
         })?;
         self.average = self.identity.ema.map(|ema| WeightAverage::new(ema, &model));
@@ -496,16 +493,25 @@ impl Trainer {
         noise: &mut Noise,
         device: &burn::tensor::Device,
     ) -> Result<Loss, ModelError> {
-        let context = framing.context;
-        let statistics = self.normalizer.statistics_of_batch(batch, context);
-        let observed = batch.observed(0, context);
-        let frames = framing.frames(&observed, &statistics);
-        let input = model_input(&observed, &statistics, &frames, device);
-        let loss = model.loss(input, target(batch, &frames, context, device), noise);
+        let (input, frames) = self.input(batch, framing, device);
+        let loss = model.loss(input, target(batch, &frames, framing.context, device), noise);
         Ok(match &self.loss_weights {
             Some(weights) => loss.weighted(weights),
             None => loss,
         })
+    }
+
+    /// The input of the model, and the frame of each robot's answer.
+    fn input(
+        &self,
+        batch: &SeriesView<'_>,
+        framing: Framing,
+        device: &burn::tensor::Device,
+    ) -> (ModelInput, Vec<Frame>) {
+        let statistics = self.normalizer.statistics_of_batch(batch, framing.context);
+        let observed = batch.observed(0, framing.context);
+        let frames = framing.frames(&observed, &statistics);
+        (model_input(&observed, &statistics, &frames, device), frames)
     }
 }
 
