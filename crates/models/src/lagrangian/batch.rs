@@ -270,6 +270,25 @@ impl Posteriors {
         Prior { mean, spread }
     }
 
+    /// The covariance over robots of the first `count` numbers.
+    pub fn covariance_over_robots(&self, count: usize) -> DMatrix<f64> {
+        let robots = self.robots();
+        let mean = self.over_robots().mean;
+        let mut sum = DMatrix::zeros(count, count);
+        for robot in 0..robots {
+            let size = self.count + 1;
+            let combinations = &self.combinations[robot * size * size..][..count * size];
+            let rows = DMatrix::from_row_slice(count, size, combinations).map(f64::from);
+            // The first column has the means, the others a root of the robot's own covariance.
+            let mut root = rows;
+            for (number, mean) in mean.iter().enumerate().take(count) {
+                root[(number, 0)] -= mean;
+            }
+            sum += &root * root.transpose();
+        }
+        sum / robots.max(1) as f64
+    }
+
     /// The root mean square of each joint's residual torque, N·m, for the equations of
     /// [`Points::fit`].
     pub fn residual_torques(&self, factors: &[f32], torques: &[f32], joints: usize) -> Vec<f64> {

@@ -2,15 +2,16 @@
 //! first batch, and takes the distribution of robots' numbers from there.
 
 use burn::module::{Module, Param};
-use burn::tensor::{Tensor, TensorData};
+use burn::tensor::Tensor;
+use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use random::keyed;
 
 use super::batch::{HostBatch, Points};
 use super::chain::{self, Chain, Motions};
-use super::law::Limits;
+use super::law::{Limits, narrow};
 use super::recorded::Recorded;
 use super::regression::Prior;
-use super::{Lagrangian, PACE, values};
+use super::{Lagrangian, PACE, values, with};
 use crate::architecture::ModelInput;
 
 /// Samples of each context that show the chain, and that show its robots' numbers.
@@ -30,13 +31,15 @@ const SPREAD_SHARE: f64 = 0.3;
 const MOMENT_SPREAD: f64 = 0.1;
 /// The least value of a number that is kept as a logarithm, N·m·s/rad or kg m².
 const LEAST: f64 = 1e-4;
+/// Added to the spread of every combination of moments, so that none is left without any.
+const LEAST_MOMENT_SPREAD: f64 = 2e-3;
 /// The share of a rotor that all robots have in common, where rotors are fitted.
 const COMMON_ROTOR: f64 = 0.05;
 
 impl Lagrangian {
     /// The law with the chain of the robots in `input`, if it has to find one.
     pub(super) fn with_found_chain(mut self, input: &ModelInput, seed: u64) -> Self {
-        let Some(stored) = self.chain.take() else { return self };
+        let Some(unknown) = self.chain.take() else { return self };
         let mut batch = HostBatch::new(input);
         batch.smooth(input.measurement_noise);
         let [robots, ..] = input.u.dims();
@@ -44,7 +47,7 @@ impl Lagrangian {
         let motions = Motions::new(&recordings, POINTS, self.gravity);
         let chain = chain::find(&motions, &mut keyed([seed, 0, 0, 0]));
         let limits = limits(&recordings);
-        self.chain = Some(with(stored, chain.stored(&limits)));
+        self.chain = Some(unknown.with_chain(&chain, &limits));
         self.with_numbers_of(&motions, &chain).with_distribution_of(&recordings)
     }
 
@@ -82,26 +85,46 @@ impl Lagrangian {
         for recorded in recordings {
             chosen.iter().for_each(|&sample| points.push(recorded, sample));
         }
-        let law = self.valid();
-        let device = law.share.val().device();
-        let [factors, torques] = law.equations(&points, &device).map(values);
+        let device = self.valid().share.val().device();
         for _ in 0..ROUNDS {
+            let [factors, torques] = self.valid().equations(&points, &device).map(values);
             let prior = self.prior();
             let laws = self.joint_laws();
             let fitted = points.fit(&factors, &torques, &laws, &prior, self.numbers);
             let noise = fitted.residual_torques(&factors, &torques, joints);
             self.noise =
                 with_logarithms(self.noise, noise.into_iter().map(|noise| noise.max(LEAST)));
-            self = self.with_prior(&fitted.over_robots());
+            let covariance = fitted.covariance_over_robots(self.numbers.weights().len());
+            self = self.with_prior(&fitted.over_robots()).in_basis_of(&covariance);
         }
         self
     }
 
+    /// The same law with numbers that are independent over robots and have a spread of 1 each, in the
+    /// place of moments with this covariance.
+    fn in_basis_of(mut self, covariance: &DMatrix<f64>) -> Self {
+        let Some(found) = self.chain.take() else { return self };
+        let Prior { mut mean, mut spread } = self.prior();
+        let count = covariance.nrows();
+        let before = found.basis();
+        let moments = &before * DVector::from_column_slice(&mean[..count]);
+        let mut covariance = &before * covariance * before.transpose();
+        for at in 0..count {
+            covariance[(at, at)] += LEAST_MOMENT_SPREAD.powi(2);
+        }
+        let SymmetricEigen { eigenvectors, eigenvalues } = SymmetricEigen::new(covariance);
+        let roots = eigenvalues.map(f64::sqrt);
+        let numbers = eigenvectors.tr_mul(&moments).component_div(&roots);
+        mean[..count].copy_from_slice(numbers.as_slice());
+        spread[..count].fill(1.0);
+        let basis = &eigenvectors * DMatrix::from_diagonal(&roots);
+        self.chain = Some(found.with_basis(narrow(basis.transpose().as_slice())));
+        self.with_prior(&Prior { mean, spread })
+    }
+
     /// The law whose robots have these means and spreads.
-    #[expect(clippy::cast_possible_truncation, reason = "parameters are f32")]
     fn with_prior(mut self, prior: &Prior) -> Self {
         let Prior { mean, spread } = prior;
-        let narrow = |values: &[f64]| values.iter().map(|&value| value as f32).collect();
         let numbers = self.numbers;
         self.masses = self.masses.map(|masses| with(masses, narrow(&mean[numbers.weights()])));
         self.damping = with_logarithms(self.damping, positive(&mean[numbers.dampings()]));
@@ -139,14 +162,6 @@ fn limits(recordings: &[Recorded<'_>]) -> Vec<Limits> {
 /// The values, at least [`LEAST`].
 fn positive(values: &[f64]) -> Vec<f64> {
     values.iter().map(|value| value.max(LEAST)).collect()
-}
-
-/// A parameter with other values.
-fn with<const D: usize>(param: Param<Tensor<D>>, values: Vec<f32>) -> Param<Tensor<D>> {
-    param.map(|tensor| {
-        let data = TensorData::new(values, tensor.shape());
-        Tensor::from_data(data, &tensor.device()).set_require_grad(tensor.is_require_grad())
-    })
 }
 
 /// A parameter that keeps the logarithms of these values, over [`PACE`].

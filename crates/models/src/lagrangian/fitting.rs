@@ -10,7 +10,7 @@ use simd::{InstructionSet, Kernel, Lanes, MAX_LANES, with_f32_lanes};
 use spec::MAX_JOINTS;
 
 use super::disturbance::Disturbance;
-use super::law::{LEAST_PIVOT, Law, narrow};
+use super::law::{LEAST_PIVOT, Law, Places, narrow};
 use super::linear_algebra::Factored;
 use super::pose::Pose;
 use super::recorded::Recorded;
@@ -175,6 +175,8 @@ impl<L: Lanes, E: FnMut(&Equation<'_>)> Kernel<L> for ContextEquations<'_, E> {
         let mut pose = Pose::<L>::new(law);
         // `[particle or force]` of each joint in every lane.
         let mut features: Vec<Gathered> = vec![[[0.0; MAX_LANES]; MAX_JOINTS]; 1 + shared];
+        let [mut of_particles, mut of_numbers] =
+            [(); 2].map(|()| vec![[L::splat(0.0); MAX_JOINTS]; law.numbers.particles]);
         let mut equation = vec![0.0; shared];
         let mut sample = 1;
         while sample + 1 < recorded.samples() {
@@ -200,9 +202,18 @@ impl<L: Lanes, E: FnMut(&Equation<'_>)> Kernel<L> for ContextEquations<'_, E> {
             }
             pose.update(law, &q, &velocity);
             for particle in 0..law.numbers.particles {
-                let torques = pose.particle(law, particle, &acceleration);
+                of_particles[particle] = pose.particle(law, particle, &acceleration);
+            }
+            let weights = match &law.places {
+                Places::Learned(_) => &of_particles,
+                Places::Known(kinematics) => {
+                    kinematics.gather(&of_particles, &mut of_numbers);
+                    &of_numbers
+                }
+            };
+            for (torques, places) in weights.iter().zip(&mut features) {
                 for joint in 0..joints {
-                    torques[joint].store(&mut features[particle][joint]);
+                    torques[joint].store(&mut places[joint]);
                 }
             }
             // The force that acts on every robot comes last.
@@ -219,7 +230,6 @@ impl<L: Lanes, E: FnMut(&Equation<'_>)> Kernel<L> for ContextEquations<'_, E> {
                     for (number, place) in equation.iter_mut().zip(&features) {
                         *number = place[joint][lane];
                     }
-                    law.gather(&mut equation);
                     let motion = recorded.motion(sample + lane, joint);
                     let inertia = constants.armature * gathered[1][joint][lane];
                     (self.each)(&Equation {

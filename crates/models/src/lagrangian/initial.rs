@@ -2,7 +2,7 @@
 
 use spec::{Gravity, LagrangianSpec, MAX_JOINTS};
 
-use super::chain::{Chain, STORED};
+use super::chain::FoundChain;
 use super::kinematics::Kinematics;
 use super::law::{DIRECTIONS, Limits};
 use super::nominal::{self, NominalJoint};
@@ -53,16 +53,21 @@ impl Architecture for LagrangianSpec {
         let least = if self.chain.is_some() { LEAST_CONTEXT_OF_CHAIN } else { LEAST_CONTEXT };
         within("context", context, least, MOST_SAMPLES)?;
         let joints_of = |count: usize| u32::try_from(count).unwrap_or(u32::MAX);
-        let chain = self.chain.map(|_| Chain::straight(joints));
-        let gravity = self.chain.map_or(Gravity::On, |chain| chain.gravity);
-        let found = chain.as_ref().map(|chain| chain.kinematics(gravity));
-        let told = self.robot.as_ref().map(Kinematics::new);
-        let known = told.clone().or(found);
         let expected = self.robot.as_ref().map(|robot| robot.model.description().joints.len());
         let free = usize::from(self.turns_freely && self.chain.is_none());
         let fewest = expected.unwrap_or(free + 1);
         let most = expected.unwrap_or(MAX_JOINTS);
         within("joints", joints_of(joints), joints_of(fewest), joints_of(most))?;
+        let nominal = match &self.robot {
+            Some(robot) => nominal::of(robot.model.description()),
+            None => nominal::unknown(joints),
+        };
+        let limits: Vec<Limits> = nominal.iter().map(|joint| joint.limits).collect();
+        let gravity = self.chain.map_or(Gravity::On, |chain| chain.gravity);
+        let chain = self.chain.map(|_| FoundChain::unknown(&limits, gravity, weights));
+        let told = self.robot.as_ref().map(Kinematics::new);
+        let found = chain.as_ref().map(|chain| chain.kinematics(gravity));
+        let known = told.clone().or(found);
         let first = usize::from(self.turns_freely && known.is_none());
         let width = self.width as usize;
         let [particles, forces] = match &known {
@@ -75,10 +80,6 @@ impl Architecture for LagrangianSpec {
         let inputs = |layer: u32| if layer == 0 { 2 * (joints - first) } else { width };
         let bound = INITIAL_HEAD / (width as f32).sqrt();
         let paced = |value: f32| value.ln() / PACE;
-        let nominal = match &self.robot {
-            Some(robot) => nominal::of(robot.model.description()),
-            None => nominal::unknown(joints),
-        };
         let load = known.as_ref().map_or(particles, Kinematics::load)..particles;
         let spreads = (0..numbers.count()).map(|number| {
             let joint = number.saturating_sub(particles + forces) % joints;
@@ -94,7 +95,6 @@ impl Architecture for LagrangianSpec {
                 nominal[joint].friction_spread
             })
         });
-        let limits: Vec<Limits> = nominal.iter().map(|joint| joint.limits).collect();
         let each = |value: fn(&NominalJoint) -> f32| nominal.iter().map(value).map(paced);
         let layers = if known.is_none() { self.layers } else { 0 };
         let hidden = (0..layers).map(|layer| {
@@ -117,7 +117,7 @@ impl Architecture for LagrangianSpec {
                 .then(|| Linear::near(&vec![0.0; (1 + forces) * joints], width, bound, weights)),
             share: weights.constant([joints], 0.0),
             armature: weights.given([joints], each(if rotors { least } else { armature })),
-            chain: chain.map(|chain| weights.given([joints, STORED], chain.stored(&limits))),
+            chain,
             masses: known
                 .as_ref()
                 .map(|kinematics| weights.given([particles], kinematics.described())),

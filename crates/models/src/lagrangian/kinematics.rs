@@ -71,6 +71,7 @@ pub(super) struct Kinematics {
     particles: Vec<Particle>,
     /// Particles of the load, which are last.
     load: usize,
+    mixing: Mixing,
     /// Acceleration of a body that falls, along the third axis and negated, m/s².
     gravity: f64,
 }
@@ -80,6 +81,15 @@ pub(super) struct Kinematics {
 pub(super) struct Frame {
     pub turn: Matrix3<f64>,
     pub origin: Vector3<f64>,
+}
+
+/// How the weights of particles follow from a robot's numbers: for blocks of as many particles as
+/// numbers, which are alike.
+#[derive(Clone, Debug)]
+struct Mixing {
+    block: usize,
+    /// The weight of each particle of a block at a number of 1, `[particle, number]`.
+    weights: Vec<f32>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -116,6 +126,7 @@ impl Kinematics {
             joints: frames(description),
             particles,
             load: PER_BODY,
+            mixing: Mixing::of_bodies(),
             gravity: acceleration_of(robot.gravity),
         }
     }
@@ -141,6 +152,7 @@ impl Kinematics {
             joints: joints.collect(),
             particles: bodies.collect(),
             load: 0,
+            mixing: Mixing::of_bodies(),
             gravity: acceleration_of(gravity),
         }
     }
@@ -166,25 +178,43 @@ impl Kinematics {
             .map(move |moment| f32::from(u8::from(moment < load && moment % PER_BODY == 0)))
     }
 
-    /// Turns moments into the weights of particles.
-    pub fn weigh(&self, moments: &mut [f32]) {
-        for body in moments.as_chunks_mut::<PER_BODY>().0 {
-            let mut weights = [0.0; PER_BODY];
-            for (moment, of_particles) in body.iter().zip(&MOMENTS) {
-                for (weight, of_particle) in weights.iter_mut().zip(of_particles) {
-                    *weight += moment * of_particle;
-                }
-            }
-            *body = weights;
+    /// The arm whose moments are combinations of a robot's numbers: `[moment, number]`.
+    pub fn in_basis(mut self, basis: &[f32]) -> Self {
+        self.mixing = self.mixing.in_basis(basis, self.particles.len());
+        self
+    }
+
+    /// Turns a robot's numbers into the weights of particles.
+    pub fn weigh(&self, numbers: &mut [f32]) {
+        let Mixing { block, weights } = &self.mixing;
+        for numbers in numbers.chunks_exact_mut(*block) {
+            let weighed = weights.chunks_exact(*block).map(|of_particle| {
+                of_particle.iter().zip(&*numbers).map(|(weight, number)| weight * number).sum()
+            });
+            let weighed: Vec<f32> = weighed.collect();
+            numbers.copy_from_slice(&weighed);
         }
     }
 
-    /// Turns the torques of particles of weight 1 into those of moments of 1.
-    pub fn gather(&self, torques: &mut [f32]) {
-        for body in torques.as_chunks_mut::<PER_BODY>().0 {
-            *body = MOMENTS.map(|of_particles| {
-                of_particles.iter().zip(&*body).map(|(weight, torque)| weight * torque).sum()
-            });
+    /// The torques of numbers of 1, `[number]`, from those of particles of weight 1, `[particle]`.
+    #[inline(always)]
+    pub fn gather<L: Lanes>(&self, torques: &[[L; MAX_JOINTS]], gathered: &mut [[L; MAX_JOINTS]]) {
+        let (joints, Mixing { block, weights }) = (self.joints.len(), &self.mixing);
+        for first in (0..torques.len()).step_by(*block) {
+            for number in 0..*block {
+                let mut sum = [L::splat(0.0); MAX_JOINTS];
+                for particle in 0..*block {
+                    let weight = weights[particle * block + number];
+                    if weight != 0.0 {
+                        let (weight, torque) =
+                            (L::splat(f64::from(weight)), &torques[first + particle]);
+                        for joint in 0..joints {
+                            sum[joint] = weight.mul_add(torque[joint], sum[joint]);
+                        }
+                    }
+                }
+                gathered[first + number] = sum;
+            }
         }
     }
 
@@ -283,6 +313,31 @@ impl Kinematics {
                 bias_accelerations[row * count + index] = bias[row];
             }
         }
+    }
+}
+
+impl Mixing {
+    /// Numbers that are the moments of each body.
+    fn of_bodies() -> Self {
+        let weights = (0..PER_BODY).flat_map(|particle| MOMENTS.map(|weights| weights[particle]));
+        Self { block: PER_BODY, weights: weights.collect() }
+    }
+
+    /// Numbers of a whole arm of `count` particles, whose combinations are the ones before.
+    fn in_basis(&self, basis: &[f32], count: usize) -> Self {
+        let mut weights = vec![0.0; count * count];
+        for (particle, weights) in weights.chunks_exact_mut(count).enumerate() {
+            let (body, own) = (particle / self.block, particle % self.block);
+            for (moment, factor) in
+                self.weights[own * self.block..][..self.block].iter().enumerate()
+            {
+                let combined = &basis[(body * self.block + moment) * count..][..count];
+                for (weight, number) in weights.iter_mut().zip(combined) {
+                    *weight += factor * number;
+                }
+            }
+        }
+        Self { block: count, weights }
     }
 }
 

@@ -44,13 +44,6 @@ impl Law {
         }
         weighed
     }
-
-    /// The torques of numbers of 1, from those of particles of weight 1.
-    pub fn gather(&self, torques: &mut [f32]) {
-        if let Places::Known(kinematics) = &self.places {
-            kinematics.gather(&mut torques[self.numbers.weights()]);
-        }
-    }
 }
 
 /// How the arm moves its particles.

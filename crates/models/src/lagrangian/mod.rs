@@ -61,7 +61,7 @@ use simd::InstructionSet;
 use spec::Gravity;
 
 use self::batch::{HostBatch, Points, Posteriors};
-use self::chain::Chain;
+use self::chain::FoundChain;
 use self::kinematics::Kinematics;
 use self::law::{Calibration, JointLaw, Law, Limits, Network, Places};
 use self::linear_algebra::Dense;
@@ -94,8 +94,7 @@ pub(crate) struct Lagrangian {
     share: Param<Tensor<1>>,
     /// Logarithm of each joint's inertia that no pose changes, kg m², over [`PACE`].
     armature: Param<Tensor<1>>,
-    /// The arm that the law finds: [`Chain::stored`], `[joint, value]`. No step changes it.
-    chain: Option<Param<Tensor<2>>>,
+    chain: Option<FoundChain>,
     /// Mean of each moment of a body over robots, where the arm is told or found.
     masses: Option<Param<Tensor<1>>>,
     /// Logarithm of the mean of each rotor inertia over robots, kg m², over [`PACE`].
@@ -238,8 +237,8 @@ impl Lagrangian {
 
     /// The arm that the law is told, or has found.
     fn kinematics(&self) -> Option<Kinematics> {
-        let found = self.chain.as_ref().map(|chain| Chain::of_stored(&values(chain.val())).0);
-        found.map(|chain| chain.kinematics(self.gravity)).or_else(|| self.told.clone())
+        let found = self.chain.as_ref().map(|chain| chain.kinematics(self.gravity));
+        found.or_else(|| self.told.clone())
     }
 
     /// Whether particles are at places of links, which the law is told or has found.
@@ -248,10 +247,7 @@ impl Lagrangian {
     }
 
     fn limits(&self) -> Vec<Limits> {
-        match &self.chain {
-            Some(chain) => Chain::of_stored(&values(chain.val())).1,
-            None => self.limits.clone(),
-        }
+        self.chain.as_ref().map_or_else(|| self.limits.clone(), FoundChain::limits)
     }
 
     fn paced(&self, param: &Param<Tensor<1>>) -> Tensor<3> {
@@ -420,4 +416,12 @@ const KEPT_BY_LOSS: usize = 8;
 /// The values of a tensor, with or without gradients.
 fn values<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
     tensor.inner().into_data().iter().collect()
+}
+
+/// A parameter with other values.
+fn with<const D: usize>(param: Param<Tensor<D>>, values: Vec<f32>) -> Param<Tensor<D>> {
+    param.map(|tensor| {
+        let data = TensorData::new(values, tensor.shape());
+        Tensor::from_data(data, &tensor.device()).set_require_grad(tensor.is_require_grad())
+    })
 }

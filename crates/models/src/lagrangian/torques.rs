@@ -90,24 +90,27 @@ impl<L: Lanes> Kernel<L> for TorquesOfMoments<'_> {
         let rows = DIRECTIONS * particles;
         let [mut jacobians, mut rates] = [rows * joints, rows * joints].map(room);
         let mut bias = room(rows);
+        let [mut of_particles, mut of_numbers] =
+            [(); 2].map(|()| vec![[L::splat(0.0); MAX_JOINTS]; particles]);
         for first in (0..count).step_by(L::LANES) {
             let lanes = L::LANES.min(count - first);
             let [q, velocity, acceleration] = gathered(states, first, lanes, joints);
             kinematics.update(&q, &velocity, &mut jacobians, &mut rates, &mut bias);
-            for particle in 0..particles {
-                let of_particle =
-                    particle_torques([&jacobians, &bias], particle, &acceleration, joints);
-                for (joint, torque) in of_particle.iter().enumerate().take(joints) {
+            for (particle, torques) in of_particles.iter_mut().enumerate() {
+                *torques = particle_torques([&jacobians, &bias], particle, &acceleration, joints);
+            }
+            kinematics.gather(&of_particles, &mut of_numbers);
+            for (number, of_joints) in of_numbers.iter().enumerate() {
+                for (joint, torque) in of_joints.iter().enumerate().take(joints) {
                     let mut of_lanes = [0.0; MAX_LANES];
                     torque.store(&mut of_lanes);
                     for (lane, torque) in of_lanes.iter().enumerate().take(lanes) {
                         let row = (first + lane) * joints + joint;
-                        torques[row * particles + particle] = *torque;
+                        torques[row * particles + number] = *torque;
                     }
                 }
             }
         }
-        torques.chunks_exact_mut(particles).for_each(|torques| kinematics.gather(torques));
         torques
     }
 }

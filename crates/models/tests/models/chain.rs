@@ -51,7 +51,7 @@ fn weights(file: &[u8]) -> Vec<(String, Vec<u8>)> {
 
 fn chain(trainer: &Trainer) -> Vec<u8> {
     let weights = weights(&trainer.checkpoint().unwrap().model);
-    weights.into_iter().find(|(name, _)| name == "chain").unwrap().1
+    weights.into_iter().find(|(name, _)| name == "chain.places").unwrap().1
 }
 
 #[test]

@@ -10,12 +10,16 @@
 mod fit;
 mod search;
 
-use nalgebra::{Rotation3, Vector3};
+use burn::module::{Module, Param};
+use burn::tensor::Tensor;
+use nalgebra::{DMatrix, Rotation3, Vector3};
 use random::{ChaCha8Rng, normal};
 use spec::Gravity;
 
 use super::kinematics::{Frame, Kinematics};
 use super::law::Limits;
+use super::{values, with};
+use crate::initialization::InitialWeights;
 
 pub(super) use self::fit::Motions;
 pub(super) use self::search::find;
@@ -24,9 +28,62 @@ pub(super) use self::search::find;
 const START_M: f64 = 0.3;
 /// Values of a joint in a stored chain: nine of its turn, row by row, three of its origin in m, its
 /// least and largest position in rad, and its largest speed in rad/s.
-pub(super) const STORED: usize = 15;
+const STORED: usize = 15;
 /// Ways to move a joint's axis: two turns and two shifts across it.
 const MOVES: usize = 4;
+
+/// The arm that a law has found. No step of the training changes it.
+#[derive(Module, Debug)]
+pub(super) struct FoundChain {
+    /// [`Chain::stored`], `[joint, value]`.
+    places: Param<Tensor<2>>,
+    /// The moments of links that a robot's numbers stand for, `[moment, number]`. Over robots the
+    /// numbers are independent, while a load changes many moments together.
+    basis: Param<Tensor<2>>,
+}
+
+impl FoundChain {
+    /// A chain that nothing is known of.
+    pub fn unknown(limits: &[Limits], gravity: Gravity, weights: &mut InitialWeights<'_>) -> Self {
+        let joints = limits.len();
+        let chain = Chain::straight(joints);
+        let moments = chain.kinematics(gravity).particles();
+        let places = weights.given([joints, STORED], chain.stored(limits));
+        let identity =
+            (0..moments * moments).map(|at| f32::from(u8::from(at % (moments + 1) == 0)));
+        Self { places, basis: weights.given([moments, moments], identity) }
+    }
+
+    pub fn with_chain(mut self, chain: &Chain, limits: &[Limits]) -> Self {
+        self.places = with(self.places, chain.stored(limits));
+        self
+    }
+
+    /// The values of both parameters.
+    #[cfg(test)]
+    pub fn stored(&self) -> [Vec<f32>; 2] {
+        [values(self.places.val()), values(self.basis.val())]
+    }
+
+    pub fn basis(&self) -> DMatrix<f64> {
+        let size = self.basis.dims()[0];
+        DMatrix::from_row_slice(size, size, &values(self.basis.val())).map(f64::from)
+    }
+
+    pub fn with_basis(mut self, basis: Vec<f32>) -> Self {
+        self.basis = with(self.basis, basis);
+        self
+    }
+
+    pub fn kinematics(&self, gravity: Gravity) -> Kinematics {
+        let (chain, _) = Chain::of_stored(&values(self.places.val()));
+        chain.kinematics(gravity).in_basis(&values(self.basis.val()))
+    }
+
+    pub fn limits(&self) -> Vec<Limits> {
+        Chain::of_stored(&values(self.places.val())).1
+    }
+}
 
 /// The frame of each joint in the world, whose third axis the joint turns about, with the arm at
 /// position 0.

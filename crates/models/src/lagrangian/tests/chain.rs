@@ -12,10 +12,11 @@ use spec::{Gravity, LagrangianSpec, UnknownChain};
 use super::{EXACT, predict, spec};
 use crate::architecture::{Architecture, Extents, Model, ModelInput};
 use crate::initialization::InitialWeights;
+use crate::lagrangian::Lagrangian;
 use crate::lagrangian::chain::{Chain, Motions, find};
 use crate::lagrangian::kinematics::Kinematics;
 use crate::lagrangian::recorded::Recorded;
-use crate::lagrangian::{Lagrangian, values};
+use crate::lagrangian::regression::Bounds;
 
 const JOINTS: usize = 3;
 const SAMPLES: usize = 200;
@@ -165,6 +166,64 @@ fn the_axes_of_an_arm_are_found_in_its_motions() {
     }
 }
 
+#[test]
+fn numbers_in_a_basis_have_the_torques_of_their_moments() {
+    let plain = arm().kinematics(Gravity::On);
+    let count = plain.particles();
+    let mut generator: ChaCha8Rng = keyed([3, 0, 0, 0]);
+    let mut drawn =
+        |count: usize| -> Vec<f32> { (0..count).map(|_| normal(&mut generator) as f32).collect() };
+    let (basis, numbers) = (drawn(count * count), drawn(count));
+    let states = [(); 3].map(|()| drawn(5 * JOINTS));
+    let dot = |row: &[f32], values: &[f32]| -> f32 {
+        row.iter().zip(values).map(|(one, other)| one * other).sum()
+    };
+    let moments: Vec<f32> = basis.chunks_exact(count).map(|row| dot(row, &numbers)).collect();
+    let mixed = plain.clone().in_basis(&basis);
+    let states = states.each_ref().map(Vec::as_slice);
+    let near = |one: f32, other: f32| (one - other).abs() < 1e-4 * (1.0 + other.abs());
+    for instructions in InstructionSet::available() {
+        let [of_moments, of_numbers] =
+            [&plain, &mixed].map(|kinematics| kinematics.torques_of_moments(instructions, states));
+        let rows = of_moments.chunks_exact(count).zip(of_numbers.chunks_exact(count));
+        for (of_moments, of_numbers) in rows {
+            let [expected, found] = [dot(of_moments, &moments), dot(of_numbers, &numbers)];
+            // Sums of hundreds of terms.
+            assert!((found - expected).abs() < 1e-2, "{found} {expected}");
+        }
+    }
+    let (mut expected, mut found) = (moments, numbers);
+    plain.weigh(&mut expected);
+    mixed.weigh(&mut found);
+    let mut both = found.iter().zip(&expected);
+    assert!(both.all(|(found, expected)| near(*found, *expected)), "{found:?} {expected:?}");
+}
+
+#[test]
+fn the_numbers_of_arms_of_a_found_chain_vary_by_one() {
+    let mut generator = keyed([9, 0, 0, 0]);
+    let kinematics = arm().kinematics(Gravity::On);
+    let [trained, others] =
+        [3 * ROBOTS, ROBOTS].map(|robots| Arms::new(&kinematics, robots, &mut generator));
+    let begun = unknown(1).begin(&trained.input(&Device::flex()), 7);
+    let law = begun.law();
+    let weights = law.numbers.weights();
+    assert!(law.prior.spread[weights.clone()].iter().all(|spread| (spread - 1.0).abs() < 1e-3));
+    // How far other arms are from the mean, in spreads, as their torques tell.
+    let recordings = others.recordings(CONTEXT);
+    let mut squares = vec![0.0; weights.len()];
+    for recorded in &recordings {
+        let found = law.fit(InstructionSet::best(), recorded, Bounds::Dissipation);
+        for (square, number) in squares.iter_mut().zip(weights.clone()) {
+            *square += (found.mean[number] - law.prior.mean[number]).powi(2);
+        }
+    }
+    // The largest numbers are those that torques tell best.
+    squares.sort_by(f64::total_cmp);
+    let most = squares.last().unwrap() / recordings.len() as f64;
+    assert!((0.3..4.0).contains(&most), "{squares:?}");
+}
+
 fn unknown(seed: u64) -> Lagrangian {
     let chain = Some(UnknownChain { gravity: Gravity::On });
     let spec = LagrangianSpec { chain, rotor_inertia: true, ..spec() };
@@ -197,7 +256,7 @@ fn a_law_that_has_begun_predicts_arms_of_its_chain_within_their_range() {
     assert!(squares[0] < 1e-3 * squares[1], "{squares:?}");
 
     // The chain is as a file of weights keeps it, and a second beginning changes nothing.
-    let stored = |law: &Lagrangian| values(law.chain.as_ref().unwrap().val());
+    let stored = |law: &Lagrangian| law.chain.as_ref().unwrap().stored();
     let again = begun.clone().begin(&trained.input(&Device::flex()), 7);
     assert_eq!(stored(&again), stored(&begun));
     assert_ne!(stored(&before), stored(&begun));
