@@ -270,23 +270,43 @@ impl Posteriors {
         Prior { mean, spread }
     }
 
-    /// The covariance over robots of the first `count` numbers.
-    pub fn covariance_over_robots(&self, count: usize) -> DMatrix<f64> {
-        let robots = self.robots();
-        let mean = self.over_robots().mean;
-        let mut sum = DMatrix::zeros(count, count);
-        for robot in 0..robots {
-            let size = self.count + 1;
-            let combinations = &self.combinations[robot * size * size..][..count * size];
-            let rows = DMatrix::from_row_slice(count, size, combinations).map(f64::from);
+    /// The covariance over robots of combinations of their first numbers, `[combination, number]`. A
+    /// few robots do not tell the correlations of many numbers, so these shrink as Schäfer and
+    /// Strimmer (2005) do it: the more they differ from robot to robot, the more.
+    pub fn covariance_over_robots(&self, combinations: &DMatrix<f64>) -> DMatrix<f64> {
+        let (size, count) = (self.count + 1, combinations.ncols());
+        let mean = DVector::from_iterator(count, self.over_robots().mean.into_iter().take(count));
+        let of_robot = |of_robot: &[f32]| {
             // The first column has the means, the others a root of the robot's own covariance.
-            let mut root = rows;
-            for (number, mean) in mean.iter().enumerate().take(count) {
-                root[(number, 0)] -= mean;
+            let rows = DMatrix::from_row_slice(count, size, &of_robot[..count * size]);
+            let mut root = rows.map(f64::from);
+            let off = root.column(0) - &mean;
+            root.set_column(0, &off);
+            let root = combinations * root;
+            &root * root.transpose()
+        };
+        let each: Vec<DMatrix<f64>> =
+            self.combinations.chunks_exact(size * size).map(of_robot).collect();
+        let robots = each.len().max(1) as f64;
+        let mut covariance = each
+            .iter()
+            .fold(DMatrix::zeros(combinations.nrows(), combinations.nrows()), |sum, one| sum + one)
+            / robots;
+        let (mut varying, mut squares) = (0.0, 0.0);
+        for row in 0..covariance.nrows() {
+            for column in 0..row {
+                let unit = covariance[(row, row)] * covariance[(column, column)];
+                let expected = covariance[(row, column)];
+                let off = each.iter().map(|one| (one[(row, column)] - expected).powi(2));
+                varying += off.sum::<f64>() / (robots * (robots - 1.0).max(1.0) * unit);
+                squares += expected.powi(2) / unit;
             }
-            sum += &root * root.transpose();
         }
-        sum / robots.max(1) as f64
+        let kept = if varying < squares { 1.0 - varying / squares } else { 0.0 };
+        let diagonal = covariance.diagonal();
+        covariance *= kept;
+        covariance.set_diagonal(&diagonal);
+        covariance
     }
 
     /// The root mean square of each joint's residual torque, N·m, for the equations of

@@ -7,7 +7,7 @@ use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use random::keyed;
 
 use super::batch::{HostBatch, Points};
-use super::chain::{self, Chain, Motions};
+use super::chain::{self, Chain, FoundChain, Motions};
 use super::law::{Limits, narrow};
 use super::recorded::Recorded;
 use super::regression::Prior;
@@ -94,21 +94,24 @@ impl Lagrangian {
             let noise = fitted.residual_torques(&factors, &torques, joints);
             self.noise =
                 with_logarithms(self.noise, noise.into_iter().map(|noise| noise.max(LEAST)));
-            let covariance = fitted.covariance_over_robots(self.numbers.weights().len());
-            self = self.with_prior(&fitted.over_robots()).in_basis_of(&covariance);
+            let basis = self.chain.as_ref().map(FoundChain::basis);
+            let covariance = basis.map(|basis| fitted.covariance_over_robots(&basis));
+            self = self.with_prior(&fitted.over_robots());
+            self = match covariance {
+                Some(covariance) => self.in_basis_of(covariance),
+                None => self,
+            };
         }
         self
     }
 
     /// The same law with numbers that are independent over robots and have a spread of 1 each, in the
     /// place of moments with this covariance.
-    fn in_basis_of(mut self, covariance: &DMatrix<f64>) -> Self {
+    fn in_basis_of(mut self, mut covariance: DMatrix<f64>) -> Self {
         let Some(found) = self.chain.take() else { return self };
         let Prior { mut mean, mut spread } = self.prior();
         let count = covariance.nrows();
-        let before = found.basis();
-        let moments = &before * DVector::from_column_slice(&mean[..count]);
-        let mut covariance = &before * covariance * before.transpose();
+        let moments = found.basis() * DVector::from_column_slice(&mean[..count]);
         for at in 0..count {
             covariance[(at, at)] += LEAST_MOMENT_SPREAD.powi(2);
         }
