@@ -49,14 +49,14 @@ impl FoundChain {
         let chain = Chain::straight(joints);
         let moments = chain.kinematics(gravity).particles();
         let places = weights.given([joints, STORED], chain.stored(limits));
-        let identity =
-            (0..moments * moments).map(|at| f32::from(u8::from(at % (moments + 1) == 0)));
-        Self { places, basis: weights.given([moments, moments], identity) }
+        Self { places, basis: weights.given([moments, moments], identity(moments)) }
     }
 
+    /// Another chain, whose numbers are the moments themselves.
     pub fn with_chain(mut self, chain: &Chain, limits: &[Limits]) -> Self {
+        let [moments, _] = self.basis.dims();
         self.places = with(self.places, chain.stored(limits));
-        self
+        self.with_basis(identity(moments))
     }
 
     /// The values of both parameters.
@@ -66,7 +66,7 @@ impl FoundChain {
     }
 
     pub fn basis(&self) -> DMatrix<f64> {
-        let size = self.basis.dims()[0];
+        let [size, _] = self.basis.dims();
         DMatrix::from_row_slice(size, size, &values(self.basis.val())).map(f64::from)
     }
 
@@ -177,6 +177,11 @@ impl Chain {
         let (frames, limits) = each.unzip();
         (Self { frames }, limits)
     }
+}
+
+/// `[row, column]`.
+fn identity(size: usize) -> Vec<f32> {
+    (0..size * size).map(|at| f32::from(u8::from(at % (size + 1) == 0))).collect()
 }
 
 fn random_frame(generator: &mut ChaCha8Rng) -> Frame {
