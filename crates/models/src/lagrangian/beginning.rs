@@ -7,7 +7,7 @@ use nalgebra::{DMatrix, DVector, SymmetricEigen};
 use random::keyed;
 
 use super::batch::{HostBatch, Points};
-use super::chain::{self, Chain, FoundChain, Motions};
+use super::chain::{self, Arm, FoundChain, Motions};
 use super::law::{Limits, narrow};
 use super::recorded::Recorded;
 use super::regression::Prior;
@@ -45,15 +45,15 @@ impl Lagrangian {
         let [robots, ..] = input.u.dims();
         let recordings: Vec<Recorded<'_>> = (0..robots).map(|robot| batch.robot(robot)).collect();
         let motions = Motions::new(&recordings, POINTS, self.gravity);
-        let chain = chain::find(&motions, &mut keyed([seed, 0, 0, 0]));
+        let arm = chain::find(&motions, &mut keyed([seed, 0, 0, 0]));
         let limits = limits(&recordings);
-        self.chain = Some(unknown.with_chain(&chain, &limits));
-        self.with_numbers_of(&motions, &chain).with_distribution_of(&recordings)
+        self.chain = Some(unknown.with_chain(&arm.chain, &limits));
+        self.with_numbers_of(&motions, &arm).with_distribution_of(&recordings)
     }
 
     /// The law whose robots have in the mean the numbers that fit all motions.
-    fn with_numbers_of(mut self, motions: &Motions, chain: &Chain) -> Self {
-        let common = motions.common_numbers(chain);
+    fn with_numbers_of(mut self, motions: &Motions, arm: &Arm) -> Self {
+        let common = motions.common_numbers(arm);
         let [dampings, frictions, rotors] =
             [&common.dampings, &common.frictions, &common.rotors].map(|values| positive(values));
         let mut mean = [common.moments, dampings, frictions].concat();
@@ -67,6 +67,12 @@ impl Lagrangian {
         let spreads = mean.iter().enumerate();
         let spread =
             spreads.map(|(number, mean)| (SPREAD_SHARE * mean.abs()).max(least(number))).collect();
+        if let Some(shapes) = arm.friction_shapes() {
+            let slopes = shapes.iter().map(|shape| shape.slope);
+            self.friction_slope = with_logarithms(self.friction_slope, slopes);
+            let shifts: Vec<f64> = shapes.iter().map(|shape| shape.shift).collect();
+            self.friction_shift = with(self.friction_shift, narrow(&shifts));
+        }
         let share = if self.numbers.rotors { COMMON_ROTOR } else { 1.0 };
         self.armature =
             with_logarithms(self.armature, rotors.iter().map(|rotor| (share * rotor).max(LEAST)));

@@ -9,15 +9,15 @@ use simd::InstructionSet;
 use spec::Gravity;
 
 use super::Chain;
+use super::arm::{Arm, SHAPE_MOVES};
 use crate::lagrangian::recorded::Recorded;
 
-/// Numbers of a joint besides the moments of its link: damping, rotor, offset, how much later its torque
-/// acts, and two frictions of these slopes at rest, s/rad. Training learns one slope.
-const OWN: usize = 6;
-const SLOPES: [f64; 2] = [4.0, 20.0];
+/// Numbers of a joint besides the moments of its link and its frictions: damping, rotor, offset, and
+/// how much later its torque acts.
+const OWN: usize = 4;
 /// The weight of numbers of 0 beside the data, as a share of each number's own squares, and of all.
 const RIDGE: f64 = 1e-6;
-/// A move that is made for a derivative, rad or m. Torques are computed in f32.
+/// A move that is made for a derivative, rad, m or rad/s. Torques are computed in f32.
 const STEP: f64 = 2e-3;
 /// Damping of steps where a fit begins, where it ends, and its changes.
 const DAMPING: f64 = 1e-3;
@@ -57,10 +57,10 @@ pub(in crate::lagrangian) struct CommonNumbers {
     pub rotors: Vec<f64>,
 }
 
-/// A chain and how well it fits.
+/// An arm and how well it fits.
 #[derive(Clone)]
 pub(super) struct Candidate {
-    pub chain: Chain,
+    pub arm: Arm,
     /// The torque of each joint that counts as 1, N·m.
     units: Vec<f64>,
     /// Mean square of the residual torques, in these units.
@@ -149,12 +149,13 @@ impl Motions {
     }
 
     /// The torques of each number in the joints' units, a matrix for each robot.
-    fn designs(&self, chain: &Chain, units: &[f64]) -> Vec<DMatrix<f64>> {
+    fn designs(&self, arm: &Arm, units: &[f64]) -> Vec<DMatrix<f64>> {
         let joints = self.joints;
-        let (torques, moments) = self.torques_of_moments(chain);
+        let own = OWN + arm.frictions_per_joint();
+        let (torques, moments) = self.torques_of_moments(&arm.chain);
         let [_, velocity, acceleration] = &self.states;
         let of_part = |(first, rows): (usize, usize)| {
-            let mut design = DMatrix::zeros(rows, moments + OWN * joints);
+            let mut design = DMatrix::zeros(rows, moments + own * joints);
             for row in 0..rows {
                 let (at, joint) = (first + row, row % joints);
                 let weight = 1.0 / units[joint];
@@ -164,9 +165,9 @@ impl Motions {
                 let speed = f64::from(velocity[at]);
                 let [acceleration, increase] =
                     [acceleration[at], self.increases[at]].map(f64::from);
-                let frictions = SLOPES.map(|slope| (slope * speed).tanh());
-                let own = [speed, acceleration, 1.0, -increase, frictions[0], frictions[1]];
-                for (kind, factor) in own.into_iter().enumerate() {
+                let own = [speed, acceleration, 1.0, -increase];
+                let factors = own.into_iter().chain(arm.frictions(joint, speed));
+                for (kind, factor) in factors.enumerate() {
                     design[(row, moments + kind * joints + joint)] = weight * factor;
                 }
             }
@@ -183,8 +184,8 @@ impl Motions {
     }
 
     /// The least squares of each robot.
-    fn fit(&self, chain: &Chain, units: &[f64]) -> Vec<LeastSquares> {
-        let designs = self.designs(chain, units);
+    fn fit(&self, arm: &Arm, units: &[f64]) -> Vec<LeastSquares> {
+        let designs = self.designs(arm, units);
         let each = designs.into_par_iter().zip(&self.torques);
         each.filter_map(|(design, torques)| {
             LeastSquares::new(design, &self.in_units(torques, units))
@@ -193,9 +194,9 @@ impl Motions {
     }
 
     /// The numbers that fit the motions of all robots together. 0 if none do.
-    pub fn common_numbers(&self, chain: &Chain) -> CommonNumbers {
-        let units = self.candidate(chain.clone()).in_units_of_residuals(self).units;
-        let designs = self.designs(chain, &units);
+    pub fn common_numbers(&self, arm: &Arm) -> CommonNumbers {
+        let units = self.candidate(arm.clone()).in_units_of_residuals(self).units;
+        let designs = self.designs(arm, &units);
         let rows = designs.iter().map(DMatrix::nrows).sum();
         let columns = designs.first().map_or(0, DMatrix::ncols);
         let mut design = DMatrix::zeros(rows, columns);
@@ -207,13 +208,16 @@ impl Motions {
         let fitted = LeastSquares::new(design, &self.in_units(&self.torques.concat(), &units));
         let numbers =
             fitted.map_or_else(|| vec![0.0; columns], |fitted| fitted.numbers.as_slice().to_vec());
-        let (moments, own) = numbers.split_at(columns.saturating_sub(OWN * self.joints));
+        let own = OWN + arm.frictions_per_joint();
+        let (moments, own) = numbers.split_at(columns.saturating_sub(own * self.joints));
         let of = |kind: usize| &own[kind * self.joints..][..self.joints];
         CommonNumbers {
             moments: moments.to_vec(),
             dampings: of(0).to_vec(),
             rotors: of(1).to_vec(),
-            frictions: of(4).iter().zip(of(5)).map(|(gentle, steep)| gentle + steep).collect(),
+            frictions: (0..self.joints)
+                .map(|joint| own[OWN * self.joints + joint..].iter().step_by(self.joints).sum())
+                .collect(),
         }
     }
 
@@ -235,18 +239,18 @@ impl Motions {
     /// How well a chain fits: [`Candidate::misfit`].
     #[cfg(test)]
     pub fn misfit(&self, chain: &Chain) -> f64 {
-        self.candidate(chain.clone()).misfit
+        self.candidate(Arm::new(chain.clone())).misfit
     }
 
-    /// A chain with the joints' torques as units.
-    pub(super) fn candidate(&self, chain: Chain) -> Candidate {
-        self.judged(chain, self.torque_rms.clone())
+    /// An arm with the joints' torques as units.
+    pub(super) fn candidate(&self, arm: Arm) -> Candidate {
+        self.judged(arm, self.torque_rms.clone())
     }
 
-    fn judged(&self, chain: Chain, units: Vec<f64>) -> Candidate {
-        let fits = self.fit(&chain, &units);
+    fn judged(&self, arm: Arm, units: Vec<f64>) -> Candidate {
+        let fits = self.fit(&arm, &units);
         let mut candidate = Candidate {
-            chain,
+            arm,
             units,
             cost: f64::INFINITY,
             misfit: f64::INFINITY,
@@ -258,7 +262,7 @@ impl Motions {
         candidate
     }
 
-    /// The cost of a chain in these units.
+    /// The cost of an arm in these units.
     fn cost(&self, fits: &[LeastSquares]) -> f64 {
         self.squares(fits).map_or(f64::INFINITY, |(squares, each)| {
             squares.iter().sum::<f64>() / (each * self.joints as f64)
@@ -268,7 +272,7 @@ impl Motions {
     /// Takes up to `steps` steps towards a lower cost.
     pub(super) fn improve(&self, candidate: &mut Candidate, steps: usize) {
         let interrupt = Interrupt::current();
-        let mut fits = self.fit(&candidate.chain, &candidate.units);
+        let mut fits = self.fit(&candidate.arm, &candidate.units);
         for _ in 0..steps {
             if candidate.has_ended {
                 break;
@@ -283,11 +287,11 @@ impl Motions {
                     damped[(at, at)] += candidate.damping * (curvature[(at, at)] + floor);
                 }
                 let Some(factor) = damped.cholesky() else { break };
-                let chain = candidate.chain.moved((-factor.solve(&slope)).as_slice());
-                let moved = self.fit(&chain, &candidate.units);
+                let arm = candidate.arm.moved((-factor.solve(&slope)).as_slice());
+                let moved = self.fit(&arm, &candidate.units);
                 let cost = self.cost(&moved);
                 if cost < candidate.cost {
-                    candidate.chain = chain;
+                    candidate.arm = arm;
                     candidate.cost = cost;
                     candidate.damping = (candidate.damping * LESS_DAMPING).max(LEAST_DAMPING);
                     fits = moved;
@@ -303,26 +307,44 @@ impl Motions {
     /// The squares of the derivatives of residuals by the moves, and their products with the residuals.
     fn expansion(
         &self,
-        Candidate { chain, units, .. }: &Candidate,
+        Candidate { arm, units, .. }: &Candidate,
         fits: &[LeastSquares],
     ) -> (DMatrix<f64>, DVector<f64>) {
-        let moves = chain.moves();
-        let moved = (0..moves).map(|at| {
-            let mut step = vec![0.0; moves];
+        let of_chain = arm.chain.moves();
+        let shapes = arm.friction_shapes().unwrap_or_default();
+        let moves = of_chain + SHAPE_MOVES * shapes.len();
+        let moved = (0..of_chain).map(|at| {
+            let mut step = vec![0.0; of_chain];
             step[at] = STEP;
-            self.torques_of_moments(&chain.moved(&step)).0
+            self.torques_of_moments(&arm.chain.moved(&step)).0
         });
         let moved: Vec<Vec<f32>> = moved.collect();
-        let (here, moments) = self.torques_of_moments(chain);
+        let (here, moments) = self.torques_of_moments(&arm.chain);
+        let [_, velocity, _] = &self.states;
         let parts = self.parts();
         let of_robot = |(robot, fit): (usize, &LeastSquares)| {
             let (first, rows) = parts[robot];
-            let numbers = &fit.numbers.as_slice()[..moments];
+            let numbers = fit.numbers.as_slice();
+            let frictions = &numbers[moments + OWN * self.joints..];
+            let change = |row: usize, at: usize| -> f64 {
+                let joint = row % self.joints;
+                let Some(of_shapes) = at.checked_sub(of_chain) else {
+                    let range = (first + row) * moments..(first + row + 1) * moments;
+                    let each = moved[at][range.clone()].iter().zip(&here[range]).zip(numbers);
+                    let change =
+                        each.map(|((moved, here), number)| f64::from(moved - here) * number);
+                    return change.sum();
+                };
+                if of_shapes / SHAPE_MOVES != joint {
+                    return 0.0;
+                }
+                let mut step = [0.0; SHAPE_MOVES];
+                step[of_shapes % SHAPE_MOVES] = STEP;
+                let (shape, velocity) = (shapes[joint], f64::from(velocity[first + row]));
+                frictions[joint] * (shape.moved(step).at(velocity) - shape.at(velocity))
+            };
             let derivative = DMatrix::from_fn(rows, moves, |row, at| {
-                let range = (first + row) * moments..(first + row + 1) * moments;
-                let each = moved[at][range.clone()].iter().zip(&here[range]).zip(numbers);
-                let change = each.map(|((moved, here), number)| f64::from(moved - here) * number);
-                change.sum::<f64>() / (STEP * units[row % self.joints])
+                change(row, at) / (STEP * units[row % self.joints])
             });
             let explained = fit.factor.solve(&(fit.design.transpose() * &derivative));
             let derivative = derivative - &fit.design * explained;
@@ -340,7 +362,7 @@ impl Motions {
 }
 
 impl Candidate {
-    /// Judges the chain by the least squares of all robots.
+    /// Judges the arm by the least squares of all robots.
     fn judge(&mut self, motions: &Motions, fits: &[LeastSquares]) {
         let Some((squares, each)) = motions.squares(fits) else { return };
         let joints = squares.len().max(1) as f64;
@@ -352,15 +374,15 @@ impl Candidate {
         self.cost = squares.iter().sum::<f64>() / (each * joints);
     }
 
-    /// The same chain with its residual torques as units, so that joints count by how well they are
+    /// The same arm with its residual torques as units, so that joints count by how well they are
     /// explained.
     pub fn in_units_of_residuals(self, motions: &Motions) -> Self {
-        let fits = motions.fit(&self.chain, &self.units);
+        let fits = motions.fit(&self.arm, &self.units);
         let Some((squares, each)) = motions.squares(&fits) else { return self };
         let units = self.units.iter().zip(squares);
         let units =
             units.map(|(unit, square)| (unit * (square / each).sqrt()).max(LEAST_UNIT)).collect();
-        motions.judged(self.chain, units)
+        motions.judged(self.arm, units)
     }
 }
 

@@ -7,6 +7,7 @@
 //! prediction: where along its axis a joint is, how the base is turned about the vertical, and whether
 //! the arm is its own mirror image.
 
+mod arm;
 mod fit;
 mod search;
 
@@ -21,6 +22,7 @@ use super::law::Limits;
 use super::{values, with};
 use crate::initialization::InitialWeights;
 
+pub(super) use self::arm::Arm;
 pub(super) use self::fit::Motions;
 pub(super) use self::search::find;
 
@@ -114,6 +116,10 @@ impl Chain {
             Frame { turn: turn.into_inner(), origin }
         });
         Self { frames: frames.collect() }
+    }
+
+    fn joints(&self) -> usize {
+        self.frames.len()
     }
 
     pub fn kinematics(&self, gravity: Gravity) -> Kinematics {

@@ -4,6 +4,7 @@ use random::ChaCha8Rng;
 use rayon::prelude::*;
 
 use super::Chain;
+use super::arm::Arm;
 use super::fit::{Candidate, Motions};
 
 /// A round of a race.
@@ -31,7 +32,7 @@ const POLISH: Round = Round { runners: 1, robots: 12, steps: 30, by_residuals: t
 /// while all others found theirs.
 const RETRY: Round = Round { runners: usize::MAX, robots: 12, steps: 15, by_residuals: true };
 const RETRIES: usize = 2;
-/// The last steps fit the motions of more robots, with new units each time.
+/// The last steps fit the motions of more robots and the shapes of frictions, with new units each time.
 const LAST: [Round; 2] = [
     Round { runners: 1, robots: 48, steps: 15, by_residuals: true },
     Round { runners: 1, robots: 48, steps: 15, by_residuals: true },
@@ -45,16 +46,16 @@ const CLEAR: f64 = 1.0;
 /// be right.
 const LEFT: f64 = 0.005;
 
-/// The chain that fits the motions best.
-pub(in crate::lagrangian) fn find(motions: &Motions, generator: &mut ChaCha8Rng) -> Chain {
+/// The arm that fits the motions best.
+pub(in crate::lagrangian) fn find(motions: &Motions, generator: &mut ChaCha8Rng) -> Arm {
     let mut best: Option<Candidate> = None;
     for _ in 0..RACES {
-        let starts = (0..RACE[0].runners).map(|_| Chain::random(motions.joints(), generator));
-        let mut field = starts.collect();
+        let start = |_| Arm::new(Chain::random(motions.joints(), generator));
+        let mut field = (0..RACE[0].runners).map(start).collect();
         let mut ranked = Vec::new();
         for round in &RACE {
             ranked = round.run(motions, field);
-            field = ranked.iter().map(|candidate| candidate.chain.clone()).collect();
+            field = ranked.iter().map(|candidate| candidate.arm.clone()).collect();
         }
         let median = ranked[ranked.len() / 2].misfit;
         let winner = ranked.swap_remove(0);
@@ -66,29 +67,29 @@ pub(in crate::lagrangian) fn find(motions: &Motions, generator: &mut ChaCha8Rng)
             break;
         }
     }
-    let start = best.expect("a race has a winner").chain;
+    let start = best.expect("a race has a winner").arm;
     let mut best = POLISH.winner(motions, vec![start]);
     for _ in 0..RETRIES {
-        let tries =
-            (0..motions.joints()).map(|joint| best.chain.with_random_axis(joint, generator));
+        let tries = (0..motions.joints())
+            .map(|joint| Arm::new(best.arm.chain.with_random_axis(joint, generator)));
         let tried = RETRY.winner(motions, tries.collect());
         if tried.misfit < best.misfit {
-            best = POLISH.winner(motions, vec![tried.chain]);
+            best = POLISH.winner(motions, vec![tried.arm]);
         }
     }
     for round in &LAST {
-        best = round.winner(motions, vec![best.chain]);
+        best = round.winner(motions, vec![best.arm.with_fitted_frictions()]);
     }
-    best.chain.gathered()
+    best.arm.gathered()
 }
 
 impl Round {
     /// The runners after the round, the best one first.
-    fn run(&self, motions: &Motions, mut field: Vec<Chain>) -> Vec<Candidate> {
+    fn run(&self, motions: &Motions, mut field: Vec<Arm>) -> Vec<Candidate> {
         let motions = motions.of_first(self.robots);
         field.truncate(self.runners);
-        let run = |chain: Chain| {
-            let mut candidate = motions.candidate(chain);
+        let run = |arm: Arm| {
+            let mut candidate = motions.candidate(arm);
             if self.by_residuals {
                 candidate = candidate.in_units_of_residuals(&motions);
             }
@@ -100,7 +101,7 @@ impl Round {
         ranked
     }
 
-    fn winner(&self, motions: &Motions, field: Vec<Chain>) -> Candidate {
+    fn winner(&self, motions: &Motions, field: Vec<Arm>) -> Candidate {
         self.run(motions, field).swap_remove(0)
     }
 }

@@ -153,7 +153,7 @@ fn the_axes_of_an_arm_are_found_in_its_motions() {
     for gravity in [Gravity::On, Gravity::Off] {
         let arms = Arms::new(&truth.kinematics(gravity), ROBOTS, &mut generator);
         let motions = Motions::new(&arms.recordings(CONTEXT), 80, gravity);
-        let found = find(&motions, &mut generator);
+        let found = find(&motions, &mut generator).chain;
         // A mirror image has the same torques, and turns the other way about two of three axes.
         for (one, other) in [(0, 1), (1, 2), (0, 2)] {
             let [found, expected] = [&found, &truth].map(|chain| angle(chain, one, other));
