@@ -33,10 +33,8 @@ const POLISH: Round = Round { runners: 1, robots: 12, steps: 30, by_residuals: t
 const RETRY: Round = Round { runners: usize::MAX, robots: 12, steps: 15, by_residuals: true };
 const RETRIES: usize = 2;
 /// The last steps fit the motions of more robots and the shapes of frictions, with new units each time.
-const LAST: [Round; 2] = [
-    Round { runners: 1, robots: 48, steps: 15, by_residuals: true },
-    Round { runners: 1, robots: 48, steps: 15, by_residuals: true },
-];
+const LAST: Round = Round { runners: 1, robots: 48, steps: 15, by_residuals: true };
+const LAST_ROUNDS: usize = 3;
 /// The most races. On Pandas as they are used two races of three find the arm.
 const RACES: usize = 4;
 /// The arm is found when the winner is this much better than the median runner: its residual torques
@@ -77,8 +75,8 @@ pub(in crate::lagrangian) fn find(motions: &Motions, generator: &mut ChaCha8Rng)
             best = POLISH.winner(motions, vec![tried.arm]);
         }
     }
-    for round in &LAST {
-        best = round.winner(motions, vec![best.arm.with_fitted_frictions()]);
+    for _ in 0..LAST_ROUNDS {
+        best = LAST.winner(motions, vec![best.arm.with_fitted_frictions()]);
     }
     best.arm.gathered()
 }
