@@ -33,6 +33,8 @@ const MOMENT_SPREAD: f64 = 0.1;
 const LEAST: f64 = 1e-4;
 /// Added to the spread of every combination of moments, so that none is left without any.
 const LEAST_MOMENT_SPREAD: f64 = 2e-3;
+/// The root mean square of the least torque that a number makes, as a share of the residual torques.
+const LEAST_TORQUE: f64 = 0.03;
 /// The share of a rotor that all robots have in common, where rotors are fitted.
 const COMMON_ROTOR: f64 = 0.05;
 
@@ -108,7 +110,8 @@ impl Lagrangian {
                 None => self,
             };
         }
-        self
+        let [factors, _] = self.valid().equations(&points, &device).map(values);
+        self.without_unseen_numbers(&factors)
     }
 
     /// The same law with numbers that are independent over robots and have a spread of 1 each, in the
@@ -127,6 +130,32 @@ impl Lagrangian {
         mean[..count].copy_from_slice(numbers.as_slice());
         spread[..count].fill(1.0);
         let basis = &eigenvectors * DMatrix::from_diagonal(&roots);
+        self.chain = Some(found.with_basis(narrow(basis.transpose().as_slice())));
+        self.with_prior(&Prior { mean, spread })
+    }
+
+    /// The same law without the combinations of numbers that make no torque in these equations: the
+    /// base is fixed, and the first links only turn. What a training does not see drifts.
+    fn without_unseen_numbers(mut self, factors: &[f32]) -> Self {
+        let Some(found) = self.chain.take() else { return self };
+        let Prior { mut mean, spread } = self.prior();
+        let (count, width) = (self.numbers.weights().len(), self.numbers.count() + 1);
+        let laws = self.joint_laws();
+        let rows = factors.len() / width;
+        let in_noise = DMatrix::from_fn(rows, count, |row, number| {
+            f64::from(factors[row * width + number] / laws[row % laws.len()].noise)
+        });
+        let squares = in_noise.transpose() * in_noise / rows as f64;
+        let SymmetricEigen { mut eigenvectors, eigenvalues } = SymmetricEigen::new(squares);
+        let means = eigenvectors.tr_mul(&DVector::from_column_slice(&mean[..count]));
+        for (number, (square, of_robots)) in eigenvalues.iter().zip(&means).enumerate() {
+            let is_seen = square * (1.0 + of_robots.powi(2)) > LEAST_TORQUE.powi(2);
+            mean[number] = if is_seen { *of_robots } else { 0.0 };
+            if !is_seen {
+                eigenvectors.column_mut(number).fill(0.0);
+            }
+        }
+        let basis = found.basis() * eigenvectors;
         self.chain = Some(found.with_basis(narrow(basis.transpose().as_slice())));
         self.with_prior(&Prior { mean, spread })
     }
