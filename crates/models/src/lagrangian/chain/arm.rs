@@ -1,5 +1,7 @@
 //! An arm that is sought: its chain, and how its joints rub.
 
+use random::ChaCha8Rng;
+
 use super::Chain;
 
 /// Slopes at rest of the frictions that a joint has while their shape is not fitted, s/rad.
@@ -48,6 +50,16 @@ impl Arm {
             Frictions::Fitted(shapes) => shapes,
         };
         Self { frictions: Frictions::Fitted(frictions), ..self }
+    }
+
+    /// See [`Chain::with_opposite_axis`].
+    pub fn with_opposite_axis(&self, joint: usize) -> Self {
+        Self { chain: self.chain.with_opposite_axis(joint), ..self.clone() }
+    }
+
+    /// See [`Chain::with_random_axis`].
+    pub fn with_random_axis(&self, joint: usize, generator: &mut ChaCha8Rng) -> Self {
+        Self { chain: self.chain.with_random_axis(joint, generator), ..self.clone() }
     }
 
     /// The same arm, written with [`Chain::gathered`].

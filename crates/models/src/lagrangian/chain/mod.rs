@@ -11,6 +11,8 @@ mod arm;
 mod fit;
 mod search;
 
+use std::f64::consts::PI;
+
 use burn::module::{Module, Param};
 use burn::tensor::Tensor;
 use nalgebra::{DMatrix, Rotation3, Vector3};
@@ -104,6 +106,14 @@ impl Chain {
     pub fn with_random_axis(&self, joint: usize, generator: &mut ChaCha8Rng) -> Self {
         let mut chain = self.clone();
         chain.frames[joint].turn = random_frame(generator).turn;
+        chain
+    }
+
+    /// The chain with one joint turning the other way.
+    pub fn with_opposite_axis(&self, joint: usize) -> Self {
+        let mut chain = self.clone();
+        let half_turn = Rotation3::from_axis_angle(&Vector3::x_axis(), PI);
+        chain.frames[joint].turn *= half_turn.into_inner();
         chain
     }
 
