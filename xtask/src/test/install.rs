@@ -15,10 +15,11 @@ pub struct Installation {
     pub run: fn() -> anyhow::Result<()>,
 }
 
-pub const ALL: [Installation; 5] = [
+pub const NEXTEST: Installation = Installation { name: "install cargo-nextest", run: nextest };
+
+pub const ALL: [Installation; 4] = [
     Installation { name: "install system packages", run: system_packages },
     Installation { name: "install Slurm", run: slurm },
-    Installation { name: "install cargo-nextest", run: nextest },
     Installation { name: "install Python packages", run: python_packages },
     Installation { name: "install Node packages", run: node_packages },
 ];

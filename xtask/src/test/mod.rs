@@ -16,6 +16,7 @@ use crate::peers;
 use crate::places::{repository, target};
 use crate::process::{self, command};
 use counts::Counts;
+use install::Installation;
 
 #[derive(Debug, Args)]
 pub struct Arguments {
@@ -57,23 +58,25 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             failed.push((name, text.to_owned()));
         }
     };
-    let all = install::ALL.iter().filter(|_| !arguments.quick);
-    let further = install::FOR_DEVICES.iter().filter(|_| arguments.devices);
-    for installation in all.chain(further) {
-        eprintln!("\n== {}", installation.name);
-        let result = (installation.run)();
-        let text = match &result {
-            Ok(()) => String::new(),
-            Err(error) => format!("error: {error:#}"),
-        };
-        if !text.is_empty() {
-            eprintln!("{text}");
-        }
-        record(installation.name, Counts::one(result.is_ok()), &text);
+    if !arguments.quick {
+        // The build of tests needs it.
+        let (name, counts, text) = install(&install::NEXTEST);
+        record(name, counts, &text);
     }
     // Deletes the list of an earlier run, if there is one.
     let _ = std::fs::remove_file(skipped_tests());
     let mut flaky = Vec::new();
+    // Packages are downloaded and unpacked while the tests are compiled.
+    let (installed, built) = thread::scope(|scope| {
+        let all = install::ALL.iter().filter(|_| !arguments.quick);
+        let further = install::FOR_DEVICES.iter().filter(|_| arguments.devices);
+        let installing = scope.spawn(|| all.chain(further).map(install).collect::<Vec<_>>());
+        let built: Vec<_> = before_tests().into_iter().map(|step| take_one(step, true)).collect();
+        (installing.join().expect("an installation does not panic"), built)
+    });
+    for (name, counts, text) in installed.into_iter().chain(built) {
+        record(name, counts, &text);
+    }
     for steps in steps(arguments) {
         for (name, counts, text) in take(steps) {
             record(name, counts, &text);
@@ -100,26 +103,37 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     Ok(if total.failed == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
-/// Runs steps side by side. Gives the name, the counts and the output of each.
-fn take(steps: Vec<Step>) -> Vec<(&'static str, Counts, String)> {
-    let is_alone = steps.len() == 1;
-    let run = |step: Step| {
-        let label = if is_alone { String::new() } else { format!("{}: ", step.name) };
-        (step.name, take_one(step, &label))
+/// The name, the counts and the output of a step.
+type Taken = (&'static str, Counts, String);
+
+fn install(installation: &Installation) -> Taken {
+    eprintln!("\n== {}", installation.name);
+    let started = Instant::now();
+    let text = match (installation.run)() {
+        Ok(()) => String::new(),
+        Err(error) => format!("error: {error:#}"),
     };
+    let seconds = started.elapsed().as_secs();
+    eprintln!("== {}: {seconds} s {text}", installation.name);
+    (installation.name, Counts::one(text.is_empty()), text)
+}
+
+/// Runs steps side by side.
+fn take(steps: Vec<Step>) -> Vec<Taken> {
+    let has_neighbours = steps.len() > 1;
     thread::scope(|scope| {
-        let running: Vec<_> =
-            steps.into_iter().map(|step| scope.spawn(move || run(step))).collect();
-        let ended = running.into_iter().map(|step| step.join().expect("a step does not panic"));
-        ended.map(|(name, (counts, text))| (name, counts, text)).collect()
+        let take = |step| scope.spawn(move || take_one(step, has_neighbours));
+        let running: Vec<_> = steps.into_iter().map(take).collect();
+        running.into_iter().map(|step| step.join().expect("a step does not panic")).collect()
     })
 }
 
-/// Runs a step, with `label` in front of its lines. Gives its counts and its output.
-fn take_one(mut step: Step, label: &str) -> (Counts, String) {
+/// Runs a step, with its name in front of its lines if others run beside it.
+fn take_one(mut step: Step, has_neighbours: bool) -> Taken {
+    let label = if has_neighbours { format!("{}: ", step.name) } else { String::new() };
     eprintln!("\n== {}", step.name);
     let started = Instant::now();
-    let (counts, text) = match process::run_named(label, &mut step.command) {
+    let (counts, text) = match process::run_named(&label, &mut step.command) {
         Ok(finished) => {
             let counts = match step.count {
                 Some(count) => {
@@ -137,19 +151,20 @@ fn take_one(mut step: Step, label: &str) -> (Counts, String) {
     };
     let seconds = started.elapsed().as_secs();
     eprintln!("== {}: {} passed, {} failed, {seconds} s", step.name, counts.passed, counts.failed);
-    (counts, text)
+    (step.name, counts, text)
 }
 
-/// All steps in their order. Those of one list run side by side.
-fn steps(Arguments { quick, devices, .. }: &Arguments) -> Vec<Vec<Step>> {
-    let before = vec![
-        Step {
-            name: "formatting",
-            command: command("cargo", &["fmt", "--all", "--check"]),
-            count: None,
-        },
+/// The steps that need no installed packages, in their order.
+fn before_tests() -> [Step; 2] {
+    let format = command("cargo", &["fmt", "--all", "--check"]);
+    [
+        Step { name: "formatting", command: format, count: None },
         Step { name: "build of tests", command: build_of_tests(), count: None },
-    ];
+    ]
+}
+
+/// All further steps in their order. Those of one list run side by side.
+fn steps(Arguments { quick, devices, .. }: &Arguments) -> Vec<Vec<Step>> {
     // Tests wait for servers, workers and timeouts for half of their time, which clippy uses.
     let tests = vec![
         Step {
@@ -206,7 +221,7 @@ fn steps(Arguments { quick, devices, .. }: &Arguments) -> Vec<Vec<Step>> {
         });
     }
     let one_by_one = |steps: Vec<Step>| steps.into_iter().map(|step| vec![step]);
-    let groups = one_by_one(before).chain([tests]).chain(one_by_one(steps)).chain([beside]);
+    let groups = std::iter::once(tests).chain(one_by_one(steps)).chain([beside]);
     groups.chain(one_by_one(alone)).collect()
 }
 
