@@ -73,6 +73,16 @@ async fn a_viewed_prediction_has_the_error_that_the_evaluation_told() {
     let low = &both[1]["quantiles"][0]["y"][19][6];
     let high = &both[1]["quantiles"][1]["y"][19][6];
     assert!(low.as_f64().unwrap() < high.as_f64().unwrap(), "{low} to {high}");
+
+    // What was computed is remembered, with the time that it took, and nothing else is taken for it.
+    let ask = async |query: &str| {
+        let path = format!("{base}?checkpoint={denoiser}&samples=8&steps=2&{query}");
+        product.get(&path).await["predictions"][0].clone()
+    };
+    assert_eq!(ask("seed=5").await, both[1]);
+    let other = ask("seed=6").await;
+    assert_ne!((&other["y"], &other["compute_ms"]), (&both[1]["y"], &both[1]["compute_ms"]));
+    assert_ne!(ask("seed=5&begin=41").await["y"], both[1]["y"]);
 }
 
 #[tokio::test]

@@ -30,6 +30,7 @@ mod predictions;
 mod questions;
 mod queue;
 mod quota;
+mod remembered;
 pub mod resources;
 pub mod robots;
 mod runs;
@@ -62,6 +63,7 @@ use crate::access::Access;
 use crate::app::events::Feed;
 use crate::app::monitoring::Monitor;
 use crate::app::places::Places;
+use crate::app::remembered::RememberedPredictions;
 use crate::app::shards::OpenShards;
 use crate::checks::Checks;
 use crate::limits::{
@@ -141,6 +143,7 @@ pub struct App {
     open_shards: OpenShards,
     feed: Feed,
     models: Option<Arc<dyn LiveModels>>,
+    remembered: RememberedPredictions,
     monitor: Monitor,
 }
 
@@ -171,6 +174,7 @@ impl App {
             open_shards: OpenShards::new(),
             feed: Feed::new(),
             models: None,
+            remembered: RememberedPredictions::new(),
             monitor: Monitor::new(),
             store,
         }

@@ -11,7 +11,7 @@ use arrow_ipc::writer::StreamWriter;
 use arrow_schema::ArrowError;
 use arrow_schema::{DataType, Field, Schema};
 use serde_json::{Map, Value};
-use spec::{Column, DataSpec};
+use spec::{Column, DataSpec, Digest};
 use store::{DatasetId, STEP, Shard, StoreError, TRAJECTORY, TableReader};
 use wire::{DatasetState, Trajectory};
 
@@ -23,6 +23,8 @@ use crate::error::ApiError;
 #[derive(Clone, Debug)]
 pub struct StoredTrajectory {
     pub dataset: i64,
+    /// The dataset's digest.
+    pub digest: Digest,
     pub index: u64,
     pub shard: u32,
     pub rate_hz: f64,
@@ -43,6 +45,7 @@ pub struct Channel<'a> {
 
 /// The position of a trajectory.
 struct TrajectoryLocation {
+    digest: Digest,
     shard: Shard,
     spec: DataSpec,
 }
@@ -55,7 +58,7 @@ impl App {
         dataset: i64,
         index: u64,
     ) -> Result<StoredTrajectory, ApiError> {
-        let TrajectoryLocation { shard, spec } = self.place(dataset, index).await?;
+        let TrajectoryLocation { digest, shard, spec } = self.place(dataset, index).await?;
         let columns = spec.trajectory_columns();
         let names: Vec<String> = columns.iter().map(|column| column.name.clone()).collect();
         let first = shard.contents.first;
@@ -67,6 +70,7 @@ impl App {
         let (samples, robot) = read.await?;
         Ok(StoredTrajectory {
             dataset,
+            digest,
             index,
             shard: shard.ordinal,
             rate_hz: spec.rate_hz(),
@@ -104,7 +108,7 @@ impl App {
             let reason = "its spec is of another version of torqued".to_owned();
             ApiError::ShardUnreadable { dataset, shard: shard.ordinal, reason }
         })?;
-        Ok(TrajectoryLocation { shard, spec })
+        Ok(TrajectoryLocation { digest: row.digest, shard, spec })
     }
 }
 

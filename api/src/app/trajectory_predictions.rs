@@ -8,6 +8,7 @@ use crate::app::App;
 use crate::app::labels::is_alias;
 use crate::app::predictions::{HeldModel, milliseconds};
 use crate::app::questions::{RequestViolations, asked, numbers_of, series_of};
+use crate::app::remembered::PredictionKey;
 use crate::app::trajectories::StoredTrajectory;
 use crate::error::ApiError;
 use crate::limits::{PREDICTED_CHECKPOINTS, SHOWN_SAMPLES};
@@ -127,39 +128,14 @@ impl App {
         }
         let window = Window::of(&stored, &models, request.begin)?;
         let truth = stored.rows(Column::positions(stored.joints()))?;
-        let future = |horizon: usize| &truth[window.begin..window.begin + horizon];
         let mut predictions = Vec::with_capacity(models.len() + 1);
-        for HeldModel { resource, model } in models {
-            let about = model.about().clone();
-            let sampling = request.sampling(&about);
-            let mut violations = RequestViolations::default();
-            violations.sampling(&sampling, 1, &about);
-            violations.finish()?;
-            let _memory = self.checks.memory(numbers_of(1, &about) * size_of::<f32>())?;
-            let question = question(&stored, &about, window.begin, &sampling)?;
-            let prediction = model.predict(question, LiveQueue::Requests).await?;
-            let own_steps = about.sampler.and_then(|sampler| sampler.steps);
-            let steps = sampling.sampler.map_or(own_steps, |sampler| sampler.steps);
-            let horizon = about.horizon;
-            // The quantiles of many samples take long.
-            let answer = self.checks.run(prediction.answered_bytes(&sampling), move || {
-                Ok((prediction.of(0, 1, horizon, &sampling), prediction))
+        for held in &models {
+            let answered = self.answered(&stored, window.begin, held, request).await?;
+            predictions.push(TrajectoryPrediction {
+                name: self.name_of_checkpoint(held.resource.checkpoint).await?,
+                checkpoint: Some(held.resource.checkpoint),
+                ..answered
             });
-            let (mut answer, prediction) = answer.await?;
-            let mut samples = answer.samples.take().unwrap_or_default();
-            samples.truncate(SHOWN_SAMPLES);
-            let found = TrajectoryPrediction {
-                name: self.name_of_checkpoint(resource.checkpoint).await?,
-                checkpoint: Some(resource.checkpoint),
-                y: answer.y,
-                quantiles: answer.quantiles,
-                samples,
-                steps,
-                compute_ms: Some(milliseconds(prediction.computed)),
-                warnings: prediction.warnings,
-                ..TrajectoryPrediction::default()
-            };
-            predictions.push(found.against(future(horizon)));
         }
         let last = stored.measured(Given::Torques)?.y.swap_remove(window.begin - 1);
         let held = TrajectoryPrediction {
@@ -167,7 +143,7 @@ impl App {
             y: vec![last; window.horizon],
             ..TrajectoryPrediction::default()
         };
-        predictions.push(held.against(future(window.horizon)));
+        predictions.push(held.against(&truth[window.begin..window.begin + window.horizon]));
         Ok(TrajectoryPredictions {
             dataset,
             trajectory,
@@ -178,6 +154,61 @@ impl App {
             truth: truth[window.first()..window.begin + window.horizon].to_vec(),
             predictions,
         })
+    }
+
+    /// The prediction of a checkpoint, without its name. One that is remembered is not computed again.
+    async fn answered(
+        &self,
+        stored: &StoredTrajectory,
+        begin: usize,
+        HeldModel { resource, model }: &HeldModel,
+        request: &PredictionsRequest,
+    ) -> Result<TrajectoryPrediction, ApiError> {
+        let key = resource.weights.map(|weights| PredictionKey {
+            dataset: stored.digest,
+            trajectory: stored.index,
+            weights,
+            begin,
+            samples: request.samples,
+            steps: request.steps,
+            seed: request.seed,
+        });
+        if let Some(remembered) = key.and_then(|key| self.remembered.get(&key)) {
+            return Ok(remembered);
+        }
+        let about = model.about().clone();
+        let sampling = request.sampling(&about);
+        let mut violations = RequestViolations::default();
+        violations.sampling(&sampling, 1, &about);
+        violations.finish()?;
+        let _memory = self.checks.memory(numbers_of(1, &about) * size_of::<f32>())?;
+        let question = question(stored, &about, begin, &sampling)?;
+        let prediction = model.predict(question, LiveQueue::Requests).await?;
+        let own_steps = about.sampler.and_then(|sampler| sampler.steps);
+        let steps = sampling.sampler.map_or(own_steps, |sampler| sampler.steps);
+        let horizon = about.horizon;
+        // The quantiles of many samples take long.
+        let answer = self.checks.run(prediction.answered_bytes(&sampling), move || {
+            Ok((prediction.of(0, 1, horizon, &sampling), prediction))
+        });
+        let (mut answer, prediction) = answer.await?;
+        let mut samples = answer.samples.take().unwrap_or_default();
+        samples.truncate(SHOWN_SAMPLES);
+        let found = TrajectoryPrediction {
+            y: answer.y,
+            quantiles: answer.quantiles,
+            samples,
+            steps,
+            compute_ms: Some(milliseconds(prediction.computed)),
+            warnings: prediction.warnings,
+            ..TrajectoryPrediction::default()
+        };
+        let truth = stored.rows(Column::positions(stored.joints()))?;
+        let found = found.against(&truth[begin..begin + horizon]);
+        if let Some(key) = key {
+            self.remembered.insert(key, found.clone());
+        }
+        Ok(found)
     }
 
     /// The name that users gave a checkpoint, or its architecture and its id.
