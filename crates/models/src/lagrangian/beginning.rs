@@ -3,7 +3,7 @@
 
 use burn::module::{Module, Param};
 use burn::tensor::Tensor;
-use nalgebra::{DMatrix, DVector, SymmetricEigen};
+use nalgebra::{DMatrix, DVector, Dyn, SymmetricEigen};
 use random::keyed;
 
 use super::batch::{HostBatch, Points};
@@ -31,7 +31,7 @@ const SPREAD_SHARE: f64 = 0.3;
 const MOMENT_SPREAD: f64 = 0.1;
 /// The least value of a number that is kept as a logarithm, N·m·s/rad or kg m².
 const LEAST: f64 = 1e-4;
-/// Added to the spread of every combination of moments, so that none is left without any.
+/// The least spread of a combination of moments.
 const LEAST_MOMENT_SPREAD: f64 = 2e-3;
 /// The root mean square of the least torque that a number makes, as a share of the residual torques.
 const LEAST_TORQUE: f64 = 0.03;
@@ -116,16 +116,14 @@ impl Lagrangian {
 
     /// The same law with numbers that are independent over robots and have a spread of 1 each, in the
     /// place of moments with this covariance.
-    fn in_basis_of(mut self, mut covariance: DMatrix<f64>) -> Self {
+    fn in_basis_of(mut self, covariance: DMatrix<f64>) -> Self {
+        let Some(decomposed) = decomposed(covariance) else { return self };
         let Some(found) = self.chain.take() else { return self };
+        let SymmetricEigen { eigenvectors, eigenvalues } = decomposed;
         let Prior { mut mean, mut spread } = self.prior();
-        let count = covariance.nrows();
+        let count = eigenvalues.len();
         let moments = found.basis() * DVector::from_column_slice(&mean[..count]);
-        for at in 0..count {
-            covariance[(at, at)] += LEAST_MOMENT_SPREAD.powi(2);
-        }
-        let SymmetricEigen { eigenvectors, eigenvalues } = SymmetricEigen::new(covariance);
-        let roots = eigenvalues.map(f64::sqrt);
+        let roots = eigenvalues.map(|square| square.max(LEAST_MOMENT_SPREAD.powi(2)).sqrt());
         let numbers = eigenvectors.tr_mul(&moments).component_div(&roots);
         mean[..count].copy_from_slice(numbers.as_slice());
         spread[..count].fill(1.0);
@@ -137,8 +135,6 @@ impl Lagrangian {
     /// The same law without the combinations of numbers that make no torque in these equations: the
     /// base is fixed, and the first links only turn. What a training does not see drifts.
     fn without_unseen_numbers(mut self, factors: &[f32]) -> Self {
-        let Some(found) = self.chain.take() else { return self };
-        let Prior { mut mean, spread } = self.prior();
         let (count, width) = (self.numbers.weights().len(), self.numbers.count() + 1);
         let laws = self.joint_laws();
         let rows = factors.len() / width;
@@ -146,7 +142,10 @@ impl Lagrangian {
             f64::from(factors[row * width + number] / laws[row % laws.len()].noise)
         });
         let squares = in_noise.transpose() * in_noise / rows as f64;
-        let SymmetricEigen { mut eigenvectors, eigenvalues } = SymmetricEigen::new(squares);
+        let Some(decomposed) = decomposed(squares) else { return self };
+        let Some(found) = self.chain.take() else { return self };
+        let SymmetricEigen { mut eigenvectors, eigenvalues } = decomposed;
+        let Prior { mut mean, spread } = self.prior();
         let means = eigenvectors.tr_mul(&DVector::from_column_slice(&mean[..count]));
         for (number, (square, of_robots)) in eigenvalues.iter().zip(&means).enumerate() {
             let is_seen = square * (1.0 + of_robots.powi(2)) > LEAST_TORQUE.powi(2);
@@ -176,6 +175,11 @@ impl Lagrangian {
         self.spread = with_logarithms(self.spread, positive(spread));
         self
     }
+}
+
+/// The eigenvalues and eigenvectors of a symmetric matrix. `None` if an entry is not finite.
+fn decomposed(matrix: DMatrix<f64>) -> Option<SymmetricEigen<f64, Dyn>> {
+    matrix.iter().all(|entry| entry.is_finite()).then(|| SymmetricEigen::new(matrix))
 }
 
 /// Where predictions stay: about as far and as fast as these motions.
