@@ -109,7 +109,7 @@ pub use results::checkpoints::{Checkpoint, CheckpointFile, NewCheckpoint, WhichC
 pub use results::datasets::{Dataset, Shard, ShardContents};
 pub use results::metrics::{CurvePoint, Metric, MetricCurve};
 pub use results::robots::{AddedRobot, NewRobot, Robot, RobotSource};
-pub use results::runs::Run;
+pub use results::runs::{Run, RunSummary};
 pub use results::uploads::{Upload, UploadWriter};
 pub use store::Store;
 pub use tracking::artifacts::TrackedArtifact;

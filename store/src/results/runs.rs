@@ -64,7 +64,62 @@ pub struct Run {
     pub deletion: Option<Deletion>,
 }
 
+/// The parts of a run that a search of all runs reads.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RunSummary {
+    /// Its id.
+    pub id: RunId,
+    /// The name that users gave it, or the name of its job.
+    pub name: String,
+    /// The state of its job.
+    pub state: JobState,
+    /// When its job was submitted.
+    pub created_at: Timestamp,
+    /// When a worker first claimed a task of its job.
+    pub started_at: Option<Timestamp>,
+    /// When its job reached a final state.
+    pub finished_at: Option<Timestamp>,
+}
+
+impl From<&Run> for RunSummary {
+    fn from(run: &Run) -> Self {
+        let Run { id, name, state, created_at, started_at, finished_at, .. } = run;
+        Self {
+            id: *id,
+            name: name.clone(),
+            state: *state,
+            created_at: *created_at,
+            started_at: *started_at,
+            finished_at: *finished_at,
+        }
+    }
+}
+
 impl Store {
+    /// All runs that were not deleted, newest first.
+    ///
+    /// # Errors
+    /// When the database fails.
+    #[boxed]
+    pub async fn run_summaries(&self) -> Result<Vec<RunSummary>, StoreError> {
+        sql(
+            "SELECT run.id, COALESCE(run.given_name, job.given_name, job.name) AS name, job.state, \
+             run.created_at, job.started_at, job.finished_at FROM run JOIN job ON job.id = run.job \
+             WHERE run.deleted_at IS NULL ORDER BY run.id DESC",
+        )
+        .all(&mut self.read(LISTING))
+        .await
+    }
+
+    /// The runs with these ids, in no order. Those that do not exist are left out.
+    ///
+    /// # Errors
+    /// When the database fails.
+    #[boxed]
+    pub async fn runs_with_ids(&self, ids: &[RunId]) -> Result<Vec<Run>, StoreError> {
+        self.read(LISTING).runs_by_id(ids).await
+    }
+
     /// A page of the list of runs.
     ///
     /// # Errors
@@ -139,6 +194,8 @@ impl Transaction {
         sql("SELECT id FROM run WHERE job = $1").bind(job).optional(self).await
     }
 }
+
+from_row!(RunSummary { id, name, state, created_at, started_at, finished_at });
 
 from_row!(Run {
     id, job, kind, name, note, digest, spec, state, error, created_at, started_at, finished_at,

@@ -229,7 +229,8 @@ macro_rules! all_laws {
                 every_order_reads_all_of_a_list_once_in_both_directions,
                 orders_are_those_of_their_fields,
                 rows_that_appear_meanwhile_change_no_page_behind,
-                things_are_sorted_by_their_errors_and_those_without_one_come_last;
+                things_are_sorted_by_their_errors_and_those_without_one_come_last,
+                summaries_are_those_of_all_runs_that_are_there;
             lists:
                 tasks_are_read_in_pages_in_the_order_in_which_they_run,
                 results_are_counted_by_the_value_of_a_field,

@@ -3,12 +3,13 @@ use std::time::Duration;
 use serde_json::json;
 use store::{
     Direction, ItemKind, JobId, LabelChange, Labels, Listing, Metric, NewJob, Position, Retry,
-    Sort, Submission, TextChange, Timestamp,
+    RunId, RunSummary, Sort, Submission, TextChange, Timestamp,
 };
 use wire::Listed as _;
 
 use super::checkpoints::{commit, commit_measured};
 use super::labels::{labels, naming, one_of_each, tagging};
+use super::trash::{FORCED, work};
 use super::{Fixture, alone, evaluate, pipeline, pipeline_of, simulate, train, with_execution};
 
 /// The ids of a page, and the position of its end.
@@ -350,4 +351,20 @@ pub async fn rows_that_appear_meanwhile_change_no_page_behind(f: Fixture) {
             assert_eq!(once.len(), seen.len(), "{sort:?} {direction:?}: {seen:?}");
         }
     }
+}
+
+pub async fn summaries_are_those_of_all_runs_that_are_there(f: Fixture) {
+    let mut runs = Vec::new();
+    for seed in 1..=3 {
+        let job = f.submit(alone(train(&simulate(seed), vec![]))).await.job;
+        runs.push(f.store.run_of_job(job).await.unwrap());
+    }
+    work(&f).await;
+    f.store.delete(runs[1].id.into(), &FORCED).await.unwrap();
+    let all = f.store.list_runs(&Listing::default()).await.unwrap().items;
+    let summaries = f.store.run_summaries().await.unwrap();
+    assert_eq!(summaries, all.iter().map(RunSummary::from).collect::<Vec<_>>());
+    assert_eq!(summaries.iter().map(|run| run.id).collect::<Vec<_>>(), [runs[2].id, runs[0].id]);
+    let found = f.store.runs_with_ids(&[runs[2].id, RunId(1 << 40)]).await.unwrap();
+    assert_eq!(found.iter().map(|run| run.id).collect::<Vec<_>>(), [runs[2].id]);
 }

@@ -1,7 +1,7 @@
 //! Torqued's own runs in MLflow's terms: the job's spec as params, and links to the page as tags.
 
 use serde_json::Value;
-use store::ExperimentId;
+use store::{ExperimentId, RunSummary};
 use wire::JobState;
 
 use super::{RunName, artifact_uri, own_labels};
@@ -10,7 +10,7 @@ use crate::mlflow::entities::{Pair, RunInfo, Stage};
 /// The user of these runs.
 const USER: &str = "torqued";
 
-pub fn info(run: &store::Run) -> RunInfo {
+pub fn info(run: &RunSummary) -> RunInfo {
     let name = RunName::Own(run.id);
     let start = run.started_at.unwrap_or(run.created_at);
     RunInfo {

@@ -36,7 +36,7 @@ impl App {
     ) -> Result<RunInfo, MlflowError> {
         if let RunName::Own(id) = run {
             self.label_own_run(*id, change.name.clone(), &[]).await?;
-            return Ok(own_runs::info(&self.store.run(*id).await?));
+            return Ok(own_runs::info(&(&self.store.run(*id).await?).into()));
         }
         Ok(info(&self.store.change_tracked_run(run.writable()?, change).await?))
     }

@@ -8,7 +8,7 @@ use std::cmp::Ordering;
 use std::collections::{BTreeSet, HashMap};
 use std::time::Instant;
 
-use store::{ExperimentId, Listed, Listing, Page, RunId, TrackedRunId};
+use store::{ExperimentId, Listed, Listing, Page, RunId, RunSummary, TrackedRunId};
 
 use super::runs::{own_metric, tracked_metric};
 use super::{RunName, own_runs, page, runs};
@@ -37,7 +37,7 @@ const RUNS_AT_ONCE: usize = 1000;
 
 /// The kind of a run, with its key in the store.
 enum Source {
-    Own(Box<store::Run>),
+    Own(RunId),
     Tracked(TrackedRunId),
 }
 
@@ -60,7 +60,7 @@ struct Keys {
 impl App {
     pub(crate) async fn mlflow_run(&self, run: &RunName) -> Result<Run, MlflowError> {
         let candidate = match run {
-            RunName::Own(id) => Candidate::own(self.store.run(*id).await?),
+            RunName::Own(id) => Candidate::own(&RunSummary::from(&self.store.run(*id).await?)),
             RunName::Tracked(identifier) => {
                 Candidate::tracked(&self.store.tracked_run(identifier).await?)
             }
@@ -146,26 +146,30 @@ impl App {
         search: &RunSearch,
         keys: &Keys,
     ) -> Result<Vec<Candidate>, MlflowError> {
-        let most = match search.newest {
-            // One more than the page has, so that there is a next one.
-            true => search.skipped.saturating_add(search.limit as usize).saturating_add(1),
-            false => usize::MAX,
-        };
-        let rows = self.own_runs(most).await?;
-        let ids: Vec<RunId> = rows.iter().map(|run| run.id).collect();
+        let mut candidates = Vec::new();
+        if search.newest || !keys.params.is_empty() || !keys.tags.is_empty() {
+            let most = match search.newest {
+                // One more than the page has, so that there is a next one.
+                true => search.skipped.saturating_add(search.limit as usize).saturating_add(1),
+                false => usize::MAX,
+            };
+            for run in self.own_runs(most).await? {
+                let mut texts = HashMap::new();
+                if !keys.params.is_empty() {
+                    texts.extend(asked(own_runs::params(&run.spec), &keys.params, Field::Param));
+                }
+                if !keys.tags.is_empty() {
+                    texts.extend(asked(own_runs::tags(&run), &keys.tags, Field::Tag));
+                }
+                candidates.push(Candidate { texts, ..Candidate::own(&RunSummary::from(&run)) });
+            }
+        } else {
+            // Nothing of their specs is asked for, which are long.
+            candidates.extend(self.store.run_summaries().await?.iter().map(Candidate::own));
+        }
+        let ids: Vec<RunId> = candidates.iter().filter_map(Candidate::own_id).collect();
         let places: HashMap<RunId, usize> =
             ids.iter().enumerate().map(|(place, id)| (*id, place)).collect();
-        let mut candidates = Vec::with_capacity(rows.len());
-        for row in rows {
-            let mut texts = HashMap::new();
-            if !keys.params.is_empty() {
-                texts.extend(asked(own_runs::params(&row.spec), &keys.params, Field::Param));
-            }
-            if !keys.tags.is_empty() {
-                texts.extend(asked(own_runs::tags(&row), &keys.tags, Field::Tag));
-            }
-            candidates.push(Candidate { texts, ..Candidate::own(row) });
-        }
         for key in &keys.metrics {
             for (id, point) in self.store.latest_values(&ids, key).await? {
                 let numbers = &mut candidates[places[&id]].numbers;
@@ -194,12 +198,16 @@ impl App {
         let (mut own, mut tracked) = (Vec::new(), Vec::new());
         for candidate in &candidates {
             match &candidate.source {
-                Source::Own(run) => own.push(run.id),
+                Source::Own(id) => own.push(*id),
                 Source::Tracked(id) => tracked.push(*id),
             }
         }
         let mut of_own: HashMap<RunId, RunData> = HashMap::new();
         if !own.is_empty() {
+            for run in self.store.runs_with_ids(&own).await? {
+                let (params, tags) = (own_runs::params(&run.spec), own_runs::tags(&run));
+                of_own.insert(run.id, RunData { params, tags, ..RunData::default() });
+            }
             for (id, key, point) in self.store.latest_metrics(&own).await? {
                 of_own.entry(id).or_default().metrics.push(own_metric(key, &point));
             }
@@ -218,11 +226,7 @@ impl App {
         }
         let run = |candidate: Candidate| {
             let data = match candidate.source {
-                Source::Own(run) => RunData {
-                    params: own_runs::params(&run.spec),
-                    tags: own_runs::tags(&run),
-                    ..of_own.remove(&run.id).unwrap_or_default()
-                },
+                Source::Own(id) => of_own.remove(&id).unwrap_or_default(),
                 Source::Tracked(id) => of_tracked.remove(&id).unwrap_or_default(),
             };
             Run { info: candidate.info, data }
@@ -290,10 +294,16 @@ impl Keys {
 }
 
 impl Candidate {
-    fn own(run: store::Run) -> Self {
-        let info = own_runs::info(&run);
-        let source = Source::Own(Box::new(run));
+    fn own(run: &RunSummary) -> Self {
+        let (source, info) = (Source::Own(run.id), own_runs::info(run));
         Self { source, info, numbers: HashMap::new(), texts: HashMap::new() }
+    }
+
+    fn own_id(&self) -> Option<RunId> {
+        match self.source {
+            Source::Own(id) => Some(id),
+            Source::Tracked(_) => None,
+        }
     }
 
     fn tracked(run: &store::TrackedRun) -> Self {
