@@ -63,6 +63,10 @@ struct ListArguments {
     #[arg(long, value_name = "NEXT")]
     cursor: Option<String>,
 
+    /// Print CSV: numbers without units, and times as RFC 3339
+    #[arg(long, conflicts_with = "json")]
+    csv: bool,
+
     #[command(flatten)]
     output: OutputArguments,
 
@@ -150,7 +154,10 @@ pub async fn run<T: Listed>(arguments: Arguments<T>) -> anyhow::Result<ExitCode>
             break;
         }
     }
-    if !list.output.json {
+    if list.csv {
+        let columns: Vec<&str> = list.columns.iter().map(String::as_str).collect();
+        print!("{}", reports::lists::to_csv(&items, &columns)?);
+    } else if !list.output.json {
         print!("{}", listed(&items, &list.columns));
         arguments.print_rest(cursor.as_deref(), items.last().map(T::id));
     }

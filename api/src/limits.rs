@@ -70,6 +70,9 @@ pub const REMEMBERED_POSITIONS: usize = 4_000_000;
 /// Columns that a reader adds to a list on the page. Further ones are left out.
 pub const LISTED_COLUMNS: usize = 12;
 
+/// Items of a list in a file of the page. Further ones are left out.
+pub const EXPORTED_ITEMS: usize = 10_000;
+
 /// Points of such a run's metric that its page draws, the first ones.
 pub const LOGGED_POINTS: u32 = 100_000;
 

@@ -104,6 +104,13 @@ async fn everything_that_a_pipeline_leaves_is_listed_shown_and_downloaded() {
     assert!(shown.contains("lr=1") && shown.contains("note  "), "{shown}");
     let table = asking.output(&["runs", "--tag", "lr=1", "--text", "FIRST", "--kind", "train"]);
     assert!(table.contains("first") && table.lines().count() == 2, "{table}");
+    let csv = asking.output(&["runs", "--text", "first", "--csv", "--column", "steps"]);
+    let lines: Vec<&str> = csv.lines().collect();
+    assert!(lines.len() == 2 && lines[0].ends_with(",created,steps,tags"), "{csv}");
+    assert!(
+        lines[1].starts_with("1,first,train,succeeded,") && lines[1].ends_with(",lr=1"),
+        "{csv}"
+    );
     let table = asking.output(&["jobs", "--limit", "1", "--sort", "name"]);
     let (_, cursor) = table.trim().rsplit_once(' ').unwrap();
     let rest = asking.output(&["jobs", "--sort", "name", "--cursor", cursor, "--all"]);

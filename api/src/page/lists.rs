@@ -3,7 +3,9 @@
 
 use askama::Template;
 use axum::extract::State;
-use axum::response::Response;
+use axum::http::header::{CONTENT_DISPOSITION, CONTENT_TYPE};
+use axum::response::{IntoResponse, Response};
+use store::Page;
 use wire::{
     Checkpoint, Dataset, DatasetState, Evaluation, JobState, List, ListCell, ListPage as _, Run,
 };
@@ -13,7 +15,7 @@ use crate::app::listing::ListRequest;
 use crate::app::resources::Resource;
 use crate::error::ApiError;
 use crate::extract::QueryPairs;
-use crate::limits::LISTED_COLUMNS;
+use crate::limits::{EXPORTED_ITEMS, LISTED_COLUMNS};
 use crate::page::answer::{PageError, html};
 use crate::page::dataset::filling;
 use crate::page::filter_query::{FilterQuery, Order};
@@ -39,6 +41,8 @@ struct ListTemplate {
     columns: Vec<(String, bool)>,
     rows: Vec<ListRow>,
     next: Option<String>,
+    /// The address of the whole list as CSV.
+    csv: String,
 }
 
 pub struct ListRow {
@@ -86,13 +90,16 @@ pub async fn show<T: Paged + Sync>(
 ) -> Result<Response, PageError> {
     let list: &'static List = const { &T::LIST };
     let asked = FilterQuery::new(format!("/{}", list.name), pairs);
-    let found = app.list::<T>(&ListRequest::read(list, asked.pairs())?).await?;
-    let (items, next) = found.into_parts();
     let chosen = asked.value("columns");
     let chosen: Vec<&str> = match list.has_columns {
         true => chosen.split([' ', ',']).filter(|it| !it.is_empty()).take(LISTED_COLUMNS).collect(),
         false => Vec::new(),
     };
+    if asked.value("format") == CSV {
+        return as_csv::<T>(&app, asked.pairs(), &chosen).await;
+    }
+    let found = app.list::<T>(&ListRequest::read(list, asked.pairs())?).await?;
+    let (items, next) = found.into_parts();
     let mut rows: Vec<ListRow> = items.iter().map(|item| ListRow::of(item, &chosen)).collect();
     T::complete_rows(&app, &items, &mut rows).await?;
     let page = ListTemplate {
@@ -111,8 +118,41 @@ pub async fn show<T: Paged + Sync>(
         chosen: chosen.join(" "),
         rows,
         next: next.map(|cursor| asked.with("cursor", Some(&cursor))),
+        csv: asked.with("format", Some(CSV)),
     };
     Ok(html(&page)?)
+}
+
+/// The value of the parameter `format` that asks for CSV.
+const CSV: &str = "csv";
+
+/// The list as a file: the first [`EXPORTED_ITEMS`] items, from the first page on.
+async fn as_csv<T: Paged + Sync>(
+    app: &App,
+    asked: &[(String, String)],
+    chosen: &[&str],
+) -> Result<Response, PageError> {
+    let of_page = |name: &String| ["limit", "cursor"].contains(&name.as_str());
+    let asked = asked.iter().filter(|(name, _)| !of_page(name)).cloned();
+    let asked: Vec<(String, String)> =
+        asked.chain([("limit".to_owned(), Page::MAX_LIMIT.to_string())]).collect();
+    let (mut items, mut cursor) = (Vec::new(), None);
+    loop {
+        let mut pairs = asked.clone();
+        pairs.extend(cursor.map(|cursor| ("cursor".to_owned(), cursor)));
+        let found = app.list::<T>(&ListRequest::read(&T::LIST, &pairs)?).await?;
+        let (of_page, next) = found.into_parts();
+        items.extend(of_page);
+        cursor = next;
+        if cursor.is_none() || items.len() >= EXPORTED_ITEMS {
+            break;
+        }
+    }
+    items.truncate(EXPORTED_ITEMS);
+    let csv = reports::lists::to_csv(&items, chosen).map_err(|_| ApiError::Internal)?;
+    let name = format!("attachment; filename=\"{}.csv\"", T::LIST.name);
+    let headers = [(CONTENT_TYPE, "text/csv; charset=utf-8"), (CONTENT_DISPOSITION, &name)];
+    Ok((headers, csv).into_response())
 }
 
 impl ListRow {

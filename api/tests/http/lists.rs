@@ -149,3 +149,33 @@ async fn filters_and_orders_cost_no_more_statements() {
         assert!(statements(&server, &format!("/v1/runs?{query}")).await <= plain, "{query}");
     }
 }
+
+#[tokio::test]
+async fn a_list_is_saved_as_csv_with_its_filter_its_order_and_its_columns() {
+    let server = Server::start().await;
+    add_jobs(&server, 1).await;
+    add_jobs(&server, 2).await;
+    let page = server.get("/runs?sort=name&columns=steps").await;
+    let link = "/runs?sort=name&#38;columns=steps&#38;format=csv";
+    assert!(page.text().contains(link), "{page:?}");
+
+    let asked = "/runs?kind=train&sort=created&columns=steps,train/loss&format=csv&limit=1";
+    let csv = server.get(asked).await;
+    assert_eq!(csv.header("content-type"), "text/csv; charset=utf-8");
+    assert_eq!(csv.header("content-disposition"), "attachment; filename=\"runs.csv\"");
+    let lines: Vec<&str> = csv.text().lines().collect();
+    let heads = "id,name,kind,state,step,validation RMSE,job,created,steps,train/loss,tags";
+    assert_eq!((lines[0], lines.len()), (heads, 3), "{lines:?}");
+    let listed = server.json("/v1/runs?kind=train&sort=created").await;
+    for (line, run) in lines[1..].iter().zip(listed["runs"].as_array().unwrap()) {
+        let cells: Vec<&str> = line.split(',').collect();
+        let known = [run["id"].to_string(), "train".to_owned(), "succeeded".to_owned()];
+        assert_eq!([cells[0], cells[2], cells[3]].map(str::to_owned), known);
+        assert_eq!((cells[7], cells[8]), (run["created_at"].as_str().unwrap(), "20"), "{line}");
+    }
+    for list in ["datasets", "checkpoints", "evaluations", "robots"] {
+        let csv = server.get(&format!("/{list}?format=csv")).await;
+        assert!(csv.text().starts_with("id,name,"), "{list}: {csv:?}");
+    }
+    assert_eq!(server.get("/runs?format=csv&sort=size").await.status, 400);
+}

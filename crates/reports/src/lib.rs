@@ -14,6 +14,7 @@ pub mod comparison;
 pub mod evaluation;
 pub mod identification;
 pub mod json;
+pub mod lists;
 pub mod log_check;
 pub mod numbers;
 mod outcome;
