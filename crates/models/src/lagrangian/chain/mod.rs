@@ -63,10 +63,9 @@ impl FoundChain {
         self.with_basis(identity(moments))
     }
 
-    /// The values of both parameters.
     #[cfg(test)]
-    pub fn stored(&self) -> [Vec<f32>; 2] {
-        [values(self.places.val()), values(self.basis.val())]
+    pub fn places(&self) -> Vec<f32> {
+        values(self.places.val())
     }
 
     pub fn basis(&self) -> DMatrix<f64> {

@@ -255,8 +255,8 @@ fn a_law_that_has_begun_predicts_arms_of_its_chain_within_their_range() {
     }
     assert!(squares[0] < 1e-3 * squares[1], "{squares:?}");
 
-    // The chain is as a file of weights keeps it, and a second beginning changes nothing.
-    let stored = |law: &Lagrangian| law.chain.as_ref().unwrap().stored();
+    // The chain is as a file of weights keeps it, and a second beginning finds the same.
+    let stored = |law: &Lagrangian| law.chain.as_ref().unwrap().places();
     let again = begun.clone().begin(&trained.input(&Device::flex()), 7);
     assert_eq!(stored(&again), stored(&begun));
     assert_ne!(stored(&before), stored(&begun));
