@@ -171,7 +171,7 @@ async fn a_list_is_saved_as_csv_with_its_filter_its_order_and_its_columns() {
         let cells: Vec<&str> = line.split(',').collect();
         let known = [run["id"].to_string(), "train".to_owned(), "succeeded".to_owned()];
         assert_eq!([cells[0], cells[2], cells[3]].map(str::to_owned), known);
-        assert_eq!((cells[7], cells[8]), (run["created_at"].as_str().unwrap(), "20"), "{line}");
+        assert_eq!((cells[7], cells[8]), (run["created_at"].as_str().unwrap(), "100"), "{line}");
     }
     for list in ["datasets", "checkpoints", "evaluations", "robots"] {
         let csv = server.get(&format!("/{list}?format=csv")).await;
