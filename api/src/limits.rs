@@ -62,9 +62,10 @@ pub const PREDICTED_CHECKPOINTS: usize = 6;
 /// are those of all samples.
 pub const SHOWN_SAMPLES: usize = 4;
 
-/// Predictions of stored trajectories that are remembered, and positions in all of them, which are
-/// about 30 MB.
+/// Predictions of stored trajectories that are remembered.
 pub const REMEMBERED_PREDICTIONS: usize = 256;
+
+/// Positions in all remembered predictions, which are about 30 MB.
 pub const REMEMBERED_POSITIONS: usize = 4_000_000;
 
 /// Columns that a reader adds to a list on the page. Further ones are left out.
