@@ -3,7 +3,8 @@
 //! An arm is taken as a chain of rotating joints. Once the axes are known, its torques are linear in
 //! the moments of its links, and in damping, friction, rotor and offset of each joint
 //! ([`super::kinematics`]). So a chain is sought whose best linear fit to each of many arms leaves the
-//! least residual torque ([`fit`], [`search`]). What the data cannot tell stays open and changes no
+//! least residual torque ([`fit`], [`search`]). In the end the shapes of frictions are fitted as well
+//! ([`arm`]). What the data cannot tell stays open and changes no
 //! prediction: where along its axis a joint is, how the base is turned about the vertical, and whether
 //! the arm is its own mirror image.
 
