@@ -74,7 +74,7 @@ async fn a_viewed_prediction_has_the_error_that_the_evaluation_told() {
     let high = &both[1]["quantiles"][1]["y"][19][6];
     assert!(low.as_f64().unwrap() < high.as_f64().unwrap(), "{low} to {high}");
 
-    // What was computed is remembered, with the time that it took, and nothing else is taken for it.
+    // The server remembers an answer with the time that it took, and gives it to no other question.
     let ask = async |trajectory: u64, seed: u64| {
         let path = format!("/v1/datasets/{dataset}/trajectories/{trajectory}/predictions");
         let query = format!("checkpoint={denoiser}&samples=8&steps=2&seed={seed}");

@@ -8,7 +8,7 @@ use wire::TrajectoryPrediction;
 
 use crate::limits::{REMEMBERED_POSITIONS, REMEMBERED_PREDICTIONS};
 
-/// What a prediction of a stored trajectory follows from.
+/// A question about a stored trajectory. Equal questions have equal predictions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct PredictionKey {
     /// The digest of the dataset.

@@ -130,7 +130,7 @@ impl App {
         let truth = stored.rows(Column::positions(stored.joints()))?;
         let mut predictions = Vec::with_capacity(models.len() + 1);
         for held in &models {
-            let answered = self.answered(&stored, window.begin, held, request).await?;
+            let answered = self.answered(&stored, &truth[window.begin..], held, request).await?;
             predictions.push(TrajectoryPrediction {
                 name: self.name_of_checkpoint(held.resource.checkpoint).await?,
                 checkpoint: Some(held.resource.checkpoint),
@@ -156,14 +156,16 @@ impl App {
         })
     }
 
-    /// The prediction of a checkpoint, without its name. One that is remembered is not computed again.
+    /// The prediction of a checkpoint, without its name, where the true positions from the horizon's first sample on are
+    /// `future`. A prediction that is remembered is not computed again.
     async fn answered(
         &self,
         stored: &StoredTrajectory,
-        begin: usize,
+        future: &[Vec<f32>],
         HeldModel { resource, model }: &HeldModel,
         request: &PredictionsRequest,
     ) -> Result<TrajectoryPrediction, ApiError> {
+        let begin = stored.samples() - future.len();
         let key = resource.weights.map(|weights| PredictionKey {
             dataset: stored.digest,
             trajectory: stored.index,
@@ -203,8 +205,7 @@ impl App {
             warnings: prediction.warnings,
             ..TrajectoryPrediction::default()
         };
-        let truth = stored.rows(Column::positions(stored.joints()))?;
-        let found = found.against(&truth[begin..begin + horizon]);
+        let found = found.against(&future[..horizon]);
         if let Some(key) = key {
             self.remembered.insert(key, found.clone());
         }

@@ -114,7 +114,8 @@ fn install(installation: &Installation) -> Taken {
         Err(error) => format!("error: {error:#}"),
     };
     let seconds = started.elapsed().as_secs();
-    eprintln!("== {}: {seconds} s {text}", installation.name);
+    let outcome = if text.is_empty() { "done" } else { &text };
+    eprintln!("== {}: {outcome}, {seconds} s", installation.name);
     (installation.name, Counts::one(text.is_empty()), text)
 }
 

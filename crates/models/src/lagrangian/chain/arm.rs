@@ -12,7 +12,7 @@ const SLOPES: [f64; 2] = [0.2, 200.0];
 /// Ways to change the shape of a friction: the logarithm of its slope, and its shift.
 pub(super) const SHAPE_MOVES: usize = 2;
 
-/// What the torques of an arm are not linear in: its axes and the shapes of its frictions.
+/// An arm by its axes and the shapes of its frictions. Its torques are linear in all other numbers.
 #[derive(Clone, Debug)]
 pub(in crate::lagrangian) struct Arm {
     pub chain: Chain,
@@ -75,11 +75,11 @@ impl Arm {
         }
     }
 
-    /// The frictions of a joint at a velocity in rad/s, each of 1 N·m.
-    pub(super) fn frictions(&self, joint: usize, velocity: f64) -> Vec<f64> {
+    /// A friction of a joint of 1 N·m at a velocity in rad/s.
+    pub(super) fn friction(&self, joint: usize, kind: usize, velocity: f64) -> f64 {
         match &self.frictions {
-            Frictions::Rough => ROUGH_SLOPES.map(|slope| (slope * velocity).tanh()).to_vec(),
-            Frictions::Fitted(shapes) => vec![shapes[joint].at(velocity)],
+            Frictions::Rough => (ROUGH_SLOPES[kind] * velocity).tanh(),
+            Frictions::Fitted(shapes) => shapes[joint].at(velocity),
         }
     }
 

@@ -151,7 +151,8 @@ impl Motions {
     /// The torques of each number in the joints' units, a matrix for each robot.
     fn designs(&self, arm: &Arm, units: &[f64]) -> Vec<DMatrix<f64>> {
         let joints = self.joints;
-        let own = OWN + arm.frictions_per_joint();
+        let kinds = arm.frictions_per_joint();
+        let own = OWN + kinds;
         let (torques, moments) = self.torques_of_moments(&arm.chain);
         let [_, velocity, acceleration] = &self.states;
         let of_part = |(first, rows): (usize, usize)| {
@@ -166,7 +167,8 @@ impl Motions {
                 let [acceleration, increase] =
                     [acceleration[at], self.increases[at]].map(f64::from);
                 let own = [speed, acceleration, 1.0, -increase];
-                let factors = own.into_iter().chain(arm.frictions(joint, speed));
+                let frictions = (0..kinds).map(|kind| arm.friction(joint, kind, speed));
+                let factors = own.into_iter().chain(frictions);
                 for (kind, factor) in factors.enumerate() {
                     design[(row, moments + kind * joints + joint)] = weight * factor;
                 }
