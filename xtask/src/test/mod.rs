@@ -332,9 +332,11 @@ fn with_skipped_tests(mut command: Command) -> Command {
 }
 
 /// Makes the packages, like `cargo xtask dist`.
+///
+/// The build of tests has replaced the program of this process, so its path is told by cargo's
+/// folder: the system would name the file that was deleted.
 fn dist() -> Command {
-    let own = std::env::current_exe().unwrap_or_else(|_| "target/release/xtask".into());
-    command(&own.to_string_lossy(), &["dist"])
+    command(&target().join("release/xtask").to_string_lossy(), &["dist"])
 }
 
 fn installed_packages() -> Command {
