@@ -1,4 +1,4 @@
-//! Receives a file as the part of a form or as the whole body. The file is never whole in memory.
+//! Receives files as the parts of a form, or one as the whole body. No file is ever whole in memory.
 
 use std::time::Duration;
 
@@ -21,13 +21,14 @@ use crate::limits::{BODY_BYTES, UPLOAD_NAME_BYTES, UPLOAD_TIMEOUT};
 /// Bytes of a form besides its file: boundaries, headers of the parts, and the spec.
 const FORM_BYTES: u64 = 64 * 1024 + BODY_BYTES as u64;
 
-/// A file that is being sent, with the facts that are known before its first byte.
-pub struct IncomingFile {
+/// Files that are being sent, one after the other, with the facts that are known before the first
+/// byte of the one that is on its way.
+pub struct IncomingFiles {
     /// The import spec as it was sent.
     pub spec: Bytes,
-    /// The format that the media type declares, if it does.
+    /// The format that the media type of the file declares, if it does.
     pub format: Option<FileFormat>,
-    /// The name that the sender gave it.
+    /// The name that the sender gave the file.
     pub name: String,
     source: Source,
     received: u64,
@@ -52,10 +53,10 @@ struct Patience {
     deadline: Instant,
 }
 
-#[expect(clippy::large_enum_variant, reason = "one exists per file on its way in")]
+#[expect(clippy::large_enum_variant, reason = "one exists per request on its way in")]
 enum Source {
     Body(BoxStream<'static, Result<Bytes, axum::Error>>),
-    /// The part called `file`, and its form, in which it is the last part.
+    /// A part called `file`, and its form, in which only such parts follow.
     Form {
         file: Option<Field<'static>>,
         form: Multipart<'static>,
@@ -68,7 +69,7 @@ struct Parameters {
     name: Option<String>,
 }
 
-impl FromRequest<App> for IncomingFile {
+impl FromRequest<App> for IncomingFiles {
     type Rejection = ApiError;
 
     async fn from_request(request: Request, app: &App) -> Result<Self, ApiError> {
@@ -144,7 +145,7 @@ async fn from_form(
     body: Body,
     limit: u64,
     patience: Patience,
-) -> Result<IncomingFile, ApiError> {
+) -> Result<IncomingFiles, ApiError> {
     let boundary = multer::parse_boundary(declared).map_err(|error| form_error(&error, limit))?;
     let sizes = SizeLimit::new()
         .whole_stream(limit.saturating_add(FORM_BYTES))
@@ -164,16 +165,22 @@ async fn from_form(
         Some(part) if part.name() == Some("file") => part,
         other => return Err(wrong_part("part \"file\"", other.as_ref())),
     };
-    let format = file.content_type().and_then(|declared| format_of(declared.essence_str()));
-    Ok(IncomingFile {
+    let (format, name) = facts(&file)?;
+    Ok(IncomingFiles {
         spec,
         format,
-        name: usable(file.file_name().filter(|name| !name.is_empty()))?,
+        name,
         source: Source::Form { file: Some(file), form },
         received: 0,
         limit,
         patience,
     })
+}
+
+/// The declared format of a form's file, and its name.
+fn facts(file: &Field<'static>) -> Result<(Option<FileFormat>, String), ApiError> {
+    let format = file.content_type().and_then(|declared| format_of(declared.essence_str()));
+    Ok((format, usable(file.file_name().filter(|name| !name.is_empty()))?))
 }
 
 async fn next_part(
@@ -184,23 +191,12 @@ async fn next_part(
     patience.wait(form.next_field()).await?.map_err(|error| form_error(&error, limit))
 }
 
-async fn refuse_more(
-    form: &mut Multipart<'static>,
-    limit: u64,
-    patience: Patience,
-) -> Result<(), ApiError> {
-    match next_part(form, limit, patience).await? {
-        None => Ok(()),
-        part => Err(wrong_part("the end of the form", part.as_ref())),
-    }
-}
-
 fn wrong_part(expected: &str, found: Option<&Field<'static>>) -> ApiError {
     let found = match found {
         None => "nothing".to_owned(),
         Some(part) => format!("part {:?}", part.name().unwrap_or_default()),
     };
-    let reason = format!("{found} came instead of {expected}; send spec, then file");
+    let reason = format!("{found} came instead of {expected}; send spec, then every file");
     ApiError::Form { reason }
 }
 
@@ -215,8 +211,24 @@ fn form_error(error: &multer::Error, limit: u64) -> ApiError {
     }
 }
 
-impl IncomingFile {
-    /// The next bytes; `None` at the end.
+impl IncomingFiles {
+    /// Goes on to the next file, after the end of this one. Returns false if there is none.
+    ///
+    /// # Errors
+    /// When it does not arrive in time, or something else arrives.
+    pub async fn next_file(&mut self) -> Result<bool, ApiError> {
+        let Source::Form { file, form } = &mut self.source else { return Ok(false) };
+        let part = match next_part(form, self.limit, self.patience).await? {
+            None => return Ok(false),
+            Some(part) if part.name() == Some("file") => part,
+            other => return Err(wrong_part("part \"file\" or the end", other.as_ref())),
+        };
+        (self.format, self.name) = facts(&part)?;
+        *file = Some(part);
+        Ok(true)
+    }
+
+    /// The next bytes of the file; `None` at its end.
     ///
     /// # Errors
     /// When they do not arrive in time, are cut off, or are too many.
@@ -228,7 +240,7 @@ impl IncomingFile {
                 .await?
                 .transpose()
                 .map_err(|error| ApiError::Body { reason: error.to_string() })?,
-            Source::Form { file, form } => match file {
+            Source::Form { file, .. } => match file {
                 None => None,
                 Some(part) => {
                     let piece = patience.wait(part.chunk()).await?;
@@ -236,7 +248,6 @@ impl IncomingFile {
                     if piece.is_none() {
                         // A form returns no other part while one is held.
                         *file = None;
-                        refuse_more(form, limit, patience).await?;
                     }
                     piece
                 }

@@ -20,6 +20,7 @@ use crate::resource::Reference;
 pub use download::Fetched;
 pub use error::{ClientError, JobEnded, innermost};
 pub use events::Events;
+pub use upload::RecordedFile;
 
 /// The largest number of items on a page of a list.
 const LONGEST_PAGE: u32 = 500;

@@ -1,14 +1,17 @@
-//! Uploads a file.
+//! Uploads files of recordings.
 
 use std::io;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use reqwest::{Body, Method, Url};
+use futures::TryFutureExt;
+use reqwest::header::{CONTENT_TYPE, HeaderMap, HeaderValue};
+use reqwest::multipart::{Form, Part};
+use reqwest::{Body, Method};
 use serde::Deserialize;
 use serde_json::{Value, json};
 use sha2::{Digest as _, Sha256};
-use spec::{Digest, FileFormat};
+use spec::{Digest, FileFormat, LISTED_VIOLATIONS};
 use tokio::io::AsyncReadExt;
 use tokio_util::io::ReaderStream;
 use wire::{LabelChange, TextChange};
@@ -21,26 +24,86 @@ const TIMEOUT: Duration = Duration::from_secs(6 * 60 * 60);
 /// Number of bytes that are read from the disk at once.
 const PIECE: usize = 256 * 1024;
 
+/// A file of recordings, as an import reads it.
+pub struct RecordedFile {
+    /// Where it is.
+    pub path: PathBuf,
+    /// What its recordings are called, if there are several files.
+    pub name: Option<String>,
+}
+
+impl RecordedFile {
+    /// Names files by their names without extensions, with as many of their folders as it takes to
+    /// tell them apart. A single file needs no name.
+    pub fn named(paths: &[PathBuf]) -> Vec<Self> {
+        let file = |path: &PathBuf| Self {
+            path: path.clone(),
+            name: (paths.len() > 1).then(|| {
+                let names = |parts: usize| paths.iter().map(move |other| ending(other, parts));
+                let is_unique =
+                    |name: &String, parts| names(parts).filter(|n| n == name).count() == 1;
+                let tried =
+                    (1..=path.components().count()).map(|parts| (ending(path, parts), parts));
+                let found = tried.into_iter().find(|(name, parts)| is_unique(name, *parts));
+                found.map_or_else(|| ending(path, 1), |(name, _)| name)
+            }),
+        };
+        paths.iter().map(file).collect()
+    }
+
+    /// States the files of an import, with their digests.
+    pub fn state(files: &[Self], digests: &[Digest], spec: &mut Value) {
+        let Some(fields) = spec.as_object_mut() else { return };
+        fields.remove("file");
+        fields.remove("files");
+        let each = files.iter().zip(digests);
+        let listed: Vec<Value> = each
+            .filter_map(|(file, digest)| {
+                file.name.as_ref().map(|name| json!({"name": name, "file": digest}))
+            })
+            .collect();
+        match digests {
+            [only] if listed.is_empty() => fields.insert("file".to_owned(), json!(only)),
+            _ => fields.insert("files".to_owned(), listed.into()),
+        };
+    }
+}
+
+/// The last parts of a path, without the file's extension.
+fn ending(path: &Path, parts: usize) -> String {
+    let path = path.with_extension("");
+    let all: Vec<_> = path.components().collect();
+    let kept: PathBuf = all[all.len().saturating_sub(parts)..].iter().collect();
+    kept.to_string_lossy().into_owned()
+}
+
 impl Client {
-    /// Imports `file` according to `spec`, which names its format. A file that the server already
-    /// has is not sent again, because its digest is enough. `labels` are the parameters `name`,
+    /// Imports `files` according to `spec`, which names their format. Files that the server already
+    /// has are not sent again, because their digests are enough. `labels` are the parameters `name`,
     /// `note` and `tag` of the job. A job that existed before keeps its name and its note.
     pub async fn import(
         &self,
-        file: &Path,
+        files: &[RecordedFile],
         spec: &Value,
         reuse: Reuse,
         labels: &[(&str, &str)],
     ) -> Result<Submitted, ClientError> {
-        let unreadable = |reason| ClientError::File { path: file.to_owned(), reason };
-        let mut known = spec.clone();
-        known["kind"] = json!("import");
-        known["file"] = json!(sha256(file).await.map_err(unreadable)?);
-        match self.submit_labelled(known.to_string().into_bytes(), reuse, labels).await {
-            Err(ClientError::Refused { fields, .. }) if fields == ["file"] => {}
-            other => return other,
+        let mut spec = spec.clone();
+        spec["kind"] = json!("import");
+        let mut digests = Vec::new();
+        for RecordedFile { path, .. } in files {
+            let unreadable = |reason| ClientError::File { path: path.clone(), reason };
+            digests.push(sha256(path).await.map_err(unreadable)?);
         }
-        let submitted = self.send_file(file, spec, reuse).await?;
+        RecordedFile::state(files, &digests, &mut spec);
+        let unsent = match self.submit_labelled(spec.to_string().into_bytes(), reuse, labels).await
+        {
+            Err(ClientError::Refused { fields, .. }) if is_of_files(&fields) => {
+                unsent(files, &fields)
+            }
+            other => return other,
+        };
+        let submitted = self.send_files(&unsent, &spec, reuse).await?;
         if labels.is_empty() {
             return Ok(submitted);
         }
@@ -50,32 +113,50 @@ impl Client {
         Ok(Submitted { job: self.job(id).await?, existed })
     }
 
-    async fn send_file(
+    async fn send_files(
         &self,
-        path: &Path,
+        files: &[&RecordedFile],
         spec: &Value,
         reuse: Reuse,
     ) -> Result<Submitted, ClientError> {
-        let unreadable = |reason| ClientError::File { path: path.to_owned(), reason };
-        let file = tokio::fs::File::open(path).await.map_err(unreadable)?;
-        let size = file.metadata().await.map_err(unreadable)?.len();
-        // The server has checked everything in the spec except the file.
+        // The server has checked everything in the spec except the files.
         let format = FileFormat::deserialize(&spec["format"]);
         let media_type = format.map_or("application/octet-stream", FileFormat::media_type);
-        let name = path.file_name().unwrap_or_default().to_string_lossy();
-        let mut parameters = vec![("spec", spec.to_string()), ("name", name.into_owned())];
-        if reuse == Reuse::ComputeAnew {
-            parameters.push(("force", "true".to_owned()));
+        let headers = HeaderMap::from_iter([(CONTENT_TYPE, HeaderValue::from_static(media_type))]);
+        let mut form = Form::new().text("spec", spec.to_string());
+        for RecordedFile { path, .. } in files {
+            let unreadable = |reason| ClientError::File { path: path.clone(), reason };
+            let size = tokio::fs::metadata(path).await.map_err(unreadable)?.len();
+            // Each is opened when those before it are sent.
+            let content = tokio::fs::File::open(path.clone())
+                .map_ok(|file| ReaderStream::with_capacity(file, PIECE))
+                .try_flatten_stream();
+            let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+            let part = Part::stream_with_length(Body::wrap_stream(content), size).file_name(name);
+            form = form.part("file", part.headers(headers.clone()));
         }
-        let query = form_urlencoded(&parameters);
-        let request = self
-            .request(Method::POST, &format!("/v1/datasets?{query}"))
-            .timeout(TIMEOUT)
-            .header("content-type", media_type)
-            .header("content-length", size)
-            .body(Body::wrap_stream(ReaderStream::with_capacity(file, PIECE)));
-        self.submitted(request).await
+        let force = if reuse == Reuse::ComputeAnew { "?force=true" } else { "" };
+        let request = self.request(Method::POST, &format!("/v1/datasets{force}"));
+        self.submitted(request.timeout(TIMEOUT).multipart(form)).await
     }
+}
+
+/// Whether a spec was refused for nothing but files that the server does not have.
+fn is_of_files(fields: &[String]) -> bool {
+    let is_file = |field: &String| {
+        field == "file" || (field.starts_with("files[") && field.ends_with("].file"))
+    };
+    !fields.is_empty() && fields.iter().all(is_file)
+}
+
+/// The files that the server does not have: all of them if the answer may list only some.
+fn unsent<'a>(files: &'a [RecordedFile], fields: &[String]) -> Vec<&'a RecordedFile> {
+    let is_unsent = |i: usize| {
+        files.len() == 1
+            || fields.len() >= LISTED_VIOLATIONS
+            || fields.contains(&format!("files[{i}].file"))
+    };
+    files.iter().enumerate().filter(|(i, _)| is_unsent(*i)).map(|(_, file)| file).collect()
 }
 
 /// The change of a job that gives it `labels`. A job that existed before gets only the tags.
@@ -93,13 +174,6 @@ fn change(labels: &[(&str, &str)], existed: bool) -> LabelChange {
     change
 }
 
-/// Encodes a query string.
-fn form_urlencoded(parameters: &[(&str, String)]) -> String {
-    // Any address works for appending a query.
-    let url = Url::parse_with_params("http://localhost", parameters);
-    url.ok().and_then(|url| url.query().map(str::to_owned)).unwrap_or_default()
-}
-
 /// The SHA-256 digest of a file.
 pub(super) async fn sha256(path: &Path) -> io::Result<Digest> {
     let mut file = tokio::fs::File::open(path).await?;
@@ -110,5 +184,24 @@ pub(super) async fn sha256(path: &Path) -> io::Result<Digest> {
             0 => return Ok(Digest::from_bytes(digest.finalize().into())),
             read => digest.update(&piece[..read]),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_are_named_as_shortly_as_they_differ() {
+        let names = |paths: &[&str]| {
+            let paths: Vec<PathBuf> = paths.iter().map(PathBuf::from).collect();
+            let named = RecordedFile::named(&paths).into_iter();
+            named.map(|file| file.name.unwrap_or_default()).collect::<Vec<_>>()
+        };
+        assert_eq!(names(&["/logs/monday.csv"]), [""]);
+        assert_eq!(names(&["/logs/monday.csv", "tue.v2.csv"]), ["monday", "tue.v2"]);
+        let twins = ["/a/1/log.csv", "/a/2/log.csv", "/b/other.csv"];
+        assert_eq!(names(&twins), ["1/log", "2/log", "other"]);
+        assert_eq!(names(&["log.csv", "log.csv"]), ["log", "log"], "the server refuses them");
     }
 }

@@ -170,6 +170,68 @@ async fn an_import_has_a_name_and_the_noise_of_its_encoders() {
 }
 
 #[tokio::test]
+async fn several_logs_become_one_dataset_and_are_sent_once() {
+    let data = tempfile::tempdir().unwrap();
+    let product = Product::start(data.path());
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &str| -> String {
+        let path = folder.path().join(name);
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(&path, text).unwrap();
+        path.to_str().unwrap().to_owned()
+    };
+    let joints = |prefix: &str| (1..=7).map(|k| format!("{prefix}{k}")).collect::<Vec<_>>();
+    let log = |rows: u32, shift: f64| {
+        let mut text = format!("t,{},{}\n", joints("u").join(","), joints("q").join(","));
+        for row in 0..rows {
+            let t = f64::from(row) / 60.0;
+            let values = (0..14).map(|k| (t + f64::from(k) + shift).sin().to_string());
+            text += &format!("{t},{}\n", values.collect::<Vec<_>>().join(","));
+        }
+        text
+    };
+    let mapping = json!({
+        "columns": {"time": "t", "u": joints("u"), "q": joints("q")},
+        "samples": 50, "split": {"kind": "windows", "stride": 50},
+    });
+    let spec = write("mapping.json", &mapping.to_string());
+    let monday = write("monday.csv", &log(120, 0.0));
+    let tuesday = write("tuesday.csv", &log(60, 0.3));
+    let again = write("later/tuesday.csv", &log(70, 0.6));
+    let import = |files: &[&str], more: &[&str]| {
+        let flags = ["--spec", &spec, "--server", &product.url];
+        run_to_end(&mut torqued(&[&["import"][..], files, &flags, more].concat()))
+    };
+    let (code, output, errors) = import(&[&monday, &tuesday], &["--check"]);
+    assert_eq!(code, Some(0), "{errors}");
+    assert!(output.contains("recordings: 2, rows: 180, trajectories: 3"), "{output}");
+
+    let (code, output, errors) = import(&[&monday, &tuesday], &["--wait"]);
+    assert_eq!(code, Some(0), "{output}{errors}");
+    let files = product.get("/v1/jobs/1").await["spec"]["files"].clone();
+    assert_eq!((&files[0]["name"], &files[1]["name"]), (&json!("monday"), &json!("tuesday")));
+    assert_eq!(product.get("/v1/datasets/1").await["trajectories"], 3);
+    let (_, output, _) = import(&[&monday, &tuesday], &[]);
+    assert!(output.contains("imported before"), "{output}");
+
+    // Files of the same name are called by their paths, and only the new one is sent.
+    let sent = uploads(data.path()).len();
+    let (code, output, errors) = import(&[&monday, &tuesday, &again], &["--wait"]);
+    assert_eq!(code, Some(0), "{output}{errors}");
+    assert_eq!(uploads(data.path()).len(), sent + 1);
+    let files = product.get("/v1/jobs/2").await["spec"]["files"].clone();
+    let last = files[2]["name"].as_str().unwrap().to_owned();
+    assert!(last.ends_with("later/tuesday"), "{files}");
+    let verified = product.post("/v1/datasets/2/verify", "").await.1;
+    product.succeeded(verified["id"].as_i64().unwrap()).await;
+
+    let cut = write("wednesday.csv", "t,u1\n0,1\n");
+    let (code, output, _) = import(&[&monday, &cut], &["--wait"]);
+    assert_eq!(code, Some(3));
+    assert!(output.contains("file \"wednesday\": "), "{output}");
+}
+
+#[tokio::test]
 async fn a_file_beyond_the_limit_is_refused_and_leaves_nothing() {
     let data = tempfile::tempdir().unwrap();
     let product = Product::start_with(data.path(), &["--max-upload-bytes", "10000"]);

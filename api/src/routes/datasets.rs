@@ -14,11 +14,11 @@ use crate::app::App;
 use crate::app::submission::Reuse;
 use crate::error::ApiError;
 use crate::extract::{IdempotencyKey, Path, Query};
-use crate::upload::IncomingFile;
+use crate::upload::IncomingFiles;
 
 #[derive(Deserialize, IntoParams)]
 #[into_params(parameter_in = Query)]
-#[expect(dead_code, reason = "`IncomingFile` reads spec and name; here they are documented")]
+#[expect(dead_code, reason = "`IncomingFiles` reads spec and name; here they are documented")]
 pub struct UploadParameters {
     /// If the body is the file itself: the import spec as JSON. It may leave out `kind`, `file` and
     /// `format`.
@@ -30,20 +30,23 @@ pub struct UploadParameters {
     force: bool,
 }
 
-/// A form with a file: first the spec, then the file.
+/// A form with files: first the spec, then every file in a part of its own.
 #[derive(ToSchema)]
-#[expect(dead_code, reason = "a shape for the document; `IncomingFile` reads it")]
+#[expect(dead_code, reason = "a shape for the document; `IncomingFiles` reads it")]
 pub struct UploadForm {
     /// The import spec. It may leave out `kind`, `file` and, if the part `file` has a media type,
-    /// `format`.
+    /// `format`. With several files, `files` is filled in: each name is that of a part without its
+    /// extension. If the spec lists `files`, those that the server has need not be sent.
     spec: ImportSpec,
+    /// A file. The part may be repeated.
     #[schema(value_type = String, format = Binary)]
     file: Vec<u8>,
 }
 
-/// Upload recordings as CSV or Parquet, and import them as a dataset.
+/// Upload recordings as CSV, Parquet, NumPy arrays or MCAP, and import them as a dataset.
 ///
-/// The file is stored under its digest, so `POST /v1/jobs` can import it again in another way. If
+/// A form may have several files, which are alike: together they become one dataset. Each file is
+/// stored under its digest, so `POST /v1/jobs` can import it again in another way. If
 /// an import with the same digest exists, done or not, the answer is 200 with that job.
 #[utoipa::path(
     post,
@@ -77,10 +80,10 @@ pub async fn create(
     State(app): State<App>,
     Query(parameters): Query<UploadParameters>,
     IdempotencyKey(key): IdempotencyKey,
-    file: IncomingFile,
+    files: IncomingFiles,
 ) -> Result<Response, ApiError> {
     let reuse = if parameters.force { Reuse::Never } else { Reuse::SameDigest };
-    let submitted = app.import(file, reuse, key).await?;
+    let submitted = app.import(files, reuse, key).await?;
     let status = if submitted.created { StatusCode::ACCEPTED } else { StatusCode::OK };
     let location = format!("/v1/jobs/{}", submitted.job.id);
     Ok((status, [(LOCATION, location)], Json(submitted.job)).into_response())

@@ -93,6 +93,71 @@ async fn a_form_does_the_same_as_a_body() {
     assert_eq!(kept(&server).await, 1);
 }
 
+const TUESDAY: &[u8] = b"u1,u2\n3,4\n";
+const TUESDAY_FILE: &str = "; filename=\"tuesday.csv\"\r\nContent-Type: text/csv";
+
+#[tokio::test]
+async fn the_files_of_a_form_become_one_dataset() {
+    let server = Server::start().await;
+    let send_form = async |spec: &Value, files: &[(&str, &str, &[u8])]| {
+        let spec = spec.to_string();
+        let parts = [&[("spec", "", spec.as_bytes())], files].concat();
+        send(&server, "/v1/datasets", FORM, form(&parts)).await
+    };
+    let both = [("file", FILE, CSV), ("file", TUESDAY_FILE, TUESDAY)];
+    let answer = send_form(&mapping(), &both).await;
+    assert_eq!(answer.status, StatusCode::ACCEPTED, "{answer:?}");
+    let job = answer.json();
+    let listed = json!([
+        {"name": "arm", "file": Digest::of(CSV)}, {"name": "tuesday", "file": Digest::of(TUESDAY)},
+    ]);
+    assert_eq!((&job["spec"]["files"], &job["spec"]["file"]), (&listed, &Value::Null));
+    assert_eq!(kept(&server).await, 2);
+    let again = send_form(&mapping(), &both).await;
+    assert_eq!((again.status, &again.json()["id"]), (StatusCode::OK, &job["id"]));
+
+    // Only the one that the server does not have is named, and it is enough to send that one.
+    let third = Digest::of(b"u1,u2\n5,6\n");
+    let mut more = mapping();
+    more["files"] = json!([listed[0], listed[1], {"name": "wednesday", "file": third}]);
+    let mut known = more.clone();
+    known["kind"] = json!("import");
+    known["format"] = json!("csv");
+    let missing = server.submit(&known).await.problem(422);
+    assert_eq!(missing["violations"].as_array().unwrap().len(), 1, "{missing}");
+    assert_eq!(missing["violations"][0]["field"], "files[2].file");
+    let other = send_form(&more, &[("file", FILE, b"u1,u2\n7,8\n")]).await.problem(422);
+    assert_eq!(other["violations"][0]["field"], "files", "{other}");
+    let answer = send_form(&more, &[("file", FILE, b"u1,u2\n5,6\n")]).await;
+    assert_eq!(answer.status, StatusCode::ACCEPTED, "{answer:?}");
+    assert_eq!(answer.json()["spec"]["files"], more["files"]);
+}
+
+#[tokio::test]
+async fn files_that_cannot_be_one_dataset_are_refused() {
+    let server = Server::start().await;
+    let refused = async |spec: &Value, files: &[(&str, &str, &[u8])], field: &str| {
+        let spec = spec.to_string();
+        let parts = [&[("spec", "", spec.as_bytes())], files].concat();
+        let problem = send(&server, "/v1/datasets", FORM, form(&parts)).await.problem(422);
+        assert_eq!(problem["violations"][0]["field"], field, "{problem}");
+    };
+    let tuesday = ("file", TUESDAY_FILE, TUESDAY);
+    refused(&mapping(), &[("file", FILE, CSV), ("file", FILE, TUESDAY)], "files.name").await;
+    refused(&mapping(), &[("file", FILE, CSV), ("file", TUESDAY_FILE, CSV)], "files.file").await;
+    refused(&mapping(), &[tuesday, ("file", FILE, b"")], "file").await;
+    let parquet = "; filename=\"b.parquet\"\r\nContent-Type: application/vnd.apache.parquet";
+    refused(&mapping(), &[tuesday, ("file", parquet, CSV)], "format").await;
+    let mut spec = mapping();
+    spec["file"] = json!(Digest::of(CSV));
+    spec["files"] = json!([{"name": "tuesday", "file": Digest::of(TUESDAY)}]);
+    refused(&spec, &[tuesday], "files").await;
+    spec.as_object_mut().unwrap().remove("file");
+    spec["files"][0]["name"] = json!("");
+    refused(&spec, &[tuesday], "files[0].name").await;
+    assert!(server.json("/v1/jobs").await["jobs"].as_array().unwrap().is_empty());
+}
+
 #[tokio::test]
 async fn a_file_that_is_known_is_imported_by_its_digest() {
     let server = Server::start().await;
@@ -226,7 +291,7 @@ async fn a_form_has_the_spec_and_then_the_file() {
         (&[file, spec][..], "instead of part \"spec\""),
         (&[spec][..], "instead of part \"file\""),
         (&[spec, other][..], "unknown field received: \"other\""),
-        (&[spec, file, file][..], "instead of the end of the form"),
+        (&[spec, file, spec][..], "instead of part \"file\" or the end"),
         (&[][..], "instead of part \"spec\""),
     ] {
         let problem = send(&server, "/v1/datasets", FORM, form(parts)).await.problem(400);
@@ -236,7 +301,7 @@ async fn a_form_has_the_spec_and_then_the_file() {
     send(&server, "/v1/datasets", "multipart/form-data", form(&[])).await.problem(400);
     let both = send(&server, &path(&mapping()), FORM, form(&[spec, file])).await;
     both.problem(400);
-    assert_eq!(kept(&server).await, 0);
+    assert_eq!(kept(&server).await, 1, "the file before the part that is no file");
 }
 
 #[tokio::test]

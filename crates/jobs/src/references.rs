@@ -68,6 +68,7 @@ impl<'a> References<'a> {
     pub async fn resolve(&self, spec: &JobSpec) -> Result<Resolved, SubmissionError> {
         let mut spec = spec.clone();
         let mut inputs = Inputs::default();
+        let mut unsent = SpecError::default();
         for Reference { field, to } in spec.references() {
             match to {
                 Referred::Data(source) => {
@@ -95,12 +96,14 @@ impl<'a> References<'a> {
                     inputs.checkpoints.push(checkpoint.reference);
                     inputs.trainings.push((training, data));
                 }
-                Referred::File(file) => {
-                    self.check_sent(*file, &field).await?;
-                    inputs.files.push(*file);
-                }
+                Referred::File(file) => match self.check_sent(*file, &field).await {
+                    Ok(()) => inputs.files.push(*file),
+                    Err(SubmissionError::Spec(error)) => unsent.append(error),
+                    Err(other) => return Err(other),
+                },
             }
         }
+        unsent.into_result()?;
         if let Some(data) = inputs.data.first() {
             spec.fit_to_data(&data.spec);
         }

@@ -36,8 +36,8 @@ pub struct Conversion<I> {
     folded: Option<Folded>,
     /// Keeps what was measured, if the arm is known.
     keeper: Option<Keeper>,
-    /// The line of a CSV file that was cut off.
-    cut_line: Option<u64>,
+    /// The last lines of CSV files that were cut off, with the names of their files.
+    cut_lines: Vec<(Option<String>, u64)>,
 }
 
 /// The first recording of which samples were left out without a low-pass, and the number of others.
@@ -47,7 +47,11 @@ struct Folded {
     others: u64,
 }
 
-impl<I: Iterator<Item = Result<Rows, ImportError>>> Conversion<I> {
+impl<I, E> Conversion<I>
+where
+    I: Iterator<Item = Result<Rows, E>>,
+    E: From<ImportError>,
+{
     /// A conversion of the rows of `source` into tables with these `schemas`.
     pub fn new(source: I, spec: &ImportSpec, schemas: TableSchemas) -> Self {
         let spec = ImportSpec { columns: spec.joint_columns(), ..spec.clone() };
@@ -66,7 +70,7 @@ impl<I: Iterator<Item = Result<Rows, ImportError>>> Conversion<I> {
             counts: ImportCounts::default(),
             folded: None,
             keeper: spec.robot.is_some().then(|| Keeper::new(spec.joints())),
-            cut_line: None,
+            cut_lines: Vec::new(),
             spec,
         }
     }
@@ -75,10 +79,13 @@ impl<I: Iterator<Item = Result<Rows, ImportError>>> Conversion<I> {
     ///
     /// # Errors
     /// When the file is damaged, or has values that the spec does not allow.
-    pub fn next_trajectories(&mut self) -> Result<Option<ImportedTrajectories>, ImportError> {
+    pub fn next_trajectories(&mut self) -> Result<Option<ImportedTrajectories>, E> {
         let converted = self.convert();
         // A jump is found some rows later, and the first wrong row is the one to report.
-        converted.map_err(|error| self.earlier_jump().map_or(error, ImportError::from))
+        converted.map_err(|error| match self.earlier_jump() {
+            Some(jump) => ImportError::from(jump).into(),
+            None => error,
+        })
     }
 
     fn earlier_jump(&mut self) -> Option<RowError> {
@@ -86,14 +93,14 @@ impl<I: Iterator<Item = Result<Rows, ImportError>>> Conversion<I> {
         self.jumps.finish().err().map(|error| RowError { recording, ..error })
     }
 
-    fn convert(&mut self) -> Result<Option<ImportedTrajectories>, ImportError> {
+    fn convert(&mut self) -> Result<Option<ImportedTrajectories>, E> {
         while !self.tables.is_full() && (self.cut()? || self.accept_row()?) {}
         if !self.tables.is_full() && !self.read_rows()? {
             self.end_recording()?;
             let rest = self.tables.take().map_err(unarranged)?;
             return Ok((rest.table.num_rows() > 0).then_some(rest));
         }
-        self.tables.take().map(Some).map_err(unarranged)
+        Ok(Some(self.tables.take().map_err(unarranged)?))
     }
 
     /// The counts of the whole file, after [`Self::next_trajectories`] has reached its end.
@@ -128,8 +135,9 @@ impl<I: Iterator<Item = Result<Rows, ImportError>>> Conversion<I> {
 
     fn warnings(&self) -> Vec<String> {
         let mut warnings = Vec::new();
-        if let Some(line) = self.cut_line {
-            warnings.push(format!("line {line}, the last one, is cut off and was left out"));
+        for (file, line) in &self.cut_lines {
+            let place = file.as_ref().map(|file| format!("file {file:?}, ")).unwrap_or_default();
+            warnings.push(format!("{place}line {line}, the last one, is cut off and was left out"));
         }
         match self.counts.repeated_rows {
             0 => {}
@@ -147,9 +155,9 @@ impl<I: Iterator<Item = Result<Rows, ImportError>>> Conversion<I> {
         self.tables.count()
     }
 
-    fn read_rows(&mut self) -> Result<bool, ImportError> {
+    fn read_rows(&mut self) -> Result<bool, E> {
         let Some(rows) = self.source.next().transpose()? else { return Ok(false) };
-        self.cut_line = self.cut_line.or(rows.cut_line);
+        self.cut_lines.extend(rows.cut_line.map(|line| (rows.file.clone(), line)));
         self.rows = rows;
         self.next = 0;
         Ok(true)

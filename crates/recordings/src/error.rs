@@ -56,6 +56,10 @@ pub enum ImportError {
         said: String,
     },
 
+    /// A fault of one of several files, which has this name.
+    #[error("file {0:?}: {1}")]
+    InFile(String, Box<ImportError>),
+
     /// The system could not start the decoder.
     #[error("the file cannot be imported: no process could be started to read it")]
     Start(#[source] io::Error),
@@ -71,8 +75,11 @@ impl ImportError {
     }
 
     /// Whether another attempt may import the same file.
-    pub const fn may_pass(&self) -> bool {
-        matches!(self, Self::Start(_) | Self::Pipe(_))
+    pub fn may_pass(&self) -> bool {
+        match self {
+            Self::InFile(_, error) => error.may_pass(),
+            error => matches!(error, Self::Start(_) | Self::Pipe(_)),
+        }
     }
 }
 

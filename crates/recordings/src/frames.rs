@@ -162,7 +162,8 @@ impl<R: Read> Frames<R> {
         let channels = channels.collect::<Option<_>>()?;
         let is_whole = content.0.is_empty();
         let first = self.next_row;
-        is_whole.then_some(Rows { first, count, lines, cut_line, time, recording, channels })
+        let file = None;
+        is_whole.then_some(Rows { file, first, count, lines, cut_line, time, recording, channels })
     }
 }
 

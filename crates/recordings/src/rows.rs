@@ -9,6 +9,8 @@ use crate::{Place, RowError};
 /// Consecutive rows.
 #[derive(Debug, Default, PartialEq)]
 pub struct Rows {
+    /// The name of their file, if there are several.
+    pub(crate) file: Option<String>,
     /// Index of the first row in the file.
     pub(crate) first: u64,
     pub(crate) count: usize,
@@ -25,6 +27,16 @@ pub struct Rows {
 }
 
 impl Rows {
+    /// These rows as those of one of several files. Recordings are named by it.
+    pub(crate) fn of_file(mut self, name: &str) -> Self {
+        self.recording = Some(match self.recording {
+            None => vec![name.to_owned(); self.count],
+            Some(names) => names.iter().map(|recording| format!("{name}/{recording}")).collect(),
+        });
+        self.file = Some(name.to_owned());
+        self
+    }
+
     /// The place of the row at `index` in the file.
     pub(crate) fn place(&self, index: usize) -> Place {
         match &self.lines {

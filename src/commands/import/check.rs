@@ -1,23 +1,22 @@
-//! `torqued import --check`: reads a file as its import would, on this machine.
+//! `torqued import --check`: reads files as their import would, on this machine.
 
 use std::fs::File;
-use std::path::Path;
 use std::process::ExitCode;
 
 use anyhow::{Context, bail};
 use serde_json::{Value, json};
-use spec::{JobSpec, RobotReference};
-use worker::Rehearsal;
+use spec::{Digest, JobSpec, RobotReference};
+use worker::{Rehearsal, RehearsedFile};
 
 use crate::arguments::OutputArguments;
-use crate::client::Client;
+use crate::client::{Client, RecordedFile};
 use crate::commands::worker::decoder;
 use crate::output::write_json;
 
-/// Prints what the import of a file would give. Only robots that `spec` names need the server.
+/// Prints what the import of files would give. Only robots that `spec` names need the server.
 pub(super) async fn run(
     client: &Client,
-    file: &Path,
+    files: &[RecordedFile],
     mut spec: Value,
     output: OutputArguments,
 ) -> anyhow::Result<ExitCode> {
@@ -28,16 +27,23 @@ pub(super) async fn run(
         *named.place = client.get(&format!("/v1/robots/{id}/description.json")).await?;
     }
     spec["kind"] = json!("import");
-    // No digest is needed where nothing is stored.
-    spec["file"] = json!("0".repeat(64));
+    // No digest is needed where nothing is stored; those of several files have to differ.
+    let digests: Vec<Digest> =
+        (0..files.len()).map(|i| Digest::of(i.to_string().as_bytes())).collect();
+    RecordedFile::state(files, &digests, &mut spec);
     let JobSpec::Import(spec) = spec::parse(spec.to_string().as_bytes())? else {
         bail!("the spec is not that of an import");
     };
-    let name = file.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    let content = File::open(file).with_context(|| format!("cannot read {}", file.display()))?;
+    let open = |RecordedFile { path, name }: &RecordedFile| -> anyhow::Result<RehearsedFile> {
+        Ok(RehearsedFile {
+            recording: name.clone(),
+            name: path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+            content: File::open(path).with_context(|| format!("cannot read {}", path.display()))?,
+        })
+    };
+    let files = files.iter().map(open).collect::<anyhow::Result<Vec<_>>>()?;
     let decoder = decoder()?;
-    let found =
-        tokio::task::spawn_blocking(move || worker::rehearse(&decoder, content, &name, &spec));
+    let found = tokio::task::spawn_blocking(move || worker::rehearse(&decoder, files, &spec));
     let found = found.await??;
     if output.json {
         write_json(&found)?;

@@ -1,4 +1,5 @@
-//! `torqued import`: sends a file of recordings or predictions, and submits the job that reads it.
+//! `torqued import`: sends files of recordings, or one of predictions, and submits the job that reads
+//! them.
 
 mod check;
 
@@ -13,15 +14,15 @@ use spec::{DataSpec, FileFormat, JobSpec};
 use wire::{Dataset, ImportCounts, Job, JobState};
 
 use crate::arguments::{LabelArguments, OutputArguments, ServerArguments};
-use crate::client::{Client, Reuse, Submitted};
+use crate::client::{Client, RecordedFile, Reuse, Submitted};
 use crate::commands::watch;
 use crate::output::write_json;
 
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// The recordings, or a model's predictions: a Parquet, CSV, NumPy (.npz) or MCAP file
-    #[arg(value_name = "FILE")]
-    file: PathBuf,
+    /// The recordings, or a model's predictions: a Parquet, CSV, NumPy (.npz) or MCAP file. Several files become one dataset; their recordings are called as they are, without the extension
+    #[arg(value_name = "FILE", required = true)]
+    files: Vec<PathBuf>,
 
     /// The import spec, which says what each column means; `kind` and `file` may be left out
     #[arg(long, value_name = "MAPPING.json", required_unless_present = "predictions_of")]
@@ -69,13 +70,16 @@ pub struct Arguments {
 
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let client = arguments.server.client()?;
+    let files = RecordedFile::named(&arguments.files);
     let mut spec = match (&arguments.spec, arguments.predictions_of) {
-        (Some(path), _) => read_spec(path, &arguments.file)?,
+        (Some(path), _) => read_spec(path, &arguments.files)?,
         (None, Some(dataset)) => {
             let dataset = client.dataset(dataset).await?;
-            let format = format_of(&arguments.file).with_context(|| {
-                format!("{} ends in none of {}", arguments.file.display(), endings())
-            })?;
+            let [file] = arguments.files.as_slice() else {
+                bail!("{} files of predictions, allowed: one", files.len());
+            };
+            let format = format_of(file)
+                .with_context(|| format!("{} ends in none of {}", file.display(), endings()))?;
             mapping_of_predictions(&dataset, arguments.context, format)?
         }
         (None, None) => bail!("--spec or --predictions-of is missing"),
@@ -87,11 +91,11 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         spec["unwrap"] = json!(true);
     }
     if arguments.check {
-        return check::run(&client, &arguments.file, spec, arguments.output).await;
+        return check::run(&client, &files, spec, arguments.output).await;
     }
     let reuse = if arguments.force { Reuse::ComputeAnew } else { Reuse::ByDigest };
     let labels = arguments.labels.parameters();
-    let Submitted { job, existed } = client.import(&arguments.file, &spec, reuse, &labels).await?;
+    let Submitted { job, existed } = client.import(&files, &spec, reuse, &labels).await?;
     let output = arguments.output;
     if !output.json {
         let note = if existed { ", imported before" } else { "" };
@@ -138,28 +142,35 @@ fn print_dataset(client: &Client, job: &Job) {
     }
 }
 
-/// Reads the spec. If it has no format, adds the one that the file's name suggests.
-fn read_spec(path: &Path, file: &Path) -> anyhow::Result<Value> {
+/// Reads the spec. If it has no format, adds the one that the files' names suggest.
+fn read_spec(path: &Path, files: &[PathBuf]) -> anyhow::Result<Value> {
     let text = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
     let mut spec: Value = serde_json::from_slice(&text)
         .with_context(|| format!("{} is not valid JSON", path.display()))?;
     let fields =
         spec.as_object_mut().with_context(|| format!("{} is not a JSON object", path.display()))?;
     if !fields.contains_key("format") {
-        let known = format_of(file);
+        let mut formats = Vec::new();
+        for file in files {
+            ensure!(
+                !is_compressed(file),
+                "{} is compressed; unpack it first, such as with gunzip",
+                file.display()
+            );
+            formats.push(format_of(file).with_context(|| {
+                format!(
+                    "the name {} has none of the endings {}; add \"format\" to {}",
+                    file.display(),
+                    endings(),
+                    path.display()
+                )
+            })?);
+        }
         ensure!(
-            !is_compressed(file),
-            "{} is compressed; unpack it first, such as with gunzip",
-            file.display()
+            formats.windows(2).all(|pair| pair[0] == pair[1]),
+            "the files have different endings, allowed: files of one format"
         );
-        ensure!(
-            known.is_some(),
-            "the name {} has none of the endings {}; add \"format\" to {}",
-            file.display(),
-            endings(),
-            path.display()
-        );
-        fields.insert("format".to_owned(), serde_json::to_value(known)?);
+        fields.insert("format".to_owned(), serde_json::to_value(formats.first())?);
     }
     Ok(spec)
 }
@@ -230,7 +241,8 @@ mod tests {
         let path = folder.path().join("mapping.json");
         let format = |spec: &str, file: &str| {
             std::fs::write(&path, spec).unwrap();
-            read_spec(&path, Path::new(file)).map(|spec| spec["format"].clone())
+            let files: Vec<PathBuf> = file.split(' ').map(PathBuf::from).collect();
+            read_spec(&path, &files).map(|spec| spec["format"].clone())
         };
         assert_eq!(format("{}", "a.CSV").unwrap(), "csv");
         assert_eq!(format("{}", "a.b.parquet").unwrap(), "parquet");
@@ -239,5 +251,7 @@ mod tests {
         assert!(format("{}", "a.txt").unwrap_err().to_string().contains("a.txt"));
         assert!(format("{}", "a.csv.gz").unwrap_err().to_string().contains("gunzip"));
         assert!(format("[]", "a.csv").is_err());
+        assert_eq!(format("{}", "a.csv b.csv").unwrap(), "csv");
+        assert!(format("{}", "a.csv b.npz").unwrap_err().to_string().contains("one format"));
     }
 }

@@ -16,7 +16,7 @@ use reports::study::{self, Plan};
 use spec::{StudyEdition, StudyRecording, StudyScale, real_study};
 use wire::{Job, JobState};
 
-use crate::client::{Client, JobEnded, Reuse, Submitted};
+use crate::client::{Client, JobEnded, RecordedFile, Reuse, Submitted};
 use crate::commands::serve::work_and_serve;
 use crate::logging::Logging;
 use crate::progress;
@@ -139,7 +139,14 @@ fn recordings(folder: &Path, edition: StudyEdition) -> anyhow::Result<Vec<Found>
 
 /// Imports a recording, and gives its dataset.
 async fn import(client: &Client, (recording, file): &Found) -> anyhow::Result<i64> {
-    let submitted = client.import(file, recording.import(), Reuse::ByDigest, &[]).await;
+    let submitted = client
+        .import(
+            &RecordedFile::named(std::slice::from_ref(file)),
+            recording.import(),
+            Reuse::ByDigest,
+            &[],
+        )
+        .await;
     let Submitted { job, .. } = submitted.with_context(|| format!("{}", file.display()))?;
     let job = progress::follow(client, job.id).await?;
     match job.dataset.filter(|_| job.state == JobState::Succeeded) {

@@ -9,10 +9,10 @@ use spec::Digest;
 use wire::ItemKind;
 
 use crate::database::column::json;
-use crate::database::query::{FromRow, Row, sql};
+use crate::database::query::{Row, sql};
 use crate::database::{Reading, Scope, Transaction};
 use crate::trash::leftovers::Leftovers;
-use crate::{Item, JobId, Store, StoreError, StoredObject, Timestamp, TrackedRunId, boxed};
+use crate::{Item, JobId, Store, StoreError, Timestamp, TrackedRunId, Upload, boxed};
 
 /// When an item in the trash may be deleted permanently.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -46,7 +46,7 @@ pub enum GarbageKind {
     Item(Item),
     /// A run logged by an MLflow client, under the name that clients use.
     TrackedRun(String),
-    /// An uploaded file that no remaining job reads.
+    /// An uploaded file that no remaining job reads, or that no job was ever to read.
     Upload(Digest),
     /// Objects without a row.
     Orphans,
@@ -79,12 +79,15 @@ impl Store {
         orphaned: Duration,
     ) -> Result<Vec<Garbage>, StoreError> {
         let mut found = self.ripe_garbage(self.limit(ripe).await?).await?;
+        let sent_before = self.limit(Ripe::After(orphaned)).await?.moment;
+        let unclaimed = self.read(PURGING).unclaimed_uploads(sent_before).await?;
+        found.extend(unclaimed.iter().map(of_upload));
         found.extend(of_leftovers(&self.leftovers(orphaned).await?));
         Ok(found)
     }
 
-    /// Permanently deletes ripe items, objects without a row and unfinished files. The latter two
-    /// are older than `orphaned`. Returns them.
+    /// Permanently deletes ripe items, uploads without an import, objects without a row and
+    /// unfinished files. All but the items are older than `orphaned`. Returns them.
     ///
     /// # Errors
     /// When the database or the listing of objects fails. Things deleted before the error stay
@@ -96,6 +99,7 @@ impl Store {
         orphaned: Duration,
     ) -> Result<Vec<Garbage>, StoreError> {
         let mut deleted = self.purge(ripe).await?;
+        deleted.extend(self.purge_unclaimed_uploads(orphaned).await?);
         let leftovers = self.leftovers(orphaned).await?;
         deleted.extend(of_leftovers(&leftovers));
         self.delete_leftovers(leftovers).await?;
@@ -153,7 +157,8 @@ impl Store {
         };
         let jobs: Vec<JobId> = found.iter().filter_map(job).collect();
         found.extend(self.read(PURGING).ripe_tracked_runs(limit).await?);
-        found.extend(self.read(PURGING).unread_uploads(&jobs).await?);
+        let unread = self.read(PURGING).unread_uploads(&jobs).await?;
+        found.extend(unread.iter().map(of_upload));
         Ok(found)
     }
 
@@ -200,19 +205,42 @@ impl Store {
         while tx.delete_purged_jobs().await? > 0 {}
         tx.delete_empty_experiments(limit).await?;
         tx.commit().await?;
-        let garbage = |(object, name): &(crate::StoredObject, String)| Garbage {
-            kind: GarbageKind::Upload(object.sha256),
-            name: name.clone(),
-            files: 1,
-            bytes: object.size,
-        };
-        let deleted = uploads.iter().map(garbage).collect();
-        self.objects().delete(uploads.into_iter().map(|(object, _)| object.path).collect()).await;
-        Ok(deleted)
+        Ok(self.delete_uploads(uploads).await)
+    }
+
+    /// Deletes files whose requests ended without an import, for example because one of several
+    /// files did not arrive.
+    async fn purge_unclaimed_uploads(
+        &self,
+        orphaned: Duration,
+    ) -> Result<Vec<Garbage>, StoreError> {
+        let sent_before = self.limit(Ripe::After(orphaned)).await?.moment;
+        // A submission may be about to refer to one of them.
+        let mut tx = self.begin(Scope::Queue, PURGING).await?;
+        let uploads = tx.delete_unclaimed_uploads(sent_before).await?;
+        tx.commit().await?;
+        Ok(self.delete_uploads(uploads).await)
+    }
+
+    /// Deletes the objects of uploads that have no row any more.
+    async fn delete_uploads(&self, uploads: Vec<Upload>) -> Vec<Garbage> {
+        let deleted = uploads.iter().map(of_upload).collect();
+        let paths = uploads.into_iter().map(|upload| upload.object.path);
+        self.objects().delete(paths.collect()).await;
+        deleted
     }
 
     async fn delete_objects(&self, files: &[(String, u64)]) {
         self.objects().delete(files.iter().map(|(path, _)| path.clone()).collect()).await;
+    }
+}
+
+fn of_upload(Upload { name, object, .. }: &Upload) -> Garbage {
+    Garbage {
+        kind: GarbageKind::Upload(object.sha256),
+        name: name.clone(),
+        files: 1,
+        bytes: object.size,
     }
 }
 
@@ -314,24 +342,26 @@ impl Reading<'_> {
     }
 
     /// Sent files that only purged jobs have read, or jobs among `jobs`.
-    pub async fn unread_uploads(&mut self, jobs: &[JobId]) -> Result<Vec<Garbage>, StoreError> {
-        let rows = sql("SELECT * FROM upload WHERE EXISTS (SELECT 1 FROM job_input \
+    pub async fn unread_uploads(&mut self, jobs: &[JobId]) -> Result<Vec<Upload>, StoreError> {
+        sql("SELECT * FROM upload WHERE EXISTS (SELECT 1 FROM job_input \
                  WHERE digest = upload.sha256) AND NOT EXISTS (SELECT 1 FROM job_input JOIN job \
                  ON job.id = job_input.job WHERE job_input.digest = upload.sha256 \
                  AND job.purged_at IS NULL AND job.id NOT IN {ids $1}) ORDER BY sha256")
         .bind(json(&jobs))
-        .rows(self)
-        .await?;
-        let garbage = |row: &Row| {
-            let object = StoredObject::from_row(row)?;
-            Ok(Garbage {
-                kind: GarbageKind::Upload(object.sha256),
-                name: row.get("name")?,
-                files: 1,
-                bytes: object.size,
-            })
-        };
-        rows.iter().map(garbage).collect()
+        .all(self)
+        .await
+    }
+
+    /// Files sent before a moment that no job was ever to read.
+    pub async fn unclaimed_uploads(
+        &mut self,
+        sent_before: Timestamp,
+    ) -> Result<Vec<Upload>, StoreError> {
+        sql("SELECT * FROM upload WHERE created_at < $1 AND NOT EXISTS (SELECT 1 FROM job_input \
+                 WHERE digest = upload.sha256) ORDER BY sha256")
+        .bind(sent_before)
+        .all(self)
+        .await
     }
 }
 
@@ -420,18 +450,27 @@ impl Transaction {
         rows.iter().map(|row| Ok((row.get("path")?, row.get("size")?))).collect()
     }
 
-    /// Deletes sent files that only purged jobs have read. Returns them with their names.
-    pub async fn delete_unread_uploads(
-        &mut self,
-    ) -> Result<Vec<(StoredObject, String)>, StoreError> {
-        let rows = sql(
+    /// Deletes sent files that only purged jobs have read. Returns them.
+    pub async fn delete_unread_uploads(&mut self) -> Result<Vec<Upload>, StoreError> {
+        sql(
             "DELETE FROM upload WHERE EXISTS (SELECT 1 FROM job_input WHERE digest = upload.sha256) \
              AND NOT EXISTS (SELECT 1 FROM job_input JOIN job ON job.id = job_input.job \
                  WHERE job_input.digest = upload.sha256 AND job.purged_at IS NULL) RETURNING *",
         )
-        .rows(self)
-        .await?;
-        rows.iter().map(|row| Ok((StoredObject::from_row(row)?, row.get("name")?))).collect()
+        .all(self)
+        .await
+    }
+
+    /// Deletes files sent before a moment that no job was ever to read. Returns them.
+    pub async fn delete_unclaimed_uploads(
+        &mut self,
+        sent_before: Timestamp,
+    ) -> Result<Vec<Upload>, StoreError> {
+        sql("DELETE FROM upload WHERE created_at < $1 AND NOT EXISTS (SELECT 1 FROM job_input \
+                 WHERE digest = upload.sha256) RETURNING *")
+        .bind(sent_before)
+        .all(self)
+        .await
     }
 
     /// Deletes rows of purged jobs that no other job refers to. Returns how many it deleted. After

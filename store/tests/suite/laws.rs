@@ -176,6 +176,7 @@ macro_rules! all_laws {
                 a_job_that_others_refer_to_keeps_its_spec,
                 what_would_be_purged_is_what_is_purged,
                 a_file_that_was_sent_goes_with_the_last_job_that_read_it,
+                a_file_that_was_sent_for_nothing_goes,
                 runs_of_other_clients_are_purged_at_their_date,
                 a_purge_changes_no_count_of_attempts;
             retention:

@@ -104,6 +104,26 @@ pub async fn a_file_that_was_sent_goes_with_the_last_job_that_read_it(f: Fixture
     assert_eq!(assert_whole(&f.store).await, 0);
 }
 
+pub async fn a_file_that_was_sent_for_nothing_goes(f: Fixture) {
+    let mut files = Vec::new();
+    for bytes in [b"u1,q1", b"u2,q2"] {
+        let mut writer = f.store.begin_upload().await.unwrap();
+        writer.write(bytes).await.unwrap();
+        files.push(writer.finish("arm.csv").await.unwrap().object.sha256);
+    }
+    let [read, unread] = files[..] else { panic!("two files") };
+    f.submit_one(import(read)).await;
+    tokio::time::sleep(Duration::from_millis(2)).await;
+    assert_eq!(f.store.garbage(ANY, LONG).await.unwrap(), [], "another request may name it");
+    let foretold = f.store.garbage(ANY, Duration::ZERO).await.unwrap();
+    assert_eq!(foretold.len(), 1);
+    assert_eq!((foretold[0].kind.clone(), foretold[0].bytes), (GarbageKind::Upload(unread), 5));
+    assert_eq!(f.store.purge(ANY).await.unwrap(), [], "only the trash");
+    assert_eq!(f.store.collect_garbage(ANY, Duration::ZERO).await.unwrap(), foretold);
+    assert!(f.store.upload(unread).await.unwrap().is_none());
+    assert!(f.store.upload(read).await.unwrap().is_some());
+}
+
 pub async fn runs_of_other_clients_are_purged_at_their_date(f: Fixture) {
     let experiment = f.store.create_experiment("robots", &[]).await.unwrap();
     let new = |experiment| NewTrackedRun {

@@ -38,7 +38,7 @@ impl PredictionFile {
     fn open(attempt: &Attempt, i: usize, predictions: &FilePredictions) -> Result<Self, TaskError> {
         let dataset = DatasetReader::open(attempt, &predictions.data)?;
         let file = match &dataset.spec {
-            DataSpec::Import(import) => Some(import.file),
+            DataSpec::Import(import) => import.file,
             DataSpec::Simulation(_) => None,
         };
         let info = PredictorInfo {

@@ -4,7 +4,7 @@ use std::fs::File;
 use std::ops::ControlFlow;
 
 use identification::{Log, LogRow, Recording, check_log};
-use recordings::{Decoder, DecoderProgram, Measured, MeasuredRow};
+use recordings::{Decoder, DecoderProgram, Files, Measured, MeasuredRow};
 use serde::Serialize;
 use spec::{Gravity, ImportSpec};
 use store::ObjectWriter;
@@ -23,17 +23,28 @@ pub struct Rehearsal {
     pub check: Option<LogCheck>,
 }
 
-/// Reads a file as its import would, and publishes nothing.
+/// A file that a rehearsal reads.
+pub struct RehearsedFile {
+    /// What its recordings are called, if there are several files.
+    pub recording: Option<String>,
+    /// Its own name, for errors.
+    pub name: String,
+    /// The file, at its beginning.
+    pub content: File,
+}
+
+/// Reads files as their import would, and publishes nothing.
 ///
 /// # Errors
-/// When the file cannot be imported as `spec` says.
+/// When the files cannot be imported as `spec` says.
 pub fn rehearse(
     decoder: &DecoderProgram,
-    file: File,
-    name: &str,
+    files: Vec<RehearsedFile>,
     spec: &ImportSpec,
 ) -> Result<Rehearsal, ImportRehearsalError> {
-    let rows = Decoder::start(decoder, file, name, spec).map_err(TaskError::from)?;
+    let rows = Files::new(files.into_iter().map(|RehearsedFile { recording, name, content }| {
+        Ok::<_, TaskError>((recording, Decoder::start(decoder, content, &name, spec)?))
+    }));
     let nowhere = || ObjectWriter::digest_only("rehearsal");
     let go_on = |_| ControlFlow::Continue(());
     let written = convert(rows, spec, nowhere(), nowhere(), &go_on)?;

@@ -1,8 +1,8 @@
 //! Imports of recordings, which are written as a dataset like a simulation.
 //!
-//! A file becomes an upload, a row with its digest, before the job that names the digest is
+//! Each file becomes an upload, a row with its digest, before the job that names the digest is
 //! submitted. The number of trajectories is known only at the end, so the transaction that commits
-//! the shard writes it to the dataset. The result is a function of (file, spec).
+//! the shard writes it to the dataset. The result is a function of (files, spec).
 
 mod check;
 #[cfg(test)]
@@ -10,14 +10,14 @@ mod tests;
 
 use std::collections::BTreeMap;
 
-use recordings::{Conversion, Decoder, ImportError, Measured, Rows, TableSchemas};
-use spec::{Column, DataSpec, ImportSpec};
+use recordings::{Conversion, Decoder, Files, Measured, Rows, TableSchemas};
+use spec::{Column, DataSpec, Digest, ImportSpec};
 use store::{
     FileContent, ObjectWriter, ShardContents, ShardSummary, TableWriter, Upload, object_path,
 };
 use wire::ImportCounts;
 
-pub use check::{Rehearsal, rehearse};
+pub use check::{Rehearsal, RehearsedFile, rehearse};
 
 use crate::attempt::Attempt;
 use crate::error::TaskError;
@@ -27,13 +27,16 @@ use crate::summary::SummaryBuilder;
 
 pub(crate) const MODULE: KindModule = KindModule { run, computes_models: false };
 
-/// Imports the uploaded file that the spec of a task names.
+/// Imports the uploaded files that the spec of a task names.
 fn run(attempt: &Attempt) -> Result<(), TaskError> {
     let spec: ImportSpec = attempt.spec()?;
     let (store, task) = (&attempt.store, &attempt.task);
-    let upload = attempt.wait(store.upload(spec.file))?;
-    let missing = || TaskError::Missing { what: "the upload", name: spec.file.to_string() };
-    let rows = decode(attempt, &upload.ok_or_else(missing)?, &spec)?;
+    let upload = |file: Digest| {
+        let missing = || TaskError::Missing { what: "the upload", name: file.to_string() };
+        attempt.wait(store.upload(file))?.ok_or_else(missing)
+    };
+    let files = spec.sources().into_iter();
+    let rows = decode(attempt, files.map(|(name, file)| Ok((name, upload(file)?))), &spec);
     let object = |content| {
         let path = object_path::shard(task.job, task.ordinal, task.fence.epoch, content);
         attempt.wait(store.write_object(&path))
@@ -56,18 +59,22 @@ fn run(attempt: &Attempt) -> Result<(), TaskError> {
     attempt.end(store.commit_import(attempt.fence(), &written.shard, &result))
 }
 
-/// The rows of an upload, decoded in a process of its own.
-pub(crate) fn decode(
-    attempt: &Attempt,
-    upload: &Upload,
-    spec: &ImportSpec,
-) -> Result<Decoder, TaskError> {
-    tracing::info!(file = upload.name, bytes = upload.object.size, "decodes a file");
-    let file = attempt.store.open_upload(upload)?;
-    Ok(Decoder::start(&attempt.decoder, file, &upload.name, spec)?)
+/// The rows of uploads, each decoded in a process of its own.
+pub(crate) fn decode<'a>(
+    attempt: &'a Attempt,
+    uploads: impl Iterator<Item = Result<(Option<&'a str>, Upload), TaskError>> + 'a,
+    spec: &'a ImportSpec,
+) -> impl Iterator<Item = Result<Rows, TaskError>> + 'a {
+    Files::new(uploads.map(|upload| {
+        let (name, upload) = upload?;
+        tracing::info!(file = upload.name, bytes = upload.object.size, "decodes a file");
+        let file = attempt.store.open_upload(&upload)?;
+        let rows = Decoder::start(&attempt.decoder, file, &upload.name, spec)?;
+        Ok((name.map(str::to_owned), rows))
+    }))
 }
 
-/// An imported file, written as the only shard of a dataset.
+/// Imported files, written as the only shard of a dataset.
 pub(crate) struct WrittenImport {
     pub shard: ShardContents,
     pub counts: ImportCounts,
@@ -76,14 +83,14 @@ pub(crate) struct WrittenImport {
     measured: Vec<Measured>,
 }
 
-/// Converts the rows of a file into the two tables of a dataset. Their bytes depend only on the
-/// file and on `spec`.
+/// Converts the rows of files into the two tables of a dataset. Their bytes depend only on the
+/// files and on `spec`.
 ///
 /// # Errors
-/// [`TaskError::Import`] when the file cannot be imported as `spec` says. [`TaskError::Stopped`]
+/// [`TaskError::Import`] when a file cannot be imported as `spec` says. [`TaskError::Stopped`]
 /// when `progress` breaks. Nothing is published then.
 pub(crate) fn convert(
-    rows: impl Iterator<Item = Result<Rows, ImportError>>,
+    rows: impl Iterator<Item = Result<Rows, TaskError>>,
     spec: &ImportSpec,
     trajectories: ObjectWriter,
     table: ObjectWriter,
@@ -121,7 +128,7 @@ pub(crate) fn convert(
     Ok(WrittenImport { shard, counts, summary: summary.finish(), measured })
 }
 
-/// The file's metadata: enough to make it again, byte for byte, from the same upload.
+/// The file's metadata: enough to make it again, byte for byte, from the same uploads.
 fn footer_entries(
     spec: &ImportSpec,
     columns: &[Column],

@@ -6,6 +6,7 @@ use spec::{ImportSpec, JobSpec};
 use store::ObjectWriter;
 
 use super::{WrittenImport, convert};
+use crate::error::TaskError;
 
 fn spec(fields: &Value) -> ImportSpec {
     let names = |prefix: &str| (1..=7).map(|i| format!("{prefix}{i}")).collect::<Vec<_>>();
@@ -34,7 +35,7 @@ fn converted(spec: &ImportSpec) -> WrittenImport {
     let mut frames = Vec::new();
     recordings::decode(bytes::Bytes::from(file), spec, &mut frames).unwrap();
     let (trajectories, table) = (ObjectWriter::digest_only("a"), ObjectWriter::digest_only("b"));
-    let rows = Frames::new(&frames[..], spec);
+    let rows = Frames::new(&frames[..], spec).map(|rows| rows.map_err(TaskError::from));
     convert(rows, spec, trajectories, table, &|_| ControlFlow::Continue(())).unwrap()
 }
 

@@ -63,7 +63,7 @@ fn dataset(attempt: &Attempt, spec: &VerifySpec, id: Option<i64>) -> Result<Data
     found.ok_or_else(|| missing(digest.to_string()))
 }
 
-/// Converts the upload again. Without the upload, only the recorded digests are compared.
+/// Converts the uploads again. Without all of them, only the recorded digests are compared.
 fn verify_import(
     attempt: &Attempt,
     spec: &ImportSpec,
@@ -80,11 +80,15 @@ fn verify_import(
             )));
         }
     }
-    let Some(upload) = attempt.wait(attempt.store.upload(spec.file))? else {
-        let bytes = "equal to what was recorded; not converted again, as the upload is gone";
-        return Ok((bytes.to_owned(), None));
-    };
-    let rows = import::decode(attempt, &upload, spec)?;
+    let mut uploads = Vec::new();
+    for (name, file) in spec.sources() {
+        let Some(upload) = attempt.wait(attempt.store.upload(file))? else {
+            let bytes = "equal to what was recorded; not converted again, as an upload is gone";
+            return Ok((bytes.to_owned(), None));
+        };
+        uploads.push(Ok((name, upload)));
+    }
+    let rows = import::decode(attempt, uploads.into_iter(), spec);
     let [trajectories, table] =
         recorded.files().map(|(_, file)| ObjectWriter::digest_only(&file.path));
     let made = import::convert(rows, spec, trajectories, table, &|done| attempt.show(done))?.shard;

@@ -136,7 +136,8 @@ impl CsvRows {
         let time = self.time.is_some().then(|| batch.times.finish(count));
         let recording = self.recording.is_some().then_some(batch.names);
         let lines = Some(batch.lines);
-        Ok(Some(Rows { first, count, lines, cut_line, time, recording, channels: batch.channels }))
+        let (file, channels) = (None, batch.channels);
+        Ok(Some(Rows { file, first, count, lines, cut_line, time, recording, channels }))
     }
 
     /// Adds the values of the present record, which is in this line.

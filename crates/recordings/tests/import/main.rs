@@ -4,6 +4,7 @@
 
 mod csv;
 mod decoder;
+mod files;
 mod fuzz;
 mod limits;
 mod mcap;

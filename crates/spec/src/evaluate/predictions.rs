@@ -109,6 +109,9 @@ impl EvaluateSpec {
 
 /// Whether each trajectory of an import has a name of its own.
 fn check_import(field: &str, import: &ImportSpec, violations: &mut Violations) {
+    if !import.files.is_empty() {
+        violations.add(field, format!("an import of {} files", import.files.len()), "of one file");
+    }
     if import.columns.recording.is_none() {
         let allowed = "a column that names the trajectory, or trajectory and sample, of each row";
         violations.add(field, "an import without columns.recording", allowed);

@@ -4,13 +4,15 @@ use std::collections::HashMap;
 use std::collections::hash_map::Entry;
 
 use super::spec::{
-    CsvLayout, FileFormat, ImportColumns, ImportRanges, ImportSpec, LowPassHz, McapMessages, Split,
+    CsvLayout, FileFormat, ImportColumns, ImportRanges, ImportSpec, LowPassHz, McapMessages,
+    NamedFile, Split,
 };
 use crate::MAX_POSITION_NOISE_RAD;
 use crate::check::{Check, Violations};
 
 impl Check for ImportSpec {
     fn check(&self, violations: &mut Violations) {
+        self.check_files(violations);
         if let Some(robot) = &self.robot {
             violations.part("robot", robot);
         }
@@ -35,6 +37,28 @@ impl Check for ImportSpec {
 }
 
 impl ImportSpec {
+    fn check_files(&self, violations: &mut Violations) {
+        match (&self.file, self.files.len()) {
+            (None, 0) => violations.add("file", "missing", "the SHA-256 of a file, or files"),
+            (Some(_), 1..) => violations.add("files", "given beside file", "one of the two"),
+            (Some(_), 0) => {}
+            (None, count) => violations.length("files", count, 1..=NamedFile::MOST),
+        }
+        for (i, NamedFile { name, .. }) in self.files.iter().enumerate() {
+            if !(1..=NamedFile::NAME_BYTES).contains(&name.len())
+                || name.chars().any(char::is_control)
+            {
+                let allowed =
+                    format!("1 to {} bytes without control characters", NamedFile::NAME_BYTES);
+                violations.add(&format!("files[{i}].name"), format!("{name:?}"), allowed);
+            }
+        }
+        let (names, files): (Vec<&str>, Vec<String>) =
+            self.files.iter().map(|named| (named.name.as_str(), named.file.to_string())).unzip();
+        violations.no_duplicates("files.name", &names);
+        violations.no_duplicates("files.file", &files);
+    }
+
     fn check_columns(&self, violations: &mut Violations) {
         let joints = self.joints();
         let ImportColumns { u, q, qd, .. } = &self.columns;

@@ -33,7 +33,13 @@ impl KindSpec for ImportSpec {
     }
 
     fn references(&mut self) -> Vec<Reference<'_>> {
-        vec![Reference { field: "file".to_owned(), to: Referred::File(&mut self.file) }]
+        let one = self.file.iter_mut();
+        let one = one.map(|file| Reference { field: "file".to_owned(), to: Referred::File(file) });
+        let named = self.files.iter_mut().enumerate().map(|(i, named)| Reference {
+            field: format!("files[{i}].file"),
+            to: Referred::File(&mut named.file),
+        });
+        one.chain(named).collect()
     }
 
     fn data(&self) -> Option<DataSpec> {

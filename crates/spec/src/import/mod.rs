@@ -7,5 +7,5 @@ mod spec;
 
 pub use spec::{
     AngleUnit, CsvLayout, FileFormat, ImportColumns, ImportRanges, ImportSpec, ImportUnits,
-    LowPassHz, McapMessages, NoLowPass, Resampling, Split, TimeUnit,
+    LowPassHz, McapMessages, NamedFile, NoLowPass, Resampling, Split, TimeUnit,
 };

@@ -7,7 +7,7 @@ use utoipa::ToSchema;
 use crate::omitted::is_zero;
 use crate::{Digest, Execution, Range, RobotModel, RobotSpec};
 
-/// Turns an uploaded file into a dataset.
+/// Turns an uploaded file, or several that are alike, into a dataset.
 ///
 /// Rows are samples, sorted by time. They have the measured positions, and the torques applied from
 /// then on. `split` says how recordings are cut into trajectories.
@@ -15,7 +15,12 @@ use crate::{Digest, Execution, Range, RobotModel, RobotSpec};
 #[serde(deny_unknown_fields)]
 pub struct ImportSpec {
     /// SHA-256 of the uploaded file; `POST /v1/datasets` fills it in.
-    pub file: Digest,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub file: Option<Digest>,
+    /// Several uploaded files instead of one, in the order of their recordings. They have the same
+    /// columns. `POST /v1/datasets` fills this in if a form has several files.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub files: Vec<NamedFile>,
     /// The format of the file.
     pub format: FileFormat,
     /// The names of its columns.
@@ -71,6 +76,24 @@ pub struct ImportSpec {
     /// How the job is executed. It is not part of the digest.
     #[serde(default, skip_serializing_if = "Execution::is_default")]
     pub execution: Execution,
+}
+
+/// One of several files. Its rows are a recording with its name; if they name recordings
+/// themselves, each is called `NAME/RECORDING`.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct NamedFile {
+    /// A name that no other of the files has, 1 to 100 bytes.
+    pub name: String,
+    /// SHA-256 of the uploaded file.
+    pub file: Digest,
+}
+
+impl NamedFile {
+    /// The largest number of files of an import.
+    pub const MOST: usize = 1000;
+    /// The largest number of bytes of a name.
+    pub const NAME_BYTES: usize = 100;
 }
 
 /// The format of an uploaded file.
@@ -343,6 +366,12 @@ pub enum Split {
 }
 
 impl ImportSpec {
+    /// The uploaded files in their order, with their names if there are several.
+    pub fn sources(&self) -> Vec<(Option<&str>, Digest)> {
+        let one = self.file.iter().map(|file| (None, *file));
+        one.chain(self.files.iter().map(|named| (Some(named.name.as_str()), named.file))).collect()
+    }
+
     /// The recorded arm; a Panda by default.
     pub fn robot(&self) -> RobotSpec {
         self.robot.clone().unwrap_or_default()
