@@ -81,7 +81,10 @@ fn a_urdf_and_logs_become_an_identified_urdf() {
     }
     let (code, output, errors) = identify(folder, &[]);
     assert_eq!(code, Some(0), "{errors}");
-    assert!(errors.contains("one.csv: the last line, 2502, is cut off and left out"), "{errors}");
+    assert!(
+        errors.contains("one.csv: line 2502, the last one, is cut off and was left out"),
+        "{errors}"
+    );
     assert!(output.contains("Errors on the validation, °"), "{output}");
 
     let found = folder.join("found");
@@ -145,6 +148,88 @@ fn logs_that_do_not_fit_the_arm_are_refused_before_any_work() {
         assert!(matches!(code, Some(1 | 2)), "{flags:?}");
         assert!(errors.contains(said), "{errors}");
     }
+}
+
+#[test]
+fn what_is_wrong_in_a_log_is_named_with_its_line_and_column() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    fs::write(folder.join("arm.urdf"), URDF).unwrap();
+    let head = "t,q1,u1\n0,1,2\n0.01,1,2\n";
+    for (line, said) in [
+        ("0.02,x,2\n0.03,1,2\n", &["line 4, column \"q1\"", "\"x\""][..]),
+        ("-1,1,2\n", &["line 4, column \"t\"", "times that rise"]),
+        ("5,1,2\n", &["line 4", "4.99 s after the row before", "max_gap_s = 0.1"]),
+        ("0.02,1\n0.03,1,2\n", &["line 4"]),
+        ("0.02,40,2\n", &["line 4, column \"q1\": 40 rad, allowed: -20 to 20 rad", "degrees"]),
+    ] {
+        fs::write(folder.join("log.csv"), format!("{head}{line}")).unwrap();
+        let mut command = torqued(&["identify", "arm.urdf", "log.csv"]);
+        let (code, _, errors) = run_to_end(command.current_dir(folder));
+        assert_eq!(code, Some(1), "{line:?}");
+        for said in said {
+            assert!(errors.contains("log.csv") && errors.contains(said), "{said}: {errors}");
+        }
+    }
+}
+
+/// The same log as text and as numbers in degrees with recordings that a mapping names.
+#[test]
+fn a_mapping_says_what_other_files_hold() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    fs::write(folder.join("arm.urdf"), URDF).unwrap();
+    let text = |phase: f64, run: u32, lines: &mut String| {
+        for line in log(phase)
+            .replace(',', ".")
+            .lines()
+            .skip(1)
+            .filter(|line| line.matches(';').count() == 2)
+        {
+            let values: Vec<f64> = line.split(';').map(|value| value.parse().unwrap()).collect();
+            writeln!(
+                lines,
+                "{run},{},{},{}",
+                1000.0 * values[0],
+                values[1].to_degrees(),
+                values[2]
+            )
+            .unwrap();
+        }
+    };
+    let mut both = "run,ms,pos,tau\n".to_owned();
+    text(0.3, 1, &mut both);
+    text(0.7, 2, &mut both);
+    fs::write(folder.join("both.csv"), both).unwrap();
+    for (name, phase) in [("one", 0.3), ("two", 0.7)] {
+        fs::write(folder.join(name).with_extension("csv"), log(phase)).unwrap();
+    }
+    let mapping = json!({
+        "columns": {"time": "ms", "recording": "run", "q": ["pos"], "u": ["tau"]},
+        "units": {"time": "ms", "angle": "deg"},
+    });
+    fs::write(folder.join("mapping.json"), mapping.to_string()).unwrap();
+    let found = |arguments: &[&str], out: &str| -> Value {
+        let flags = ["--motion-steps", "0", "--out", out];
+        let mut command = torqued(&["identify", "arm.urdf"]);
+        let (code, _, errors) = run_to_end(command.args(arguments).args(flags).current_dir(folder));
+        assert_eq!(code, Some(0), "{errors}");
+        read_json(&folder.join(out).join("description.json"))
+    };
+    let mapped = found(&["both.csv", "--mapping", "mapping.json"], "mapped");
+    let plain = found(&["one.csv", "two.csv", "--separator", ";", "--decimal-comma"], "plain");
+    let mass = |found: &Value| found["joints"][0]["link"]["mass_kg"].as_f64().unwrap();
+    assert!(
+        (mass(&mapped) / mass(&plain) - 1.0).abs() < 1e-6,
+        "{} {}",
+        mass(&mapped),
+        mass(&plain)
+    );
+
+    let mut command = torqued(&["identify", "arm.urdf", "both.csv", "--mapping", "mapping.json"]);
+    let (code, _, errors) = run_to_end(command.args(["--q", "pos"]).current_dir(folder));
+    assert_eq!(code, Some(2));
+    assert!(errors.contains("--mapping"), "{errors}");
 }
 
 /// The pendulum's logs as datasets, which the commands of a user make: `one`, `two` and `three`.

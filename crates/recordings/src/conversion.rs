@@ -75,6 +75,12 @@ where
         }
     }
 
+    /// Keeps everything as it was measured, not only the first three minutes.
+    #[must_use]
+    pub fn keeping_all(self) -> Self {
+        Self { keeper: Some(Keeper::of_all(self.spec.joints())), ..self }
+    }
+
     /// The next trajectories, perhaps none yet; `None` at the end.
     ///
     /// # Errors
@@ -127,8 +133,9 @@ where
         )))
     }
 
-    /// The first three minutes of the file as they were measured, for a check of their torques. There
-    /// are none if the spec names no robot, and none the second time.
+    /// What was kept as it was measured: the first three minutes, for a check of their torques, or
+    /// [everything](Self::keeping_all). There is nothing if the spec names no robot, and nothing the
+    /// second time.
     pub fn take_measured(&mut self) -> Vec<Measured> {
         self.keeper.take().map(Keeper::recordings).unwrap_or_default()
     }

@@ -254,6 +254,7 @@ mod tests {
     fn rows(first: u64, names: &[&str]) -> Rows {
         let count = names.len();
         Rows {
+            file: None,
             first,
             count,
             lines: Some((first + 2..).take(count).collect()),

@@ -39,8 +39,17 @@ impl Keeper {
     /// The most rows that are kept: three minutes at 2 kHz.
     const MOST_ROWS: usize = 360_000;
 
+    /// Keeps [`Self::MOST_S`].
     pub fn new(joints: usize) -> Self {
-        let (left_s, left_rows) = (Self::MOST_S, Self::MOST_ROWS);
+        Self::of_most(joints, Self::MOST_S, Self::MOST_ROWS)
+    }
+
+    /// Keeps everything.
+    pub fn of_all(joints: usize) -> Self {
+        Self::of_most(joints, f64::INFINITY, usize::MAX)
+    }
+
+    fn of_most(joints: usize, left_s: f64, left_rows: usize) -> Self {
         Self { joints, left_s, left_rows, recordings: Vec::new(), keeps: false }
     }
 

@@ -22,7 +22,7 @@ pub struct Arguments {
     #[command(flatten)]
     robot: RobotArguments,
 
-    /// Logs of the arm: text files with times, positions and torques
+    /// Logs of the arm with times, positions and torques: text, Parquet, NumPy (.npz) or MCAP files
     #[arg(value_name = "LOG", required = true)]
     logs: Vec<PathBuf>,
 
@@ -70,29 +70,30 @@ pub struct Arguments {
 const GAIN_DEVIATION_OF_CURRENTS: f64 = 0.15;
 
 pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
-    let settings = settings(arguments)?;
     let robot = arguments.robot.read()?;
+    let reader = arguments.columns.reader(robot.description())?;
+    let settings = settings(arguments, reader.gains().is_some())?;
     for doubt in robot.doubts() {
         eprintln!("warning: {doubt}");
     }
     check_folder(&arguments.out)?;
     let description = robot.description();
     let read = |paths: &[PathBuf]| -> anyhow::Result<Vec<LogFile>> {
-        paths.iter().map(|path| arguments.columns.read(path, description.joints.len())).collect()
+        paths.iter().map(|path| reader.read(path)).collect()
     };
     let (logs, validation, loads) =
         (read(&arguments.logs)?, read(&arguments.validation)?, read(&arguments.loads)?);
     for note in [&logs, &validation, &loads].into_iter().flatten().flat_map(|log| &log.notes) {
         eprintln!("note: {note}");
     }
-    let rate_hz = logs[0].log.rate_hz();
+    let first = logs.iter().flat_map(|file| &file.logs).next();
+    let rate_hz = first.context("no recording has two rows")?.rate_hz();
     let recordings = |logs: &[LogFile]| -> Vec<Recording> {
-        logs.iter().map(|file| file.log.recording(rate_hz)).collect()
+        logs.iter().flat_map(|file| &file.logs).map(|log| log.recording(rate_hz)).collect()
     };
     let progress = &mut || ControlFlow::Continue(());
     let (fit, validation) = (recordings(&logs), recordings(&validation));
     let found = identify(description, &fit, &validation, &settings, progress)?;
-    let loads = recordings(&loads);
     let per_load = if arguments.same_load { loads.len() } else { 1 };
     let load = |recordings: &[Recording]| -> anyhow::Result<FoundLoad> {
         let names: Vec<&str> = recordings.iter().map(|log| log.name.as_str()).collect();
@@ -101,8 +102,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         })?;
         Ok(FoundLoad { recordings: names.join(", "), found })
     };
-    let loads =
-        loads.chunks(per_load.max(1)).map(load).collect::<anyhow::Result<Vec<FoundLoad>>>()?;
+    let loads = loads.chunks(per_load.max(1)).map(|files| load(&recordings(files)));
+    let loads = loads.collect::<anyhow::Result<Vec<FoundLoad>>>()?;
 
     let arm = IdentifiedArm {
         described: description,
@@ -120,7 +121,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         return Ok(ExitCode::SUCCESS);
     }
     print!("{}", reports::identification::text(&report));
-    if let Some(given) = &arguments.columns.gains
+    if let Some(given) = reader.gains()
         && settings.gain_deviation > 0.0
     {
         let each = given.iter().zip(found.arm.gains());
@@ -138,13 +139,10 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
-fn settings(arguments: &Arguments) -> anyhow::Result<Settings> {
+fn settings(arguments: &Arguments, has_gains: bool) -> anyhow::Result<Settings> {
     const MOST_STEPS: usize = 100;
 
-    let default = match arguments.columns.gains {
-        Some(_) => GAIN_DEVIATION_OF_CURRENTS,
-        None => 0.0,
-    };
+    let default = if has_gains { GAIN_DEVIATION_OF_CURRENTS } else { 0.0 };
     let gain_deviation = arguments.gain_deviation.unwrap_or(default);
     ensure!(
         (0.0..=1.0).contains(&gain_deviation),

@@ -176,7 +176,7 @@ fn read_spec(path: &Path, files: &[PathBuf]) -> anyhow::Result<Value> {
 }
 
 /// The format that the file's extension implies.
-fn format_of(file: &Path) -> Option<FileFormat> {
+pub fn format_of(file: &Path) -> Option<FileFormat> {
     let extension = file.extension()?.to_str()?;
     FileFormat::ALL.into_iter().find(|format| extension.eq_ignore_ascii_case(format.as_str()))
 }

@@ -4,7 +4,7 @@ use std::fs::File;
 use std::ops::ControlFlow;
 
 use identification::{Log, LogRow, Recording, check_log};
-use recordings::{Decoder, DecoderProgram, Files, Measured, MeasuredRow};
+use recordings::{Conversion, Decoder, DecoderProgram, Files, Measured, MeasuredRow, TableSchemas};
 use serde::Serialize;
 use spec::{Gravity, ImportSpec};
 use store::ObjectWriter;
@@ -49,6 +49,29 @@ pub fn rehearse(
     let go_on = |_| ControlFlow::Continue(());
     let written = convert(rows, spec, nowhere(), nowhere(), &go_on)?;
     Ok(Rehearsal { import: written.counts, check: check(spec, written.measured) })
+}
+
+/// The recordings of a file as they were measured, and what was left out of them.
+///
+/// # Errors
+/// When the file cannot be imported as `spec` says.
+pub fn read_logs(
+    decoder: &DecoderProgram,
+    RehearsedFile { recording, name, content }: RehearsedFile,
+    spec: &ImportSpec,
+) -> Result<(Vec<Log>, Vec<String>), ImportRehearsalError> {
+    let rows = Files::new(std::iter::once_with(|| {
+        Ok::<_, TaskError>((recording, Decoder::start(decoder, content, &name, spec)?))
+    }));
+    let schemas = TableSchemas {
+        samples: store::table_schema(&spec.trajectory_columns()),
+        table: store::table_schema(&spec.table_columns()),
+    };
+    let mut conversion = Conversion::new(rows, spec, schemas).keeping_all();
+    while conversion.next_trajectories()?.is_some() {}
+    let logs = conversion.take_measured().into_iter().map(log).collect();
+    let counts = conversion.finish().map_err(TaskError::from)?;
+    Ok((logs, counts.warnings))
 }
 
 /// Compares what was measured with the robot. `None` if the spec names none, and for a description

@@ -17,7 +17,7 @@ use store::{
 };
 use wire::ImportCounts;
 
-pub use check::{Rehearsal, RehearsedFile, rehearse};
+pub use check::{Rehearsal, RehearsedFile, read_logs, rehearse};
 
 use crate::attempt::Attempt;
 use crate::error::TaskError;
