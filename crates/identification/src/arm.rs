@@ -75,9 +75,9 @@ pub struct Arm {
     nominal: Robot,
     /// Rated torques of the joints, N·m.
     rated_nm: Vec<f64>,
-    /// The speed at which Coulomb friction is 76 % of its final value, rad/s:
+    /// The speed at which the Coulomb friction of each joint is 76 % of its final value, rad/s:
     /// τ = τ_c tanh(q̇ / speed).
-    pub(crate) friction_speed_rad_s: f64,
+    pub(crate) friction_speeds_rad_s: Vec<f64>,
     /// How late torques are recorded against positions, s. Without it, simulations hold the torque of
     /// a sample until the next; with it, the torque of half a sample later.
     pub(crate) delay_s: Option<f64>,
@@ -96,16 +96,15 @@ pub(crate) struct Prior {
 /// The described arm's name in reports.
 pub(crate) const DESCRIBED: &str = "description";
 
-/// The speed of the bend of Coulomb friction that a description has, rad/s, if all joints have the
-/// same.
-pub(crate) fn described_friction_speed(description: &RobotDescription) -> Option<f64> {
-    let mut speeds = description.joints.iter().map(|joint| {
-        joint.friction.filter(|friction| friction.phi3_rad_s == 0.0 && friction.phi2_s_rad > 0.0)
-    });
-    let first = speeds.next()??.phi2_s_rad;
-    speeds
-        .all(|friction| friction.is_some_and(|friction| friction.phi2_s_rad == first))
-        .then_some(2.0 / first)
+/// The speeds of the bends of Coulomb friction that a description has, rad/s, if it has one for every
+/// joint.
+pub(crate) fn described_friction_speeds(description: &RobotDescription) -> Option<Vec<f64>> {
+    let speed = |joint: &JointDescription| {
+        let friction = joint.friction?;
+        let is_odd = friction.phi3_rad_s == 0.0 && friction.phi2_s_rad > 0.0;
+        is_odd.then_some(2.0 / friction.phi2_s_rad)
+    };
+    description.joints.iter().map(speed).collect()
 }
 
 impl Prior {
@@ -113,7 +112,7 @@ impl Prior {
     /// When a link of the description cannot exist.
     pub(crate) fn of(
         description: &RobotDescription,
-        friction_speed_rad_s: f64,
+        friction_speeds_rad_s: Vec<f64>,
         gain_deviation: f64,
     ) -> Result<Self, IdentificationError> {
         /// Standard deviation of the logarithms of friction and rotor inertia.
@@ -151,13 +150,19 @@ impl Prior {
             }
         }
         let rated_nm = description.per_joint(|joint| joint.torque_nm);
-        let arm = Arm { nominal, rated_nm, friction_speed_rad_s, delay_s: None, numbers };
+        let arm = Arm { nominal, rated_nm, friction_speeds_rad_s, delay_s: None, numbers };
         Ok(Self { name: DESCRIBED, arm, deviations })
     }
 
     /// The same arm, whose torques are recorded this much later than its positions, s.
     pub(crate) fn late_by(&self, delay_s: f64) -> Self {
         let arm = Arm { delay_s: Some(delay_s), ..self.arm.clone() };
+        Self { arm, deviations: self.deviations.clone(), ..*self }
+    }
+
+    /// The same arm with other friction speeds, rad/s.
+    pub(crate) fn with_friction_speeds(&self, friction_speeds_rad_s: Vec<f64>) -> Self {
+        let arm = Arm { friction_speeds_rad_s, ..self.arm.clone() };
         Self { arm, deviations: self.deviations.clone(), ..*self }
     }
 
@@ -288,7 +293,9 @@ impl Arm {
             // τ_c tanh(x) = 2 τ_c / (1 + exp(−2x)) − τ_c.
             friction: Some(Friction {
                 phi1_nm: coulomb.map(|coulomb| 2.0 * coulomb),
-                phi2_s_rad: Joints::splat(joints, 2.0 / self.friction_speed_rad_s),
+                phi2_s_rad: Joints::from_fn(joints, |joint| {
+                    2.0 / self.friction_speeds_rad_s[joint]
+                }),
                 phi3_rad_s: Joints::splat(joints, 0.0),
             }),
             ..self.nominal.clone()
@@ -379,7 +386,7 @@ impl Arm {
                 armature_kg_m2: robot.armature[at],
                 friction: Some(JointFriction {
                     phi1_nm: 2.0 * coulomb.exp(),
-                    phi2_s_rad: 2.0 / self.friction_speed_rad_s,
+                    phi2_s_rad: 2.0 / self.friction_speeds_rad_s[at],
                     phi3_rad_s: 0.0,
                 }),
                 least_inertia_kg_m2: None,

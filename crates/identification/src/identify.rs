@@ -5,7 +5,7 @@ use spec::RobotDescription;
 use wire::{ArmReport, HorizonErrors, TorqueResidual};
 
 use crate::IdentificationError;
-use crate::arm::{Arm, Prior, described_friction_speed};
+use crate::arm::{Arm, Prior, described_friction_speeds};
 use crate::arx::Arx;
 use crate::estimates::{Estimates, IDENTIFIED, doubts};
 use crate::figure::Curves;
@@ -59,7 +59,7 @@ impl Settings {
 
     /// The most steps of [`identify_load`], which looks for no delay.
     pub fn load_steps(&self) -> u64 {
-        (FRICTION_SPEEDS_RAD_S.len() + 1 + self.motion_steps) as u64
+        (FRICTION_SPEEDS_RAD_S.len() + 2 + self.motion_steps) as u64
     }
 }
 
@@ -82,11 +82,12 @@ pub fn identify(
     settings: &Settings,
     progress: Progress<'_>,
 ) -> Result<Identification, IdentificationError> {
-    let mut speeds = FRICTION_SPEEDS_RAD_S.to_vec();
-    speeds.extend(described_friction_speed(description));
+    let joints = description.joints.len();
+    let mut speeds = FRICTION_SPEEDS_RAD_S.map(|speed| vec![speed; joints]).to_vec();
+    speeds.extend(described_friction_speeds(description));
     let priors = speeds
         .into_iter()
-        .map(|speed| Prior::of(description, speed, settings.gain_deviation))
+        .map(|speeds| Prior::of(description, speeds, settings.gain_deviation))
         .collect::<Result<Vec<_>, _>>()?;
     search(priors, recordings, validation, settings, progress)
 }
@@ -127,19 +128,7 @@ fn search(
     let mut warnings = Vec::new();
     check_motion(&motions, joints, &mut warnings)?;
 
-    let mut best: Option<TorqueFit> = None;
-    for prior in priors {
-        let fit = TorqueFit::new(prior, &motions)?;
-        if best.as_ref().is_none_or(|best| fit.misfit < best.misfit) {
-            best = Some(fit);
-        }
-        if progress().is_break() {
-            return Err(IdentificationError::Stopped);
-        }
-    }
-    let Some(mut best) = best else {
-        return Err(IdentificationError::NoRecordings);
-    };
+    let mut best = torque_fit::best_of(priors, &motions, progress)?;
     let mut delay = None;
     let most_delay_s = settings.most_delay_s;
     if most_delay_s > 0.0 {

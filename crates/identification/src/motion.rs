@@ -72,9 +72,10 @@ impl Motion {
 
     /// The smooth torques of Coulomb friction of 1 N·m, `[sample][joint]`. Friction changes
     /// within a sample where a joint turns back, and the low-pass of the torques spreads that.
-    pub(crate) fn coulomb(&self, friction_speed_rad_s: f64) -> Vec<Vec<f64>> {
-        let sign =
-            |row: &Vec<f64>| row.iter().map(|qd| (qd / friction_speed_rad_s).tanh()).collect();
+    pub(crate) fn coulomb(&self, speeds_rad_s: &[f64]) -> Vec<Vec<f64>> {
+        let sign = |row: &Vec<f64>| {
+            row.iter().zip(speeds_rad_s).map(|(qd, speed)| (qd / speed).tanh()).collect()
+        };
         self.filter.apply_to_columns(&self.qd.iter().map(sign).collect::<Vec<Vec<f64>>>())
     }
 

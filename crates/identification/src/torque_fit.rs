@@ -64,6 +64,51 @@ impl TorqueFit {
     }
 }
 
+/// The prior whose regression leaves the least torque. Joints have different gears: where another
+/// prior explains a joint clearly better, the last trial has its friction speed for this joint.
+///
+/// # Errors
+/// [`IdentificationError::NoRecordings`] without a prior, [`IdentificationError::Stopped`] when
+/// `progress` breaks.
+pub(crate) fn best_of(
+    priors: Vec<Prior>,
+    motions: &[Motion],
+    progress: Progress<'_>,
+) -> Result<TorqueFit, IdentificationError> {
+    /// The least gain in the logarithm of the likelihood of a joint's torques. Smaller ones are
+    /// chance.
+    const CLEARLY: f64 = 2.0;
+
+    let mut try_prior = |prior: Prior| {
+        let fit = TorqueFit::new(prior, motions)?;
+        if progress().is_break() {
+            return Err(IdentificationError::Stopped);
+        }
+        Ok(fit)
+    };
+    let fits = priors.into_iter().map(&mut try_prior).collect::<Result<Vec<_>, _>>()?;
+    let best = fits.iter().min_by(|a, b| a.misfit.total_cmp(&b.misfit));
+    let best = best.ok_or(IdentificationError::NoRecordings)?;
+    let left = |fit: &TorqueFit| fit.torques.residuals_nm(&fit.arm);
+    let (left_of_best, samples) = (left(best), best.torques.independent_samples());
+    let left_of_each: Vec<Vec<f64>> = fits.iter().map(left).collect();
+    let mut speeds = best.arm.friction_speeds_rad_s.clone();
+    for (joint, speed) in speeds.iter_mut().enumerate() {
+        let mut least = left_of_best[joint] * (-CLEARLY / samples[joint]).exp();
+        for (fit, left) in fits.iter().zip(&left_of_each) {
+            if left[joint] < least {
+                (least, *speed) = (left[joint], fit.arm.friction_speeds_rad_s[joint]);
+            }
+        }
+    }
+    let mixed = match speeds == best.arm.friction_speeds_rad_s {
+        true => None,
+        false => Some(try_prior(best.prior.with_friction_speeds(speeds))?),
+    };
+    let all = fits.into_iter().chain(mixed);
+    all.min_by(|a, b| a.misfit.total_cmp(&b.misfit)).ok_or(IdentificationError::NoRecordings)
+}
+
 /// Trials of a golden section, which leave a tenth of the interval or less.
 const SECTIONS: usize = 7;
 

@@ -50,7 +50,7 @@ impl Torques {
             begins.push(torques[0].len());
             every = whole(motion.rate_hz / ROWS_PER_SECOND).max(1);
             first = motion.uncertain();
-            let coulomb = motion.coulomb(arm.friction_speed_rad_s);
+            let coulomb = motion.coulomb(&arm.friction_speeds_rad_s);
             let known = motion.uncertain()..motion.samples() - motion.uncertain();
             for sample in known.step_by(every) {
                 let u = motion.later_u(sample, arm.delay_s.unwrap_or(0.0));

@@ -352,6 +352,25 @@ fn torques_that_are_recorded_late_are_found_to_be() {
 }
 
 #[test]
+fn joints_whose_friction_bends_at_different_speeds_are_told_apart() {
+    let described = described();
+    let mut truth = drawn(&described, 8);
+    for (joint, speed) in truth.joints.iter_mut().zip([0.16, 0.02, 0.08]) {
+        joint.friction.as_mut().unwrap().phi2_s_rad = 2.0 / speed;
+    }
+    let recording = log(&truth, None, 60, 8);
+    let found = identify(&described, &[recording], &[], &torques_only(), unheard()).unwrap();
+    let found = found.arm.description(&described);
+    let speeds: Vec<f64> =
+        found.joints.iter().map(|joint| 2.0 / joint.friction.unwrap().phi2_s_rad).collect();
+    assert_eq!(speeds, [0.16, 0.02, 0.08]);
+    for (found, truth) in found.joints.iter().zip(&truth.joints) {
+        let [found, truth] = [found, truth].map(|joint| joint.friction.unwrap().phi1_nm);
+        assert!((found / truth - 1.0).abs() < 0.1, "{found} N·m, {truth} N·m");
+    }
+}
+
+#[test]
 fn recordings_that_say_nothing_are_refused() {
     let described = described();
     let refused = |change: &dyn Fn(&mut Recording)| {

@@ -45,8 +45,9 @@ pub fn check_log(
     description: &RobotDescription,
     recordings: &[Recording],
 ) -> Result<LogCheck, IdentificationError> {
-    let arm = Prior::of(description, FRICTION_SPEED_RAD_S, 0.0)?;
-    let motions = motions(recordings, description.joints.len())?;
+    let joints = description.joints.len();
+    let arm = Prior::of(description, vec![FRICTION_SPEED_RAD_S; joints], 0.0)?;
+    let motions = motions(recordings, joints)?;
     let seconds = motions.iter().map(|motion| motion.samples() as f64 / motion.rate_hz).sum();
     let states = States::new(&motions);
     let layout = Layout::find(&arm, &states);

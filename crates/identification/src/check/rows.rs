@@ -72,7 +72,8 @@ impl<'a> States<'a> {
             begins.push(rows.len());
             let every = whole(motion.rate_hz / ROWS_PER_SECOND).max(1);
             let known = motion.uncertain()..motion.samples().saturating_sub(motion.uncertain());
-            let coulomb = FRICTION_SPEEDS_RAD_S.map(|speed| motion.coulomb(speed));
+            let coulomb =
+                FRICTION_SPEEDS_RAD_S.map(|speed| motion.coulomb(&vec![speed; motion.joints]));
             for sample in known.step_by(every) {
                 let all = [&motion.q, &motion.qd, &motion.qdd, &coulomb[0], &coulomb[1]];
                 states.push(State(all.map(|rows| Joints::from(rows[sample].as_slice()))));

@@ -81,7 +81,7 @@ impl BaseParameters {
 
 /// Coulomb friction of 1 N·m.
 pub(crate) fn coulomb(arm: &Arm, qd: &Joints<f64>) -> Vec<f64> {
-    qd.iter().map(|qd| (qd / arm.friction_speed_rad_s).tanh()).collect()
+    qd.iter().zip(&arm.friction_speeds_rad_s).map(|(qd, speed)| (qd / speed).tanh()).collect()
 }
 
 fn random_state(limits: &Limits, number: u64) -> MotionState {

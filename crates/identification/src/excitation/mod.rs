@@ -38,7 +38,7 @@ pub use self::report::{ExcitationReport, JointExcitation, ParameterPrediction, R
 use self::search::{Candidate, improved, random_motions, random_posture};
 pub use self::settings::ExcitationSettings;
 use self::settings::USUAL_NOISE;
-use crate::arm::{Arm, Prior, described_friction_speed};
+use crate::arm::{Arm, Prior, described_friction_speeds};
 use crate::fourier::{Fourier, MotionState};
 use crate::motion::UNCERTAIN_S;
 use crate::torques::{ROWS_PER_SECOND, regressor};
@@ -91,8 +91,9 @@ pub fn excite(
     let joints = description.joints.len();
     settings.check()?;
     settings.check_lists(joints)?;
-    let friction_speed = described_friction_speed(description).unwrap_or(FRICTION_SPEED_RAD_S);
-    let prior = Prior::of(description, friction_speed, settings.gain_deviation)?;
+    let friction_speeds = described_friction_speeds(description)
+        .unwrap_or_else(|| vec![FRICTION_SPEED_RAD_S; description.joints.len()]);
+    let prior = Prior::of(description, friction_speeds.clone(), settings.gain_deviation)?;
     let arm = &prior.arm;
     let limits = Limits::of(description, arm, settings)?;
     let tight = limits.tightened(TIGHTER);
@@ -158,7 +159,7 @@ pub fn excite(
         random,
         joints: (0..joints).map(excited).collect(),
         parameters,
-        assumptions: assumptions(description, settings, friction_speed),
+        assumptions: assumptions(description, settings, &friction_speeds),
     };
     Ok(Excitation { motion, report, arm: prior.arm, linear })
 }
@@ -226,7 +227,7 @@ fn postures(
 fn assumptions(
     description: &RobotDescription,
     settings: &ExcitationSettings,
-    friction_speed_rad_s: f64,
+    friction_speeds_rad_s: &[f64],
 ) -> Vec<String> {
     let mut assumptions = Vec::new();
     if settings.accelerations_rad_s2.is_none() {
@@ -246,8 +247,12 @@ fn assumptions(
             "friction: where the arm has no Coulomb friction, 1 % of the torque limit, within a factor of 4.5".to_owned(),
         );
     }
+    // Described speeds may differ from joint to joint.
+    let mut speeds: Vec<String> = friction_speeds_rad_s.iter().map(f64::to_string).collect();
+    speeds.dedup();
     assumptions.push(format!(
-        "Coulomb friction bends at {friction_speed_rad_s} rad/s; an identification finds the speed itself"
+        "Coulomb friction bends at {} rad/s; an identification finds the speed itself",
+        speeds.join(", ")
     ));
     assumptions
 }

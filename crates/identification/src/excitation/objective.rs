@@ -253,8 +253,8 @@ impl Objective<'_> {
             ];
             let of_row = of_joint.column(time);
             let own = &of_row.as_slice()[joint * NUMBERS + OWN..];
-            let bend = (state.qd[joint] / self.arm.friction_speed_rad_s).tanh();
-            let of_coulomb = (1.0 - bend * bend) / self.arm.friction_speed_rad_s;
+            let bend = (state.qd[joint] / self.arm.friction_speeds_rad_s[joint]).tanh();
+            let of_coulomb = (1.0 - bend * bend) / self.arm.friction_speeds_rad_s[joint];
             slopes.q[joint] += of_q;
             slopes.qd[joint] += of_qd + own[0] * of_coulomb + own[1];
             slopes.qdd[joint] += of_qdd + own[3];
@@ -295,7 +295,7 @@ mod tests {
         let settings =
             ExcitationSettings { table_z_m: Some(-1.0), ..ExcitationSettings::default() };
         // Friction that bends within a grid's steps has no slopes that differences can find.
-        let prior = Prior::of(&description, 0.5, 0.1).unwrap();
+        let prior = Prior::of(&description, vec![0.5; description.joints.len()], 0.1).unwrap();
         let limits = Limits::of(&description, &prior.arm, &settings).unwrap();
         let basis = Basis::new(0.1, 3, 48, &limits);
         let base = BaseParameters::of(&prior, &limits);
