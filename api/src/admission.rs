@@ -23,7 +23,7 @@ use crate::limits::{
 use crate::remote::Remote;
 
 /// Paths of uploads, for datasets and for artifacts of MLflow's runs.
-const UPLOADS: &str = "/v1/datasets";
+const UPLOADS: [&str; 3] = ["/v1/datasets", "/datasets", "/robots"];
 const ARTIFACTS: &str = "/api/2.0/mlflow-artifacts/artifacts/";
 
 /// Routes by which a server is watched.
@@ -180,7 +180,7 @@ fn kind(request: &Request) -> Kind {
 fn is_upload(request: &Request) -> bool {
     let path = request.uri().path();
     let is_artifact = request.method() == Method::PUT && path.starts_with(ARTIFACTS);
-    is_artifact || (request.method() == Method::POST && path == UPLOADS)
+    is_artifact || (request.method() == Method::POST && UPLOADS.contains(&path))
 }
 
 /// Whether the connection is never closed for another one while the body arrives.

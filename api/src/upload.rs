@@ -18,8 +18,34 @@ use crate::error::ApiError;
 use crate::extract::Query;
 use crate::limits::{BODY_BYTES, UPLOAD_NAME_BYTES, UPLOAD_TIMEOUT};
 
-/// Bytes of a form besides its file: boundaries, headers of the parts, and the spec.
+/// Bytes of a form besides its files: boundaries, headers of the parts, the spec, and other texts.
 const FORM_BYTES: u64 = 64 * 1024 + BODY_BYTES as u64;
+
+/// Bytes of a text in a form, besides the spec.
+const TEXT_BYTES: u64 = 4 * 1024;
+
+/// The parts of a form before its files.
+struct Texts {
+    allowed: &'static [&'static str],
+    required: Option<&'static str>,
+}
+
+/// Those of a program.
+const OF_PROGRAM: Texts = Texts { allowed: &["spec"], required: Some("spec") };
+
+/// Those of the page's forms.
+const OF_PAGE: Texts = Texts {
+    allowed: &["spec", "robot", "name", "tags", "base", "tip", "lock", "mount", "nearest_physical"],
+    required: None,
+};
+
+/// The files of a form of the page, with its texts.
+pub struct IncomingForm {
+    /// What was typed, by the inputs' names.
+    pub texts: Vec<(String, String)>,
+    /// The files.
+    pub files: IncomingFiles,
+}
 
 /// Files that are being sent, one after the other, with the facts that are known before the first
 /// byte of the one that is on its way.
@@ -91,7 +117,9 @@ impl FromRequest<App> for IncomingFiles {
                 let allowed = "left out: a form has them in its parts";
                 return Err(ApiError::parameter("spec, name", "in the query", allowed));
             }
-            return from_form(&declared.unwrap_or_default(), body, limit, patience).await;
+            let declared = declared.unwrap_or_default();
+            let form = from_form(&declared, body, limit, patience, &OF_PROGRAM).await?;
+            return Ok(form.files);
         }
         let Some(format) = format_of(&essence) else {
             return Err(ApiError::UploadType { found: declared });
@@ -110,6 +138,20 @@ impl FromRequest<App> for IncomingFiles {
             limit,
             patience,
         })
+    }
+}
+
+impl FromRequest<App> for IncomingForm {
+    type Rejection = ApiError;
+
+    async fn from_request(request: Request, app: &App) -> Result<Self, ApiError> {
+        let deadline = Instant::now() + UPLOAD_TIMEOUT;
+        let patience = Patience { stall: app.options().upload_stall, deadline };
+        let limit = app.options().max_upload_bytes;
+        let (parts, body) = request.into_parts();
+        refuse_longer(&parts.headers, limit.saturating_add(FORM_BYTES), limit)?;
+        let declared = parts.headers.get(CONTENT_TYPE).and_then(|value| value.to_str().ok());
+        from_form(declared.unwrap_or_default(), body, limit, patience, &OF_PAGE).await
     }
 }
 
@@ -145,42 +187,54 @@ async fn from_form(
     body: Body,
     limit: u64,
     patience: Patience,
-) -> Result<IncomingFiles, ApiError> {
+    texts: &Texts,
+) -> Result<IncomingForm, ApiError> {
     let boundary = multer::parse_boundary(declared).map_err(|error| form_error(&error, limit))?;
     let sizes = SizeLimit::new()
         .whole_stream(limit.saturating_add(FORM_BYTES))
+        .per_field(TEXT_BYTES)
         .for_field("spec", BODY_BYTES as u64)
         .for_field("file", limit);
-    let constraints = Constraints::new().size_limit(sizes).allowed_fields(vec!["spec", "file"]);
+    let allowed = [texts.allowed, &["file"]].concat();
+    let constraints = Constraints::new().size_limit(sizes).allowed_fields(allowed);
     let stream = body.into_data_stream();
     let mut form = Multipart::with_constraints(stream, boundary, constraints);
-    let spec = match next_part(&mut form, limit, patience).await? {
-        Some(part) if part.name() == Some("spec") => {
-            let read = patience.wait(part.bytes()).await?;
-            read.map_err(|error| form_error(&error, limit))?
+    let mut read: Vec<(String, Bytes)> = Vec::new();
+    let file = loop {
+        let missing = texts.required.filter(|name| read.iter().all(|(known, _)| known != name));
+        let expected = format!("part {:?}", missing.unwrap_or("file"));
+        let part = next_part(&mut form, limit, patience).await?;
+        let name = part.as_ref().and_then(Field::name).unwrap_or_default().to_owned();
+        let is_known = read.iter().any(|(known, _)| *known == name);
+        match part {
+            Some(part) if name == "file" && missing.is_none() => break part,
+            Some(part) if name != "file" && !is_known => {
+                let text = patience.wait(part.bytes()).await?;
+                read.push((name, text.map_err(|error| form_error(&error, limit))?));
+            }
+            other => return Err(wrong_part(&expected, other.as_ref())),
         }
-        other => return Err(wrong_part("part \"spec\"", other.as_ref())),
-    };
-    let file = match next_part(&mut form, limit, patience).await? {
-        Some(part) if part.name() == Some("file") => part,
-        other => return Err(wrong_part("part \"file\"", other.as_ref())),
     };
     let (format, name) = facts(&file)?;
-    Ok(IncomingFiles {
-        spec,
+    let spec = read.iter().find(|(known, _)| known == "spec").map(|(_, text)| text.clone());
+    let text = |bytes: Bytes| String::from_utf8_lossy(&bytes).into_owned();
+    let files = IncomingFiles {
+        spec: spec.unwrap_or_default(),
         format,
         name,
         source: Source::Form { file: Some(file), form },
         received: 0,
         limit,
         patience,
-    })
+    };
+    Ok(IncomingForm { texts: read.into_iter().map(|(name, it)| (name, text(it))).collect(), files })
 }
 
-/// The declared format of a form's file, and its name.
+/// The format of a form's file, which its media type or else its name declares, and its name.
 fn facts(file: &Field<'static>) -> Result<(Option<FileFormat>, String), ApiError> {
-    let format = file.content_type().and_then(|declared| format_of(declared.essence_str()));
-    Ok((format, usable(file.file_name().filter(|name| !name.is_empty()))?))
+    let name = usable(file.file_name().filter(|name| !name.is_empty()))?;
+    let declared = file.content_type().and_then(|declared| format_of(declared.essence_str()));
+    Ok((declared.or_else(|| FileFormat::of_name(&name)), name))
 }
 
 async fn next_part(
@@ -226,6 +280,21 @@ impl IncomingFiles {
         (self.format, self.name) = facts(&part)?;
         *file = Some(part);
         Ok(true)
+    }
+
+    /// The whole file, which has at most `most` bytes.
+    ///
+    /// # Errors
+    /// As [`Self::next`].
+    pub async fn read(&mut self, most: usize) -> Result<Bytes, ApiError> {
+        let mut whole = Vec::new();
+        while let Some(piece) = self.next().await? {
+            whole.extend_from_slice(&piece);
+            if whole.len() > most {
+                return Err(ApiError::BodyTooLarge { limit: most });
+            }
+        }
+        Ok(whole.into())
     }
 
     /// The next bytes of the file; `None` at its end.

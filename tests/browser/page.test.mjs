@@ -298,6 +298,43 @@ test("a job is duplicated, refused beside the field that is wrong, corrected and
   assertClean();
 });
 
+test("an arm and its logs are uploaded, refused with what is wrong, and become a robot and a dataset", async () => {
+  const link = (name) => `<link name="${name}"><inertial><origin xyz="0.1 0 0"/><mass value="1"/><inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>`;
+  const urdf = `<robot name="bench arm"><link name="base"/>${link("upper")}<joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/><limit lower="-2" upper="2" effort="20" velocity="4"/></joint></robot>`;
+  await page.goto(`${product.url}/robots`);
+  await page.getByRole("link", { name: "Upload a URDF" }).click();
+  const arm = page.locator("form", { has: page.getByRole("button", { name: "Add the arm" }) });
+  await arm.locator("[type=file]").setInputFiles({ name: "bench.urdf", mimeType: "", buffer: Buffer.from(urdf) });
+  await arm.getByRole("button", { name: "Add the arm" }).click();
+  await page.waitForURL(/\/robots\/\d+$/);
+  assert.match(await page.locator("h1").innerText(), /bench arm/);
+
+  const log = (phase) => ["t,u1,q1", ...Array.from({ length: 120 }, (_, k) => `${k / 60},${Math.sin(k / 20 + phase)},${0.5 * Math.cos(k / 30 + phase)}`)].join("\n") + "\n";
+  const files = ["monday", "tuesday"].map((name, phase) => ({ name: `${name}.csv`, mimeType: "text/csv", buffer: Buffer.from(log(phase)) }));
+  await page.goto(`${product.url}/upload`);
+  const recordings = page.locator("form", { has: page.getByRole("button", { name: "Import" }) });
+  const send = async (mapping) => {
+    await recordings.locator("textarea").fill(JSON.stringify(mapping));
+    await recordings.locator("select").selectOption({ label: (await recordings.locator("option", { hasText: "bench arm" }).innerText()).trim() });
+    await recordings.locator("[type=file]").setInputFiles(files);
+    await recordings.getByRole("button", { name: "Import" }).click();
+  };
+  const mapping = { columns: { time: "t", u: ["u1"], q: ["q1"] }, samples: 40, split: { kind: "windows", stride: 40 } };
+  await send({ ...mapping, samples: 1 });
+  await page.getByRole("alert").waitFor();
+  assert.match(await page.getByRole("alert").innerText(), /samples is 1; allowed: 2 to/);
+  assert.match(await recordings.locator("textarea").inputValue(), /"samples":1/);
+  // The status of the page is a refusal, of which the browser's console tells.
+  complaints.length = 0;
+  await send(mapping);
+  await page.waitForURL(/\/jobs\/\d+$/);
+  await page.locator(".badge.succeeded").first().waitFor({ timeout: 30_000 });
+  const job = await product.get(new URL(page.url()).pathname.replace("/jobs", "/v1/jobs"));
+  assert.deepEqual(job.spec.files.map((file) => file.name), ["monday", "tuesday"]);
+  assert.equal((await product.get(`/v1/datasets/${job.dataset}`)).trajectories, 6);
+  assertClean();
+});
+
 test("a sweep launches a job for each value", async () => {
   const training = await product.get(`/v1/jobs/${member("train")}`);
   await page.goto(`${product.url}/launch?job=${training.id}`);

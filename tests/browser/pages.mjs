@@ -29,6 +29,7 @@ export async function paths(product) {
     "no comparison": "/compare",
     "logged runs": "/logged",
     launch: `/launch?job=${training.id}`,
+    upload: "/upload",
     workers: "/workers",
     trash: "/trash",
     deletion: `/datasets/${data.dataset}/delete`,

@@ -1,5 +1,7 @@
 //! Robots that the server keeps: from URDFs and descriptions to their links and files.
 
+use std::collections::BTreeSet;
+
 use axum::body::Bytes;
 use figures::Size;
 use serde_json::Value;
@@ -14,6 +16,7 @@ use crate::app::files::Download;
 use crate::app::labels::is_line;
 use crate::app::resources::Resource;
 use crate::error::ApiError;
+use crate::extract::RobotText;
 use crate::limits::NAME_CHARACTERS;
 
 /// In pixels.
@@ -26,6 +29,60 @@ pub enum SentRobot {
     Urdf(Bytes, Options),
     /// A description as JSON.
     Description(Bytes),
+}
+
+impl From<RobotText> for SentRobot {
+    fn from(text: RobotText) -> Self {
+        match text {
+            RobotText::Urdf(text) => Self::Urdf(text, Options::default()),
+            RobotText::Description(text) => Self::Description(text),
+        }
+    }
+}
+
+impl SentRobot {
+    /// The robot with the parameters of its request, and the name that they give it.
+    ///
+    /// # Errors
+    /// [`ApiError::Parameter`] for a value that is not allowed, or not for this robot.
+    pub fn with(
+        mut self,
+        parameters: Vec<(String, String)>,
+    ) -> Result<(Self, Option<String>), ApiError> {
+        let mut name = None;
+        let mut seen = BTreeSet::new();
+        for (parameter, value) in parameters {
+            if parameter != "lock" && !seen.insert(parameter.clone()) {
+                return Err(ApiError::parameter(&parameter, value, "given once"));
+            }
+            if parameter == "name" {
+                name = Some(value);
+                continue;
+            }
+            let Self::Urdf(_, options) = &mut self else {
+                let allowed = "left out: it is only for a URDF; edit the description instead";
+                return Err(ApiError::parameter(&parameter, value, allowed));
+            };
+            let refused = |allowed: &str| ApiError::parameter(&parameter, &value, allowed);
+            match parameter.as_str() {
+                "base" => options.base = Some(value),
+                "tip" => options.tip = Some(value),
+                "lock" => {
+                    let (joint, position) = urdf::read_lock(&value).map_err(refused)?;
+                    if options.locks.insert(joint, position).is_some() {
+                        return Err(refused("each joint once"));
+                    }
+                }
+                "mount" => options.mount = urdf::read_mount(&value).map_err(refused)?,
+                "nearest_physical" => {
+                    let word = value.parse();
+                    options.nearest_physical = word.map_err(|_| refused("true, false"))?;
+                }
+                _ => {}
+            }
+        }
+        Ok((self, name))
+    }
 }
 
 /// A robot that was read.

@@ -21,6 +21,7 @@ impl App {
         mut files: IncomingFiles,
         reuse: Reuse,
         idempotency_key: Option<String>,
+        labels: Labels,
     ) -> Result<Submitted, ApiError> {
         let _place = self.places.upload()?;
         let (sent, format) = (self.sent(files.spec.clone()).await?, files.format);
@@ -63,7 +64,7 @@ impl App {
             key,
             request: Digest::of_json(&serde_json::json!([spec.to_json(), reuse == Reuse::Never])),
         });
-        self.submit_spec(&spec, reuse, idempotency, Labels::default()).await
+        self.submit_spec(&spec, reuse, idempotency, labels).await
     }
 }
 

@@ -32,6 +32,7 @@ mod spec_form;
 mod spec_text;
 mod text;
 mod trash;
+mod upload;
 mod verification;
 mod viewer;
 mod workers;
@@ -53,7 +54,7 @@ pub fn routes() -> Router<App> {
 }
 
 /// Every path of the page, with its handler.
-pub fn paths() -> [(&'static str, MethodRouter<App>); 41] {
+pub fn paths() -> [(&'static str, MethodRouter<App>); 42] {
     [
         ("/", get(experiments::show)),
         ("/launch", get(launch::show)),
@@ -69,12 +70,13 @@ pub fn paths() -> [(&'static str, MethodRouter<App>); 41] {
         ("/runs/{id}", get(run::show).merge(labels::form(ItemKind::Run))),
         ("/evaluations", get(lists::show::<Evaluation>)),
         ("/evaluations/{id}", get(evaluation::show)),
-        ("/datasets", get(lists::show::<Dataset>)),
+        ("/upload", get(upload::show)),
+        ("/datasets", get(lists::show::<Dataset>).post(upload::recordings)),
         ("/datasets/{id}", get(dataset::show).merge(labels::form(ItemKind::Dataset))),
         ("/datasets/{id}/verify", post(dataset::verify)),
         ("/checkpoints", get(lists::show::<Checkpoint>)),
         ("/checkpoints/{id}", get(checkpoint::show).merge(labels::form(ItemKind::Checkpoint))),
-        ("/robots", get(lists::show::<Robot>)),
+        ("/robots", get(lists::show::<Robot>).post(upload::robot)),
         ("/robots/{id}", get(robot::show)),
         ("/robots/{id}/delete", post(robot::delete)),
         ("/workers", get(workers::show)),

@@ -7,6 +7,7 @@ use axum::http::header::LOCATION;
 use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
 use spec::ImportSpec;
+use store::Labels;
 use utoipa::{IntoParams, ToSchema};
 use wire::Job;
 
@@ -34,8 +35,8 @@ pub struct UploadParameters {
 #[derive(ToSchema)]
 #[expect(dead_code, reason = "a shape for the document; `IncomingFiles` reads it")]
 pub struct UploadForm {
-    /// The import spec. It may leave out `kind`, `file` and, if the part `file` has a media type,
-    /// `format`. With several files, `files` is filled in: each name is that of a part without its
+    /// The import spec. It may leave out `kind`, `file` and, if the media type or the name of the
+    /// part `file` tells it, `format`. With several files, `files` is filled in: each name is that of a part without its
     /// extension. If the spec lists `files`, those that the server has need not be sent.
     spec: ImportSpec,
     /// A file. The part may be repeated.
@@ -83,7 +84,7 @@ pub async fn create(
     files: IncomingFiles,
 ) -> Result<Response, ApiError> {
     let reuse = if parameters.force { Reuse::Never } else { Reuse::SameDigest };
-    let submitted = app.import(files, reuse, key).await?;
+    let submitted = app.import(files, reuse, key, Labels::default()).await?;
     let status = if submitted.created { StatusCode::ACCEPTED } else { StatusCode::OK };
     let location = format!("/v1/jobs/{}", submitted.job.id);
     Ok((status, [(LOCATION, location)], Json(submitted.job)).into_response())

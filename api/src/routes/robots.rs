@@ -1,14 +1,11 @@
 //! Robots: adding and deleting them, and their files.
 
-use std::collections::BTreeSet;
-
 use axum::Json;
 use axum::extract::State;
 use axum::http::header::LOCATION;
 use axum::http::{HeaderMap, Method, StatusCode};
 use axum::response::{IntoResponse, Response};
 use spec::RobotDescription;
-use urdf::Options;
 use utoipa::IntoParams;
 use wire::{RemovedRobot, Robot};
 
@@ -67,7 +64,7 @@ pub async fn create(
     pairs: QueryPairs,
     text: RobotText,
 ) -> Result<Response, ApiError> {
-    let (sent, name) = read(pairs, text)?;
+    let (sent, name) = SentRobot::from(text).with(pairs.0)?;
     let (robot, is_new) = app.add_robot(sent, name).await?;
     let location = format!("/v1/robots/{}", robot.id);
     let status = if is_new { StatusCode::CREATED } else { StatusCode::OK };
@@ -111,42 +108,4 @@ pub async fn remove(
     Path(id): Path<i64>,
 ) -> Result<Json<RemovedRobot>, ApiError> {
     Ok(Json(app.remove_robot(id).await?))
-}
-
-/// The robot and the name that a request gives it.
-fn read(pairs: QueryPairs, text: RobotText) -> Result<(SentRobot, Option<String>), ApiError> {
-    let (mut options, mut name) = (Options::default(), None);
-    let mut seen = BTreeSet::new();
-    for (parameter, value) in pairs.0 {
-        if parameter != "lock" && !seen.insert(parameter.clone()) {
-            return Err(ApiError::parameter(&parameter, value, "given once"));
-        }
-        if parameter != "name" && matches!(text, RobotText::Description(_)) {
-            let allowed = "left out: it is only for a URDF; edit the description instead";
-            return Err(ApiError::parameter(&parameter, value, allowed));
-        }
-        let refused = |allowed: &str| ApiError::parameter(&parameter, &value, allowed);
-        match parameter.as_str() {
-            "name" => name = Some(value),
-            "base" => options.base = Some(value),
-            "tip" => options.tip = Some(value),
-            "lock" => {
-                let (joint, position) = urdf::read_lock(&value).map_err(refused)?;
-                if options.locks.insert(joint, position).is_some() {
-                    return Err(refused("each joint once"));
-                }
-            }
-            "mount" => options.mount = urdf::read_mount(&value).map_err(refused)?,
-            "nearest_physical" => {
-                let word = value.parse();
-                options.nearest_physical = word.map_err(|_| refused("true, false"))?;
-            }
-            _ => {}
-        }
-    }
-    let sent = match text {
-        RobotText::Urdf(text) => SentRobot::Urdf(text, options),
-        RobotText::Description(text) => SentRobot::Description(text),
-    };
-    Ok((sent, name))
 }

@@ -7,6 +7,7 @@ use serde_json::{Value, json};
 use spec::{Digest, RobotModel};
 
 use crate::fixture::{Server, TestResponse, small_training};
+use crate::uploads::{FORM, form};
 
 /// An arm of two links, with a finger that slides.
 const URDF: &str = r#"<robot name="lamp"><link name="foot"/>
@@ -243,6 +244,40 @@ async fn robots_are_listed_without_their_descriptions() {
     assert_eq!(server.json("/v1/robots?text=LAMP").await["robots"].as_array().unwrap().len(), 1);
     let problem = server.get("/v1/robots?tag=a").await.problem(400);
     assert!(problem["detail"].as_str().unwrap().contains("query parameter is \"tag\""));
+}
+
+#[tokio::test]
+async fn the_page_takes_a_urdf_and_a_description() {
+    let server = Server::start().await;
+    let send_form = async |lock: &str, file: &str, content: &[u8]| {
+        let head = format!("; filename=\"{file}\"\r\nContent-Type: application/octet-stream");
+        let parts = [
+            ("name", "", &b""[..]),
+            ("lock", "", lock.as_bytes()),
+            ("nearest_physical", "", b""),
+            ("file", &head, content),
+        ];
+        let request = Request::post("/robots").header(HOST, "127.0.0.1:7070");
+        server.send(request.header(CONTENT_TYPE, FORM).body(form(&parts)).unwrap()).await
+    };
+    let answer = send_form("slide=0.05", "lamp.urdf", URDF.as_bytes()).await;
+    assert_eq!((answer.status.as_u16(), answer.header("location")), (303, "/robots/1"));
+    let robot = server.json("/v1/robots/1").await;
+    assert_eq!((&robot["name"], &robot["joints"]), (&json!("lamp"), &json!(2)));
+    let mut described = robot["description"].clone();
+    described["name"] = json!("another lamp");
+    let answer = send_form("", "lamp.JSON", described.to_string().as_bytes()).await;
+    assert_eq!(answer.header("location"), "/robots/2", "{answer:?}");
+
+    let refused = send_form("slide", "lamp.urdf", URDF.as_bytes()).await;
+    assert_eq!(refused.status, 400, "{refused:?}");
+    assert!(refused.text().contains("value=\"slide\""), "{}", refused.text());
+    let refused = send_form("", "lamp.urdf", b"<robot").await;
+    assert_eq!(refused.status, 422, "{refused:?}");
+    let large = " ".repeat(urdf::MAX_BYTES + 1);
+    let refused = send_form("", "lamp.urdf", large.as_bytes()).await;
+    assert_eq!(refused.status, 413, "{refused:?}");
+    assert_eq!(server.json("/v1/robots").await["robots"].as_array().unwrap().len(), 2);
 }
 
 #[tokio::test]

@@ -13,6 +13,7 @@ use spec::{Digest, JobKind};
 use store::{FileContent, ShardContents, object_path};
 
 use crate::fixture::{Server, TestResponse, bytes_of, small_training};
+use crate::robots::added;
 
 const CSV: &[u8] = b"u1,u2\n1,2\n";
 
@@ -40,7 +41,8 @@ pub async fn send_recordings(server: &Server) -> TestResponse {
     send(server, &path(&mapping()), "text/csv", Body::from(CSV)).await
 }
 
-fn form(parts: &[(&str, &str, &[u8])]) -> Body {
+/// A form with parts: name, further headers, content.
+pub fn form(parts: &[(&str, &str, &[u8])]) -> Body {
     let mut body = Vec::new();
     for (name, more, content) in parts {
         let head = format!("--B\r\nContent-Disposition: form-data; name=\"{name}\"{more}\r\n\r\n");
@@ -50,7 +52,7 @@ fn form(parts: &[(&str, &str, &[u8])]) -> Body {
     Body::from(body)
 }
 
-const FORM: &str = "multipart/form-data; boundary=B";
+pub const FORM: &str = "multipart/form-data; boundary=B";
 const FILE: &str = "; filename=\"arm.csv\"\r\nContent-Type: text/csv";
 
 /// The number of files in the server's folder that come from uploads, committed or not.
@@ -131,6 +133,50 @@ async fn the_files_of_a_form_become_one_dataset() {
     let answer = send_form(&more, &[("file", FILE, b"u1,u2\n5,6\n")]).await;
     assert_eq!(answer.status, StatusCode::ACCEPTED, "{answer:?}");
     assert_eq!(answer.json()["spec"]["files"], more["files"]);
+}
+
+#[tokio::test]
+async fn the_page_takes_recordings_of_a_robot() {
+    let server = Server::start().await;
+    let robot = added(&server).await["id"].to_string();
+    let columns = json!({"u": ["u1", "u2"], "q": ["q1", "q2"]});
+    let spec = json!({"columns": columns, "samples": 9}).to_string();
+    let unnamed = "; filename=\"log.csv\"\r\nContent-Type: application/octet-stream";
+    let log = ("file", unnamed, &b"u1,u2,q1,q2\n1,1,0.1,0.1\n"[..]);
+    let send_form = async |spec: &str, robot: &str| {
+        let parts = [
+            ("spec", "", spec.as_bytes()),
+            ("robot", "", robot.as_bytes()),
+            ("name", "", b"<mine>"),
+            ("tags", "", b"lab a"),
+            log,
+        ];
+        send(&server, "/datasets", FORM, form(&parts)).await
+    };
+    let answer = send_form(&spec, &robot).await;
+    assert_eq!(answer.status, StatusCode::SEE_OTHER, "{answer:?}");
+    let job = server.json(&format!("/v1{}", answer.header("location"))).await;
+    assert_eq!((&job["name"], &job["tags"]), (&json!("<mine>"), &json!(["a", "lab"])));
+    assert_eq!(job["spec"]["robot"]["model"]["name"], "lamp", "{job:#}");
+    let again = send_form(&spec, &robot).await;
+    assert!(again.header("location").ends_with("?again=1"), "{again:?}");
+
+    // What was typed stays, and what is wrong stands above it.
+    let refused = send_form(&spec.replace('9', "1"), &robot).await;
+    assert_eq!(refused.status, StatusCode::UNPROCESSABLE_ENTITY);
+    for part in ["<code>samples</code> is 1", "&#60;mine&#62;", "selected>my lamp", "lab a"] {
+        assert!(refused.text().contains(part), "{part}: {}", refused.text());
+    }
+    for (spec, robot, part) in [("{", "", "a JSON object"), (&spec, "99", "robot.model.robot")] {
+        let refused = send_form(spec, robot).await;
+        assert_eq!(refused.status, StatusCode::UNPROCESSABLE_ENTITY, "{refused:?}");
+        assert!(refused.text().contains(part), "{part}: {}", refused.text());
+    }
+    let no_form = send(&server, "/datasets", "text/csv", Body::from(CSV)).await;
+    assert_eq!(no_form.status, StatusCode::BAD_REQUEST, "{no_form:?}");
+    let foreign = form(&[("colour", "", b"red"), log]);
+    let foreign = send(&server, "/datasets", FORM, foreign).await;
+    assert_eq!(foreign.status, StatusCode::BAD_REQUEST, "{foreign:?}");
 }
 
 #[tokio::test]

@@ -28,6 +28,9 @@ pub struct Conversion<I> {
     /// Index of the next row of `rows`.
     next: usize,
     recording: Option<Recording>,
+    /// The name of the file that `rows` are of, and whether they are its first.
+    file: Option<String>,
+    begins_file: bool,
     jumps: Jumps,
     frozen: Frozen,
     window: Window,
@@ -63,6 +66,8 @@ where
             rows: Rows::default(),
             next: 0,
             recording: None,
+            file: None,
+            begins_file: false,
             jumps: Jumps::new(&spec),
             frozen: Frozen::new(&spec),
             window: Window::new(&spec),
@@ -165,6 +170,9 @@ where
     fn read_rows(&mut self) -> Result<bool, E> {
         let Some(rows) = self.source.next().transpose()? else { return Ok(false) };
         self.cut_lines.extend(rows.cut_line.map(|line| (rows.file.clone(), line)));
+        if rows.file != self.file {
+            (self.file, self.begins_file) = (rows.file.clone(), true);
+        }
         self.rows = rows;
         self.next = 0;
         Ok(true)
@@ -208,7 +216,7 @@ where
         let name = self.rows.recording.as_ref().map(|names| &names[index]);
         let recording = self.recording.as_ref();
         let goes_on = recording.is_some_and(|recording| recording.name.as_ref() == name);
-        if !goes_on {
+        if !goes_on || std::mem::take(&mut self.begins_file) {
             let (name, place) = (name.cloned(), self.rows.place(index));
             self.end_recording()?;
             if let Some(keeper) = &mut self.keeper {

@@ -315,6 +315,7 @@ mod tests {
         let Command { log } = Command::parse_from(["identify"].iter().chain(flags));
         let mut robot = RobotModel::panda().description().clone();
         robot.joints.truncate(2);
+        robot.initial_state.center_rad.truncate(2);
         let reader = log.reader(&robot)?;
         let format = format_of(&path).unwrap_or(FileFormat::Csv);
         reader.spec(reader.of_flags(&path, format)?, format)

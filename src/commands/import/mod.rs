@@ -177,8 +177,7 @@ fn read_spec(path: &Path, files: &[PathBuf]) -> anyhow::Result<Value> {
 
 /// The format that the file's extension implies.
 pub fn format_of(file: &Path) -> Option<FileFormat> {
-    let extension = file.extension()?.to_str()?;
-    FileFormat::ALL.into_iter().find(|format| extension.eq_ignore_ascii_case(format.as_str()))
+    FileFormat::of_name(file.to_str()?)
 }
 
 /// The extensions that imply a format.

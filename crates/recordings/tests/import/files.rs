@@ -47,6 +47,17 @@ fn recordings_have_the_names_of_their_files() {
 }
 
 #[test]
+fn a_file_begins_a_recording_whatever_the_names() {
+    let named = |name: &str| Recordings::of(&[40]).csv().replace("arm 0", name);
+    let spec = spec("csv", &json!({}));
+    let files = vec![("a", named("b/c")), ("a/b", named("c"))];
+    let Imported { table, counts, .. } = convert(rows(files, &spec), &spec).unwrap();
+    assert_eq!((counts.recordings, counts.trajectories), (2, 2));
+    let names: Vec<_> = table.column(1).as_string::<i32>().iter().flatten().collect();
+    assert_eq!(names, ["a/b/c"; 2]);
+}
+
+#[test]
 fn faults_and_warnings_name_the_file() {
     let spec = spec("csv", &json!({}));
     let good = || ("mon", Recordings::of(&[40]).csv());
@@ -60,7 +71,8 @@ fn faults_and_warnings_name_the_file() {
 
     let mut cut = Recordings::of(&[41]).csv();
     cut.truncate(cut.len() - 30);
-    let Imported { counts, .. } = convert(rows(vec![("mon", cut), good()], &spec), &spec).unwrap();
+    let files = vec![("sun", cut), good()];
+    let Imported { counts, .. } = convert(rows(files, &spec), &spec).unwrap();
     let [warning] = counts.warnings.as_slice() else { panic!("{:?}", counts.warnings) };
-    assert!(warning.starts_with("file \"mon\", line 42"), "{warning}");
+    assert!(warning.starts_with("file \"sun\", line 42"), "{warning}");
 }

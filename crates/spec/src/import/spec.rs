@@ -124,6 +124,12 @@ impl FileFormat {
         }
     }
 
+    /// The format that the extension of a file's name implies.
+    pub fn of_name(name: &str) -> Option<Self> {
+        let extension = std::path::Path::new(name).extension()?.to_str()?;
+        Self::ALL.into_iter().find(|format| extension.eq_ignore_ascii_case(format.as_str()))
+    }
+
     /// The media type of an uploaded file in this format.
     pub const fn media_type(self) -> &'static str {
         match self {
