@@ -335,6 +335,44 @@ test("an arm and its logs are uploaded, refused with what is wrong, and become a
   assertClean();
 });
 
+test("the keyboard searches, walks through a list, ticks, and goes to other pages", async () => {
+  await page.goto(`${product.url}/runs`);
+  const focused = (what) => page.evaluate((what) => document.activeElement[what], what);
+  await page.keyboard.press("/");
+  assert.equal(await focused("name"), "text");
+  await page.keyboard.type("j?");
+  assert.equal(await focused("value"), "j?");
+  await page.evaluate(() => document.activeElement.blur());
+  const links = page.locator("td.name > a");
+  const [first, second] = [await links.nth(0).getAttribute("href"), await links.nth(1).getAttribute("href")];
+  await page.keyboard.press("j");
+  await page.keyboard.press("j");
+  assert.ok((await focused("href")).endsWith(second));
+  await page.keyboard.press("x");
+  await page.keyboard.press("k");
+  assert.ok((await focused("href")).endsWith(first));
+  assert.deepEqual(await page.locator("td.tick input").evaluateAll((all) => all.slice(0, 2).map((it) => it.checked)), [false, true]);
+  await page.keyboard.press("Enter");
+  await page.waitForURL(`**${first}`);
+  await page.keyboard.press("g");
+  await page.keyboard.press("d");
+  await page.waitForURL("**/datasets");
+  await page.keyboard.press("?");
+  const keys = page.getByRole("dialog", { name: "Shortcuts" });
+  assert.match(await keys.innerText(), /g\s*d\s*Datasets/);
+  await keys.getByRole("checkbox").uncheck();
+  await keys.getByRole("button", { name: "Close" }).click();
+  await page.keyboard.press("?");
+  assert.equal(await keys.count(), 0);
+  await page.getByRole("button", { name: "Shortcuts" }).click();
+  await keys.getByRole("checkbox").check();
+  await page.keyboard.press("Escape");
+  await page.keyboard.press("g");
+  await page.keyboard.press("l");
+  await page.waitForURL("**/launch");
+  assertClean();
+});
+
 test("a sweep launches a job for each value", async () => {
   const training = await product.get(`/v1/jobs/${member("train")}`);
   await page.goto(`${product.url}/launch?job=${training.id}`);
