@@ -34,6 +34,8 @@ struct ComparePage {
     smoothing: f64,
     all: bool,
     figure: Option<String>,
+    /// The fields that differ, and whether curves are grouped by each.
+    groups: Vec<(String, bool)>,
     /// The numbers that differ, and whether each is drawn.
     numbers: Vec<(String, bool)>,
     /// The metric over one of them.
@@ -52,6 +54,8 @@ struct Asked {
     all: bool,
     /// The parameter over which the metric is drawn.
     against: Option<String>,
+    /// The field by whose values curves are grouped.
+    group: Option<String>,
 }
 
 pub async fn show(State(app): State<App>, pairs: QueryPairs) -> Result<Response, PageError> {
@@ -66,14 +70,24 @@ pub async fn show(State(app): State<App>, pairs: QueryPairs) -> Result<Response,
         Some(key) => vec![key.clone()],
         None => main_keys(&keys),
     };
+    let fields = comparison::differing(&runs);
+    let field = asked.group.filter(|field| fields.contains(field));
+    let groups = match &field {
+        None => comparison::repetitions(&runs),
+        Some(field) => comparison::sharing(&runs, field),
+    };
+    let name_of = |places: &[usize]| match &field {
+        None => name_of_seeds(&runs, places),
+        Some(field) => name_of_group(&runs, places, field),
+    };
     let mut panels = Vec::new();
     for key in &drawn {
         let mut all = app.compared_curves(&found, key).await?;
-        let group = |places: Vec<usize>| Overlaid {
-            name: name_of(&runs, &places),
+        let group = |places: &Vec<usize>| Overlaid {
+            name: name_of(places),
             curves: places.iter().map(|&place| mem::take(&mut all[place])).collect(),
         };
-        let curves: Vec<Overlaid> = comparison::repetitions(&runs).into_iter().map(group).collect();
+        let curves: Vec<Overlaid> = groups.iter().map(group).collect();
         panels.push(overlaid(key, asked.over, asked.smoothing, &curves));
     }
     let figure = match &panels[..] {
@@ -96,6 +110,7 @@ pub async fn show(State(app): State<App>, pairs: QueryPairs) -> Result<Response,
         _ => None,
     };
     let page = ComparePage {
+        groups: fields.iter().map(|name| (name.clone(), Some(name) == field.as_ref())).collect(),
         scatter,
         numbers: numbers
             .keys()
@@ -119,8 +134,18 @@ pub async fn show(State(app): State<App>, pairs: QueryPairs) -> Result<Response,
     Ok(html(&page)?)
 }
 
+/// The name of the mean of runs that share a field's value.
+fn name_of_group(runs: &[Compared], places: &[usize], field: &str) -> String {
+    let value = comparison::value(&runs[places[0]], field);
+    let value = value.map_or_else(|| format!("no {field}"), |value| format!("{field} {value}"));
+    match places.len() {
+        1 => value,
+        several => format!("{value}, mean of {several} runs"),
+    }
+}
+
 /// The name of a curve: that of its run, or of all runs that repeat each other.
-fn name_of(runs: &[Compared], places: &[usize]) -> String {
+fn name_of_seeds(runs: &[Compared], places: &[usize]) -> String {
     let label =
         |place: usize| runs[place].label.split_once(' ').unwrap_or((&runs[place].label, ""));
     match places {
@@ -153,6 +178,7 @@ impl Asked {
             smoothing: 0.0,
             all: false,
             against: None,
+            group: None,
         };
         for (name, value) in pairs {
             match name.as_str() {
@@ -176,6 +202,7 @@ impl Asked {
                 }
                 "all" => asked.all = value == "1",
                 "against" => asked.against = Some(value.clone()),
+                "group" => asked.group = Some(value.clone()),
                 _ => {}
             }
         }

@@ -76,6 +76,27 @@ async fn a_metric_is_drawn_over_a_parameter_that_differs() {
 }
 
 #[tokio::test]
+async fn curves_are_grouped_by_the_value_of_a_parameter() {
+    let server = Server::with_small_pipeline().await;
+    for (seed, steps) in [(1, 20), (2, 20), (3, 30)] {
+        let mut training = small_training(&json!({"dataset": 1}));
+        (training["seed"], training["steps"]) = (json!(seed), json!(steps));
+        server.submitted(&training).await;
+        server.work().await;
+    }
+    let query = "?run=3,4,5&metric=train/loss";
+    let by_seeds = page(&server, query).await;
+    assert!(by_seeds.contains("mean of 2 seeds"), "{by_seeds}");
+    assert!(!by_seeds.contains("<option>seed</option>"), "seeds are no parameter");
+    let by_steps = page(&server, &format!("{query}&group=steps")).await;
+    for part in ["steps 20, mean of 2 runs", ">steps 30<", "<option selected>steps"] {
+        assert!(by_steps.contains(part), "{part}: {by_steps}");
+    }
+    let other = page(&server, &format!("{query}&group=colour")).await;
+    assert!(other.contains("mean of 2 seeds"), "another name is no mistake");
+}
+
+#[tokio::test]
 async fn a_comparison_that_is_not_allowed_names_the_parameter() {
     let server = Server::with_small_pipeline().await;
     let many = (1..=33).map(|id| format!("run={id}")).collect::<Vec<_>>().join("&");

@@ -99,7 +99,6 @@ pub fn numbers(runs: &[Compared]) -> BTreeMap<String, Vec<Option<f64>>> {
     let specs: Vec<BTreeMap<String, &Value>> =
         runs.iter().map(|run| fields(&run.parameters)).collect();
     let names: BTreeSet<&String> = specs.iter().flat_map(BTreeMap::keys).collect();
-    let is_seed = |name: &str| name == "seed" || name.ends_with(".seed");
     let differing = names.into_iter().filter(|name| !is_seed(name)).filter_map(|name| {
         let values: Vec<Option<f64>> =
             specs.iter().map(|spec| spec.get(name).and_then(|value| value.as_f64())).collect();
@@ -114,16 +113,48 @@ pub fn numbers(runs: &[Compared]) -> BTreeMap<String, Vec<Option<f64>>> {
 /// is in one group, and groups are in the order of their first runs.
 pub fn repetitions(runs: &[Compared]) -> Vec<Vec<usize>> {
     let without_seeds = |run: &Compared| {
-        let is_other = |(name, _): &(String, &Value)| {
-            name != "seed" && !name.ends_with(".seed") && !name.starts_with("execution.")
-        };
+        let is_other =
+            |(name, _): &(String, &Value)| !is_seed(name) && !name.starts_with("execution.");
         let fields = fields(&run.parameters).into_iter().filter(is_other);
         fields.map(|(name, value)| (name, value.clone())).collect::<BTreeMap<String, Value>>()
     };
     let specs: Vec<BTreeMap<String, Value>> = runs.iter().map(without_seeds).collect();
+    equal(&specs)
+}
+
+/// The places of runs that have the same value of a field, in the order of their first runs. Runs
+/// without the field are a group.
+pub fn sharing(runs: &[Compared], field: &str) -> Vec<Vec<usize>> {
+    let value = |run: &Compared| fields(&run.parameters).get(field).map(|it| (*it).clone());
+    equal(&runs.iter().map(value).collect::<Vec<Option<Value>>>())
+}
+
+/// The value of a field of a run's spec, in words.
+pub fn value(run: &Compared, field: &str) -> Option<String> {
+    fields(&run.parameters).get(field).map(|value| words(value))
+}
+
+/// The fields of the runs' specs that differ, by their paths, seeds left out.
+pub fn differing(runs: &[Compared]) -> Vec<String> {
+    let specs: Vec<BTreeMap<String, &Value>> =
+        runs.iter().map(|run| fields(&run.parameters)).collect();
+    let names: BTreeSet<&String> = specs.iter().flat_map(BTreeMap::keys).collect();
+    let differs = |name: &&String| {
+        let values: Vec<_> = specs.iter().map(|spec| spec.get(*name)).collect();
+        !is_seed(name) && values.windows(2).any(|pair| pair[0] != pair[1])
+    };
+    names.into_iter().filter(differs).cloned().collect()
+}
+
+fn is_seed(name: &str) -> bool {
+    name == "seed" || name.ends_with(".seed")
+}
+
+/// The places of equal values, in the order of the first of each.
+fn equal<T: PartialEq>(values: &[T]) -> Vec<Vec<usize>> {
     let mut groups: Vec<Vec<usize>> = Vec::new();
-    for (place, spec) in specs.iter().enumerate() {
-        match groups.iter_mut().find(|group| specs[group[0]] == *spec) {
+    for (place, value) in values.iter().enumerate() {
+        match groups.iter_mut().find(|group| values[group[0]] == *value) {
             Some(group) => group.push(place),
             None => groups.push(vec![place]),
         }
@@ -158,13 +189,17 @@ fn fields(spec: &Value) -> BTreeMap<String, &Value> {
 }
 
 fn shown(value: &Value) -> Cell {
+    Cell::Text(words(value))
+}
+
+fn words(value: &Value) -> String {
     let text = match value {
         Value::String(text) => text.clone(),
         other => other.to_string(),
     };
     match text.char_indices().nth(LONGEST) {
-        Some((end, _)) => Cell::Text(format!("{}…", &text[..end])),
-        None => Cell::Text(text),
+        Some((end, _)) => format!("{}…", &text[..end]),
+        None => text,
     }
 }
 
@@ -248,6 +283,17 @@ mod tests {
     #[test]
     fn runs_that_differ_in_their_seeds_repeat_each_other() {
         assert_eq!(repetitions(&three()), [vec![0, 2], vec![1]]);
+    }
+
+    #[test]
+    fn runs_are_grouped_by_the_value_of_a_field() {
+        let mut runs = three();
+        runs[2].parameters["model"] = json!("robomorph");
+        assert_eq!(differing(&runs), ["model", "optimizer.learning_rate"]);
+        assert_eq!(sharing(&runs, "model"), [vec![0, 1], vec![2]]);
+        assert_eq!(sharing(&runs, "optimizer.learning_rate"), [vec![0, 2], vec![1]]);
+        assert_eq!(value(&runs[2], "model").as_deref(), Some("robomorph"));
+        assert_eq!(value(&runs[0], "model"), None);
     }
 
     #[test]
