@@ -13,9 +13,10 @@ use crate::app::datasets::data_of;
 use crate::error::ApiError;
 use crate::extract::Path;
 use crate::page::answer::{InPage, PageError, html};
+use crate::page::follow_up;
 use crate::page::labels::Labelled;
 use crate::page::lineage::Lineage;
-use crate::page::parts::{Commands, Fact, FileRow, Snippet};
+use crate::page::parts::{Commands, Fact, FileRow, Link, Snippet};
 use crate::page::predictions::{Drawn, DrawnFigure};
 use crate::page::spec_text::Specification;
 use crate::page::text;
@@ -35,6 +36,8 @@ struct CheckpointPage {
     marks: String,
     aliases: Vec<String>,
     metrics: Vec<Fact>,
+    /// Jobs that go on from it.
+    follow_ups: Vec<Link>,
     architecture: String,
     digest: String,
     short_digest: String,
@@ -97,6 +100,7 @@ pub async fn show(
         step: text::count(checkpoint.step),
         marks: checkpoint.marks().join(", "),
         metrics: facts(&checkpoint),
+        follow_ups: follow_up::of_checkpoint(id),
         snippets: snippets(&commands, id, &checkpoint.files, asked),
         drawn,
         evaluation: newest.map_or(0, |(job, _)| job.id),

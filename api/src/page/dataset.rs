@@ -13,9 +13,10 @@ use crate::app::App;
 use crate::app::datasets::data_of;
 use crate::extract::{Path, Query};
 use crate::page::answer::{InPage, PageError, html};
+use crate::page::follow_up;
 use crate::page::labels::Labelled;
 use crate::page::lineage::Lineage;
-use crate::page::parts::{Commands, Fact, FileRow, JobHeader, Snippet};
+use crate::page::parts::{Commands, Fact, FileRow, JobHeader, Link, Snippet};
 use crate::page::recordings::Imported;
 use crate::page::spec_text::Specification;
 use crate::page::verification::Checked;
@@ -43,6 +44,8 @@ struct DatasetPage {
     facts: Vec<Fact>,
     /// Whether it can be verified.
     complete: bool,
+    /// Jobs that go on from it.
+    follow_ups: Vec<Link>,
     checked: Checked,
     /// Torques beside the robot's, and the parameters of arms.
     tables: Vec<Table>,
@@ -104,6 +107,10 @@ pub async fn show(
         warnings,
         facts,
         complete: dataset.completed_at.is_some(),
+        follow_ups: match dataset.completed_at {
+            Some(_) => follow_up::of_dataset(&dataset),
+            None => Vec::new(),
+        },
         checked,
         tables,
         folded: Some(channels).filter(|table| !table.rows.is_empty()),

@@ -16,15 +16,17 @@ use crate::error::ApiError;
 use crate::extract::{Form, Query};
 use crate::limits::SPEC_FORM_BYTES;
 use crate::page::answer::{InPage, PageError, html};
+use crate::page::follow_up;
 use crate::page::parts::Commands;
 use crate::page::spec_form::{Changes, Group, groups, sweep, values_of};
 
 #[derive(Template)]
 #[template(path = "launch.html")]
 struct LaunchPage {
-    /// The job or the preset that the form begins with, in words; empty for neither.
+    /// What the form begins with, in words; empty for nothing.
     about: String,
-    /// The same in the form's own words: `job:3`, `preset:quickstart`; empty for neither.
+    /// The same in the form's own words: `job:3`, `preset:quickstart`, `dataset:3:train`; empty for
+    /// nothing.
     from: String,
     /// The inputs of its spec; none without a beginning.
     groups: Vec<Group>,
@@ -44,11 +46,12 @@ struct Choice {
     about: &'static str,
 }
 
-/// The query of the page: the job or the preset that its form begins with.
+/// The query of the page: the job, the preset or the follow-up that its form begins with.
 #[derive(Deserialize)]
 pub struct Begin {
     job: Option<i64>,
     preset: Option<String>,
+    from: Option<String>,
 }
 
 /// The fields of the form beside those of the spec.
@@ -79,7 +82,7 @@ impl Fields {
     }
 }
 
-/// The job or the preset that a form begins with.
+/// What a form begins with.
 struct Beginning {
     about: String,
     from: String,
@@ -91,7 +94,10 @@ struct Beginning {
 
 impl Beginning {
     async fn of(app: &App, from: &str) -> Result<Self, ApiError> {
-        let unknown = || ApiError::parameter("from", from, "job:ID or preset:NAME");
+        let unknown = || {
+            let allowed = "job:ID, preset:NAME, or a follow-up such as dataset:ID:train";
+            ApiError::parameter("from", from, allowed)
+        };
         let (kind, name) = from.split_once(':').ok_or_else(unknown)?;
         let (about, spec) = match kind {
             "job" => {
@@ -103,7 +109,7 @@ impl Beginning {
                 let preset = preset.ok_or_else(|| ApiError::not_found("preset", name))?;
                 (format!("The preset {name}: {}.", preset.about), preset.spec.clone())
             }
-            _ => return Err(unknown()),
+            _ => follow_up::beginning(app, from).await?.ok_or_else(unknown)?,
         };
         // A preset with fields that are not given yet, and a spec of another version, stay as they are.
         let complete = spec::parse_json(spec.clone()).map(|spec| spec.to_json());
@@ -118,12 +124,10 @@ pub async fn show(
     InPage(Query(begin)): InPage<Query<Begin>>,
     headers: HeaderMap,
 ) -> Result<Response, PageError> {
-    let from = match (begin.job, begin.preset) {
-        (Some(id), _) => format!("job:{id}"),
-        (None, Some(name)) => format!("preset:{name}"),
-        (None, None) => {
-            return Ok(html(&LaunchPage::new(None, Fields::default(), &headers))?);
-        }
+    let job = begin.job.map(|id| format!("job:{id}"));
+    let preset = begin.preset.map(|name| format!("preset:{name}"));
+    let Some(from) = job.or(preset).or(begin.from) else {
+        return Ok(html(&LaunchPage::new(None, Fields::default(), &headers))?);
     };
     let beginning = Beginning::of(&app, &from).await?;
     let fields = Fields { spec: readable(&beginning.written), ..Fields::default() };

@@ -10,6 +10,7 @@ mod docs;
 mod evaluation;
 mod experiments;
 mod filter_query;
+mod follow_up;
 mod instant;
 mod job;
 mod job_result;

@@ -11,9 +11,10 @@ use wire::{Robot, RobotUrdf};
 use crate::app::App;
 use crate::extract::Path;
 use crate::page::answer::{InPage, PageError, html};
+use crate::page::follow_up;
 use crate::page::instant::Instant;
 use crate::page::lists::Paged;
-use crate::page::parts::{Commands, Fact};
+use crate::page::parts::{Commands, Fact, Link};
 use crate::page::text;
 
 #[derive(Template)]
@@ -28,6 +29,8 @@ struct RobotPage {
     digest: String,
     short_digest: String,
     facts: Vec<Fact>,
+    /// Jobs that go on from it.
+    follow_ups: Vec<Link>,
     doubts: Vec<String>,
     /// Whether this version can draw and compute it.
     known: bool,
@@ -64,6 +67,7 @@ pub async fn show(
         digest: robot.digest.to_string(),
         short_digest: robot.digest.short(),
         facts: facts(&robot),
+        follow_ups: follow_up::of_robot(id),
         known: description.is_some(),
         from_urdf: robot.urdf.is_some(),
         reading: robot.urdf.as_ref().map(reading).unwrap_or_default(),

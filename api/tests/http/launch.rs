@@ -37,6 +37,49 @@ async fn a_preset_and_an_earlier_job_are_a_beginning() {
 }
 
 #[tokio::test]
+async fn results_lead_to_forms_of_jobs_that_go_on_from_them() {
+    let server = Server::with_small_pipeline().await;
+    crate::robots::added(&server).await;
+    let mut simulation = small_simulation(7);
+    simulation["robot"]["gravity"] = json!("on");
+    simulation["samples"] = json!(400);
+    server.submitted(&simulation).await;
+    server.work().await;
+    let jobs = server.json("/v1/jobs").await["jobs"].as_array().unwrap().len();
+    let with_weight = server.json("/v1/datasets").await["datasets"][0]["id"].clone();
+    let mut launched = 0;
+    for (path, words) in [
+        ("/datasets/1".to_owned(), &["Train on it", "Evaluate on it"][..]),
+        (format!("/datasets/{with_weight}"), &["Identify its arm"]),
+        ("/checkpoints/1".to_owned(), &["Evaluate it", "Fine-tune it"]),
+        ("/robots/1".to_owned(), &["Simulate arms like it"]),
+    ] {
+        let page = server.get(&path).await.text().to_owned();
+        assert_eq!(page.contains("Identify its arm"), words.contains(&"Identify its arm"));
+        for words in words {
+            let (before, _) = page.split_once(&format!("\">{words}</a>")).expect(words);
+            let (_, from) = before.rsplit_once("launch?from=").unwrap();
+            let form = server.get(&format!("/launch?from={from}")).await;
+            assert!(form.text().contains(&words.to_lowercase()), "{words}: {}", form.text());
+            let body = form_urlencoded::Serializer::new(String::new())
+                .append_pair("from", &from.replace("&#58;", ":"))
+                .finish();
+            let request = Request::post("/jobs").header("host", "127.0.0.1:7070");
+            let request = request.header("content-type", "application/x-www-form-urlencoded");
+            let answer = server.send(request.body(body.into()).unwrap()).await;
+            assert_eq!(answer.status, 303, "{words}: {}", answer.text());
+            launched += 1;
+        }
+    }
+    let all = server.json("/v1/jobs").await["jobs"].as_array().unwrap().len();
+    assert_eq!(all, jobs + launched, "each is a job of its own");
+    for from in ["dataset:1:eat", "dataset:x:train", "checkpoint:1:train", "dataset"] {
+        assert_eq!(server.get(&format!("/launch?from={from}")).await.status, 400, "{from}");
+    }
+    assert_eq!(server.get("/launch?from=robot:9:simulate").await.status, 404);
+}
+
+#[tokio::test]
 async fn a_spec_is_submitted_and_a_refused_one_stays_with_what_is_wrong() {
     let server = Server::start().await;
     let send = async |spec: &str, name: &str| {
