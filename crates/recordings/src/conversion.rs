@@ -214,9 +214,10 @@ where
         }
         let index = self.next;
         let name = self.rows.recording.as_ref().map(|names| &names[index]);
-        let recording = self.recording.as_ref();
+        let begins_file = std::mem::take(&mut self.begins_file);
+        let recording = self.recording.as_ref().filter(|_| !begins_file);
         let goes_on = recording.is_some_and(|recording| recording.name.as_ref() == name);
-        if !goes_on || std::mem::take(&mut self.begins_file) {
+        if !goes_on {
             let (name, place) = (name.cloned(), self.rows.place(index));
             self.end_recording()?;
             if let Some(keeper) = &mut self.keeper {
