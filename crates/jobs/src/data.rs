@@ -87,10 +87,10 @@ impl References<'_> {
         }
     }
 
-    /// Refuses a file that nobody has sent.
-    pub async fn check_sent(&self, file: Digest, field: &str) -> Result<(), SubmissionError> {
-        if self.store.upload(file).await?.is_some() {
-            return Ok(());
+    /// The name of a file. Refuses one that nobody has sent.
+    pub async fn check_sent(&self, file: Digest, field: &str) -> Result<String, SubmissionError> {
+        if let Some(upload) = self.store.upload(file).await? {
+            return Ok(upload.name);
         }
         let newest = self.store.newest_uploads(newest().limit).await?;
         let known: Vec<String> = newest

@@ -18,6 +18,8 @@ pub(crate) struct Inputs {
     pub existing: Vec<CheckpointId>,
     /// Files that were sent.
     pub files: Vec<Digest>,
+    /// The names that their senders gave them.
+    pub file_names: Vec<String>,
 }
 
 impl Inputs {

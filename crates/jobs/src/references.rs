@@ -97,7 +97,10 @@ impl<'a> References<'a> {
                     inputs.trainings.push((training, data));
                 }
                 Referred::File(file) => match self.check_sent(*file, &field).await {
-                    Ok(()) => inputs.files.push(*file),
+                    Ok(name) => {
+                        inputs.files.push(*file);
+                        inputs.file_names.push(name);
+                    }
                     Err(SubmissionError::Spec(error)) => unsent.append(error),
                     Err(other) => return Err(other),
                 },

@@ -28,7 +28,9 @@ use crate::{EvaluationError, Predictor};
 /// Residuals are measured minus simulated positions, [`COMPARED_HZ`] times a second. The simulation
 /// is set to the measured position at the end of the context and every [`STRETCH_S`] before it. It
 /// keeps its velocity if damping soon forgets it, and is otherwise set to the slope of the measured
-/// positions: an unknown load would drive the velocity of a lightly damped arm away. The horizon of
+/// positions: an unknown load would drive the velocity of a lightly damped arm away. Such a slope has
+/// an error of its own, which grows into all positions of its stretch, and [`Stretch::weigh`]
+/// counts what it may explain for less. The horizon of
 /// such an arm begins at [`end_state`] if all of it was fitted, because a wrong arm misleads that
 /// filter. This is multiple shooting. Over longer stretches, an arm that gravity makes unstable depends too sharply on its parameters to be
 /// fitted. The assumed noise of the residuals is their current size, at least [`NOISE`], so that
@@ -62,6 +64,8 @@ const NOISE: f64 = 1e-4;
 /// Rate at which positions are compared, Hz. At higher rates, neighbouring positions of slow arms
 /// add no information.
 const COMPARED_HZ: f64 = 15.0;
+/// Variance of a velocity to which a simulation is set, in that of a compared position, 1/s².
+const VELOCITY_VARIANCE: f64 = 100.0;
 /// Root mean square of the change of positions that a forward difference aims at, rad. It is far
 /// above rounding, and small enough to be linear.
 const CHANGE: f64 = 1e-3;
@@ -128,13 +132,19 @@ impl Identification {
             (!self.forgets)
                 .then(|| Joints::from_fn(joints, |joint| slope_at(track, sample, joint, rate_hz)))
         };
+        let anchors = anchors(positions, joints, whole(rate_hz * STRETCH_S), velocity);
+        let stride = whole(rate_hz / COMPARED_HZ);
         let mut fit = Fit {
             arm: self,
             torques: &torques[..known],
             positions,
             start: Start::of(positions, joints, rate_hz),
-            anchors: anchors(positions, joints, whole(rate_hz * STRETCH_S), velocity),
-            stride: whole(rate_hz / COMPARED_HZ),
+            stretches: match self.forgets {
+                true => Vec::new(),
+                false => stretches(&anchors, known / joints, stride, rate_hz),
+            },
+            anchors,
+            stride,
         };
         let fitted = fit.solve(interrupt);
         let nominal = Parameters::zeros(self.prior.parameters());
@@ -178,6 +188,47 @@ fn anchors(
     let mut anchors: Vec<Anchor> = measured.map(anchor).collect();
     anchors.reverse();
     anchors
+}
+
+/// Compared positions from one anchor to the next, whose errors are alike where the velocity at the
+/// anchor is wrong.
+struct Stretch {
+    /// The index of the first of them among the compared ones, which begin with the last sample.
+    first: usize,
+    /// The times of each since the anchor, s.
+    times_s: Vec<f64>,
+}
+
+impl Stretch {
+    /// Makes the errors of a stretch, whose covariance is I + [`VELOCITY_VARIANCE`] t tᵀ in time t
+    /// since the anchor, independent and of variance 1. `values` are errors `[sample, joint]`.
+    fn weigh(&self, values: &mut [f64], joints: usize) {
+        let square: f64 = self.times_s.iter().map(|time| time * time).sum();
+        let share = (1.0 - 1.0 / (1.0 + VELOCITY_VARIANCE * square).sqrt()) / square;
+        for joint in 0..joints {
+            let at = |k: usize| (self.first + k) * joints + joint;
+            let drift: f64 =
+                self.times_s.iter().enumerate().map(|(k, time)| time * values[at(k)]).sum();
+            for (k, time) in self.times_s.iter().enumerate() {
+                values[at(k)] -= share * drift * time;
+            }
+        }
+    }
+}
+
+/// The stretches of every `stride`th of so many samples, from the last one backwards.
+fn stretches(anchors: &[Anchor], samples: usize, stride: usize, rate_hz: f64) -> Vec<Stretch> {
+    let mut found: Vec<(usize, Stretch)> = Vec::new();
+    for (index, sample) in (1..samples).rev().step_by(stride).enumerate() {
+        let before = anchors.iter().rev().map(|anchor| anchor.sample);
+        let from = before.into_iter().find(|anchor| *anchor < sample).unwrap_or(0);
+        let time_s = (sample - from) as f64 / rate_hz;
+        match found.last_mut() {
+            Some((anchor, stretch)) if *anchor == from => stretch.times_s.push(time_s),
+            _ => found.push((from, Stretch { first: index, times_s: vec![time_s] })),
+        }
+    }
+    found.into_iter().map(|(_, stretch)| stretch).collect()
 }
 
 impl Predictor for Identification {
@@ -243,6 +294,8 @@ struct Fit<'a> {
     anchors: Vec<Anchor>,
     /// Samples between two compared positions.
     stride: usize,
+    /// The stretches whose first velocities are slopes.
+    stretches: Vec<Stretch>,
 }
 
 impl Fit<'_> {
@@ -306,9 +359,9 @@ impl Fit<'_> {
         let (center, neighbours) = simulated.split_at(self.positions.len());
         let mut jacobian = DMatrix::zeros(parameters, self.kept(center).count());
         for (parameter, neighbour) in neighbours.chunks_exact(self.positions.len()).enumerate() {
-            for (k, (ahead, behind)) in self.kept(neighbour).zip(self.kept(center)).enumerate() {
-                jacobian[(parameter, k)] = (ahead - behind) / differences[parameter];
-            }
+            let both = self.kept(neighbour).zip(self.kept(center));
+            let slopes = both.map(|(ahead, behind)| (ahead - behind) / differences[parameter]);
+            jacobian.set_row(parameter, &self.weighed(slopes).transpose());
         }
         Some(jacobian)
     }
@@ -331,7 +384,16 @@ impl Fit<'_> {
     /// Measured minus simulated positions.
     fn residuals(&self, simulated: &[f32]) -> DVector<f64> {
         let pairs = self.kept(self.positions).zip(self.kept(simulated));
-        DVector::from_vec(pairs.map(|(y, q)| y - q).collect())
+        self.weighed(pairs.map(|(y, q)| y - q))
+    }
+
+    /// Errors of the compared positions, without what wrong velocities at anchors make alike.
+    fn weighed(&self, errors: impl Iterator<Item = f64>) -> DVector<f64> {
+        let mut errors: Vec<f64> = errors.collect();
+        for stretch in &self.stretches {
+            stretch.weigh(&mut errors, self.arm.prior.joints());
+        }
+        DVector::from_vec(errors)
     }
 
     /// The compared positions: the last sample and every [`Fit::stride`]th one before it.
