@@ -22,7 +22,7 @@ use crate::limits::{BODY_BYTES, UPLOAD_NAME_BYTES, UPLOAD_TIMEOUT};
 const FORM_BYTES: u64 = 64 * 1024 + BODY_BYTES as u64;
 
 /// Bytes of a text in a form, besides the spec.
-const TEXT_BYTES: u64 = 4 * 1024;
+const TEXT_BYTES: usize = 4 * 1024;
 
 /// The parts of a form before its files.
 struct Texts {
@@ -192,7 +192,7 @@ async fn from_form(
     let boundary = multer::parse_boundary(declared).map_err(|error| form_error(&error, limit))?;
     let sizes = SizeLimit::new()
         .whole_stream(limit.saturating_add(FORM_BYTES))
-        .per_field(TEXT_BYTES)
+        .per_field(TEXT_BYTES as u64)
         .for_field("spec", BODY_BYTES as u64)
         .for_field("file", limit);
     let allowed = [texts.allowed, &["file"]].concat();
@@ -259,6 +259,9 @@ fn form_error(error: &multer::Error, limit: u64) -> ApiError {
         multer::Error::StreamSizeExceeded { .. } => ApiError::UploadTooLarge { limit },
         multer::Error::FieldSizeExceeded { field_name: Some(field), .. } if field == "file" => {
             ApiError::UploadTooLarge { limit }
+        }
+        multer::Error::FieldSizeExceeded { field_name: Some(field), .. } if field != "spec" => {
+            ApiError::BodyTooLarge { limit: TEXT_BYTES }
         }
         multer::Error::FieldSizeExceeded { .. } => ApiError::BodyTooLarge { limit: BODY_BYTES },
         error => ApiError::Form { reason: error.to_string() },

@@ -174,6 +174,10 @@ async fn the_page_takes_recordings_of_a_robot() {
     }
     let no_form = send(&server, "/datasets", "text/csv", Body::from(CSV)).await;
     assert_eq!(no_form.status, StatusCode::BAD_REQUEST, "{no_form:?}");
+    let long = form(&[("name", "", &[b'a'; 5000]), log]);
+    let long = send(&server, "/datasets", FORM, long).await;
+    assert_eq!(long.status, StatusCode::PAYLOAD_TOO_LARGE, "{long:?}");
+    assert!(long.text().contains("4096"), "{}", long.text());
     let foreign = form(&[("colour", "", b"red"), log]);
     let foreign = send(&server, "/datasets", FORM, foreign).await;
     assert_eq!(foreign.status, StatusCode::BAD_REQUEST, "{foreign:?}");
