@@ -41,7 +41,7 @@ const OF_PAGE: Texts = Texts {
 
 /// The files of a form of the page, with its texts.
 pub struct IncomingForm {
-    /// What was typed, by the inputs' names.
+    /// The typed texts, by the inputs' names.
     pub texts: Vec<(String, String)>,
     /// The files.
     pub files: IncomingFiles,

@@ -26,9 +26,9 @@ const PIECE: usize = 256 * 1024;
 
 /// A file of recordings, as an import reads it.
 pub struct RecordedFile {
-    /// Where it is.
+    /// Its path.
     pub path: PathBuf,
-    /// What its recordings are called, if there are several files.
+    /// The name of its recordings, if there are several files.
     pub name: Option<String>,
 }
 

@@ -8,7 +8,7 @@ use crate::app::App;
 use crate::error::ApiError;
 use crate::page::parts::Link;
 
-/// What a job does with a thing of the server.
+/// A job that goes on from a thing of the server.
 #[derive(Clone, Copy)]
 struct FollowUp {
     /// The kind of the thing, and the word for the job in addresses.

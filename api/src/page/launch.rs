@@ -23,10 +23,10 @@ use crate::page::spec_form::{Changes, Group, groups, sweep, values_of};
 #[derive(Template)]
 #[template(path = "launch.html")]
 struct LaunchPage {
-    /// What the form begins with, in words; empty for nothing.
+    /// The beginning of the form, in words; empty without one.
     about: String,
-    /// The same in the form's own words: `job:3`, `preset:quickstart`, `dataset:3:train`; empty for
-    /// nothing.
+    /// The same in the form's own words: `job:3`, `preset:quickstart`, `dataset:3:train`; empty
+    /// without one.
     from: String,
     /// The inputs of its spec; none without a beginning.
     groups: Vec<Group>,
@@ -82,7 +82,7 @@ impl Fields {
     }
 }
 
-/// What a form begins with.
+/// The beginning of a form.
 struct Beginning {
     about: String,
     from: String,

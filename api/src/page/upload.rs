@@ -37,7 +37,7 @@ struct Choice {
     name: String,
 }
 
-/// What was typed into a form, by the inputs' names.
+/// The typed texts of a form, by the inputs' names.
 struct Texts(Vec<(String, String)>);
 
 impl Texts {

@@ -138,8 +138,8 @@ where
         )))
     }
 
-    /// What was kept as it was measured: the first three minutes, for a check of their torques, or
-    /// [everything](Self::keeping_all). There is nothing if the spec names no robot, and nothing the
+    /// The rows that were kept as they were measured: the first three minutes, for a check of their
+    /// torques, or [everything](Self::keeping_all). There is nothing if the spec names no robot, and nothing the
     /// second time.
     pub fn take_measured(&mut self) -> Vec<Measured> {
         self.keeper.take().map(Keeper::recordings).unwrap_or_default()

@@ -215,7 +215,7 @@ impl LogReader<'_> {
         }
     }
 
-    /// What the first line of a text says of its columns.
+    /// The columns that the first line of a text names.
     fn header(&self, path: &Path) -> anyhow::Result<Header> {
         let mut first = String::new();
         BufReader::new(File::open(path)?).take(MAX_LINE_BYTES).read_line(&mut first)?;

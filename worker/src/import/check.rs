@@ -25,7 +25,7 @@ pub struct Rehearsal {
 
 /// A file that a rehearsal reads.
 pub struct RehearsedFile {
-    /// What its recordings are called, if there are several files.
+    /// The name of its recordings, if there are several files.
     pub recording: Option<String>,
     /// Its own name, for errors.
     pub name: String,
