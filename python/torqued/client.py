@@ -8,6 +8,7 @@ import pathlib
 import socket
 import time
 import urllib.parse
+import uuid
 
 DEFAULT_SERVER = "http://127.0.0.1:7070"
 FINAL_STATES = ("succeeded", "failed", "cancelled")
@@ -129,6 +130,29 @@ class Client:
             return self._json("POST", "/v1/robots", options, arm)
         return self._json("POST", "/v1/robots", options, arm.encode(), "application/xml")
 
+    def import_recordings(self, *files, mapping, force=False):
+        """Imports files of recordings as a dataset and returns the job. `files` are paths, and the dict `mapping` says
+        what their columns hold (docs/import.md).
+
+        Several files of the same columns become one dataset. Its recordings are called as the files are, without
+        their endings, so that no two may have the same name. A file whose name does not end with its format needs
+        `format` in the mapping. An import that was done before is reused unless `force`.
+        """
+        if not files:
+            raise ValueError("no files, allowed: one or more paths")
+        boundary = uuid.uuid4().hex
+        begin = f"--{boundary}\r\nContent-Disposition: form-data; name="
+        parts = [f'{begin}"spec"\r\n\r\n{json.dumps(mapping)}\r\n'.encode()]
+        for path in map(pathlib.Path, files):
+            name = path.name.replace("\\", "\\\\").replace('"', '\\"')
+            parts += [f'{begin}"file"; filename="{name}"\r\n\r\n'.encode(), path, b"\r\n"]
+        parts.append(f"--{boundary}--\r\n".encode())
+        length = sum(len(it) if isinstance(it, bytes) else it.stat().st_size for it in parts)
+        path = f"/v1/datasets?force={json.dumps(force)}"
+        media_type = f"multipart/form-data; boundary={boundary}"
+        with self._answer("POST", path, _pieces(parts), media_type, length) as answer:
+            return json.load(answer)
+
     def metric(self, run, key, points=None):
         """The points of a metric: dicts with `step`, `time` and `value`, at most `points` of them."""
         parameters = {} if points is None else {"points": points}
@@ -184,18 +208,25 @@ class Client:
         with self._answer(method, path, body, media_type) as answer:
             return json.load(answer)
 
-    def _answer(self, method, path, body=None, media_type="application/json"):
+    def _answer(self, method, path, body=None, media_type="application/json", length=None):
         """The answer to a request. It has a connection of its own, which closes with it. Bytes are sent as they are,
-        and any other body as JSON."""
+        pieces of `length` bytes together one after the other, and any other body as JSON."""
         headers = {"accept": "application/json, */*;q=0.5", "connection": "close"}
         if self._token:
             headers["authorization"] = f"Bearer {self._token}"
         if body is not None:
             headers["content-type"] = media_type
-            body = body if isinstance(body, bytes) else json.dumps(body).encode()
+            if length is not None:
+                headers["content-length"] = str(length)
+            elif not isinstance(body, bytes):
+                body = json.dumps(body).encode()
         connection = self._connection()
         try:
-            connection.request(method, self._base + path, body, headers)
+            try:
+                connection.request(method, self._base + path, body, headers)
+            except (BrokenPipeError, ConnectionResetError):
+                # A server that refuses a body answers before its end.
+                pass
             answer = connection.getresponse()
         except OSError as reason:
             connection.close()
@@ -235,6 +266,17 @@ def _problem(answer):
     except ValueError:
         problem = None
     return problem if isinstance(problem, dict) else {"detail": text.strip() or answer.reason}
+
+
+def _pieces(parts):
+    """Bytes as they are, and the contents of files."""
+    for part in parts:
+        if isinstance(part, bytes):
+            yield part
+            continue
+        with part.open("rb") as file:
+            while chunk := file.read(_CHUNK_BYTES):
+                yield chunk
 
 
 def _sha256(path):
