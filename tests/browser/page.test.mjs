@@ -344,16 +344,16 @@ test("the keyboard searches, walks through a list, ticks, and goes to other page
   assert.equal(await focused("value"), "j?");
   await page.evaluate(() => document.activeElement.blur());
   const links = page.locator("td.name > a");
-  const [first, second] = [await links.nth(0).getAttribute("href"), await links.nth(1).getAttribute("href")];
+  const [first, second] = await links.evaluateAll((all) => all.map((it) => it.href));
   await page.keyboard.press("j");
   await page.keyboard.press("j");
-  assert.ok((await focused("href")).endsWith(second));
+  assert.equal(await focused("href"), second);
   await page.keyboard.press("x");
   await page.keyboard.press("k");
-  assert.ok((await focused("href")).endsWith(first));
+  assert.equal(await focused("href"), first);
   assert.deepEqual(await page.locator("td.tick input").evaluateAll((all) => all.slice(0, 2).map((it) => it.checked)), [false, true]);
   await page.keyboard.press("Enter");
-  await page.waitForURL(`**${first}`);
+  await page.waitForURL(first);
   await page.keyboard.press("g");
   await page.keyboard.press("d");
   await page.waitForURL("**/datasets");
@@ -370,6 +370,8 @@ test("the keyboard searches, walks through a list, ticks, and goes to other page
   await page.keyboard.press("g");
   await page.keyboard.press("l");
   await page.waitForURL("**/launch");
+  // A page that is left at once stops loading its icon.
+  complaints = complaints.filter((it) => !it.endsWith("icon.svg failed"));
   assertClean();
 });
 

@@ -78,7 +78,9 @@ pub fn add(operation: &mut Value, method: &str, path: &str) {
             "content": {"application/problem+json": {"schema": schema}},
         });
     }
-    // It is refused before it is read, so the answer has no body.
+    // They are refused before they are read, so the answers have no body.
+    operation["responses"]["414"] =
+        json!({"description": format!("The address has almost {} KiB or more", HEAD_BYTES >> 10)});
     operation["responses"]["431"] = json!({
         "description": format!(
             "The head of the request has more than {} KiB or {HEAD_FIELDS} fields", HEAD_BYTES >> 10
