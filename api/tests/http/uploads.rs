@@ -161,7 +161,7 @@ async fn the_page_takes_recordings_of_a_robot() {
     let again = send_form(&spec, &robot).await;
     assert!(again.header("location").ends_with("?again=1"), "{again:?}");
 
-    // What was typed stays, and what is wrong stands above it.
+    // The form keeps its texts, and its fault stands above it.
     let refused = send_form(&spec.replace('9', "1"), &robot).await;
     assert_eq!(refused.status, StatusCode::UNPROCESSABLE_ENTITY);
     for part in ["<code>samples</code> is 1", "&#60;mine&#62;", "selected>my lamp", "lab a"] {

@@ -36,7 +36,7 @@ pub struct LogArguments {
     #[arg(long, value_name = "NUMBERS", value_delimiter = ',')]
     gains: Option<Vec<f64>>,
 
-    /// What stands between two columns of text
+    /// The character between two columns of text
     #[arg(long, value_name = "CHARACTER", default_value = ",")]
     separator: char,
 

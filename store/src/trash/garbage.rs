@@ -8,11 +8,11 @@ use std::time::Duration;
 use spec::Digest;
 use wire::ItemKind;
 
-use crate::database::column::json;
 use crate::database::query::{Row, sql};
 use crate::database::{Reading, Scope, Transaction};
 use crate::trash::leftovers::Leftovers;
-use crate::{Item, JobId, Store, StoreError, Timestamp, TrackedRunId, Upload, boxed};
+use crate::trash::unused_uploads::of_upload;
+use crate::{Item, JobId, Store, StoreError, Timestamp, TrackedRunId, boxed};
 
 /// When an item in the trash may be deleted permanently.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -65,7 +65,7 @@ pub(crate) struct Limit {
 const IN_ORDER: [ItemKind; 4] =
     [ItemKind::Checkpoint, ItemKind::Dataset, ItemKind::Run, ItemKind::Job];
 
-const PURGING: &str = "purging the trash";
+pub(super) const PURGING: &str = "purging the trash";
 
 impl Store {
     /// The things that [`Store::collect_garbage`] would delete, in the order of deletion.
@@ -136,7 +136,7 @@ impl Store {
         Ok(deleted)
     }
 
-    async fn limit(&self, ripe: Ripe) -> Result<Limit, StoreError> {
+    pub(super) async fn limit(&self, ripe: Ripe) -> Result<Limit, StoreError> {
         let (column, before) = match ripe {
             Ripe::AtItsDate { leap } => ("purge_at", leap),
             Ripe::After(age) => ("deleted_at", age),
@@ -208,39 +208,8 @@ impl Store {
         Ok(self.delete_uploads(uploads).await)
     }
 
-    /// Deletes files whose requests ended without an import, for example because one of several
-    /// files did not arrive.
-    async fn purge_unclaimed_uploads(
-        &self,
-        orphaned: Duration,
-    ) -> Result<Vec<Garbage>, StoreError> {
-        let sent_before = self.limit(Ripe::After(orphaned)).await?.moment;
-        // A submission may be about to refer to one of them.
-        let mut tx = self.begin(Scope::Queue, PURGING).await?;
-        let uploads = tx.delete_unclaimed_uploads(sent_before).await?;
-        tx.commit().await?;
-        Ok(self.delete_uploads(uploads).await)
-    }
-
-    /// Deletes the objects of uploads that have no row any more.
-    async fn delete_uploads(&self, uploads: Vec<Upload>) -> Vec<Garbage> {
-        let deleted = uploads.iter().map(of_upload).collect();
-        let paths = uploads.into_iter().map(|upload| upload.object.path);
-        self.objects().delete(paths.collect()).await;
-        deleted
-    }
-
     async fn delete_objects(&self, files: &[(String, u64)]) {
         self.objects().delete(files.iter().map(|(path, _)| path.clone()).collect()).await;
-    }
-}
-
-fn of_upload(Upload { name, object, .. }: &Upload) -> Garbage {
-    Garbage {
-        kind: GarbageKind::Upload(object.sha256),
-        name: name.clone(),
-        files: 1,
-        bytes: object.size,
     }
 }
 
@@ -340,29 +309,6 @@ impl Reading<'_> {
         };
         rows.iter().map(garbage).collect()
     }
-
-    /// Sent files that only purged jobs have read, or jobs among `jobs`.
-    pub async fn unread_uploads(&mut self, jobs: &[JobId]) -> Result<Vec<Upload>, StoreError> {
-        sql("SELECT * FROM upload WHERE EXISTS (SELECT 1 FROM job_input \
-                 WHERE digest = upload.sha256) AND NOT EXISTS (SELECT 1 FROM job_input JOIN job \
-                 ON job.id = job_input.job WHERE job_input.digest = upload.sha256 \
-                 AND job.purged_at IS NULL AND job.id NOT IN {ids $1}) ORDER BY sha256")
-        .bind(json(&jobs))
-        .all(self)
-        .await
-    }
-
-    /// Files sent before a moment that no job was ever to read.
-    pub async fn unclaimed_uploads(
-        &mut self,
-        sent_before: Timestamp,
-    ) -> Result<Vec<Upload>, StoreError> {
-        sql("SELECT * FROM upload WHERE created_at < $1 AND NOT EXISTS (SELECT 1 FROM job_input \
-                 WHERE digest = upload.sha256) ORDER BY sha256")
-        .bind(sent_before)
-        .all(self)
-        .await
-    }
 }
 
 impl Transaction {
@@ -448,29 +394,6 @@ impl Transaction {
             .await?;
         sql("DELETE FROM tracked_run WHERE id = $1").bind(run).changed(self).await?;
         rows.iter().map(|row| Ok((row.get("path")?, row.get("size")?))).collect()
-    }
-
-    /// Deletes sent files that only purged jobs have read. Returns them.
-    pub async fn delete_unread_uploads(&mut self) -> Result<Vec<Upload>, StoreError> {
-        sql(
-            "DELETE FROM upload WHERE EXISTS (SELECT 1 FROM job_input WHERE digest = upload.sha256) \
-             AND NOT EXISTS (SELECT 1 FROM job_input JOIN job ON job.id = job_input.job \
-                 WHERE job_input.digest = upload.sha256 AND job.purged_at IS NULL) RETURNING *",
-        )
-        .all(self)
-        .await
-    }
-
-    /// Deletes files sent before a moment that no job was ever to read. Returns them.
-    pub async fn delete_unclaimed_uploads(
-        &mut self,
-        sent_before: Timestamp,
-    ) -> Result<Vec<Upload>, StoreError> {
-        sql("DELETE FROM upload WHERE created_at < $1 AND NOT EXISTS (SELECT 1 FROM job_input \
-                 WHERE digest = upload.sha256) RETURNING *")
-        .bind(sent_before)
-        .all(self)
-        .await
     }
 
     /// Deletes rows of purged jobs that no other job refers to. Returns how many it deleted. After

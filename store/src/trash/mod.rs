@@ -21,6 +21,7 @@ pub(crate) mod leftovers;
 pub(crate) mod retention;
 pub(crate) mod rules;
 pub(crate) mod statements;
+mod unused_uploads;
 
 use std::time::Duration;
 
