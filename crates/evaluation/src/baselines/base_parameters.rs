@@ -2,7 +2,7 @@
 
 use dynamics::{Joints, Robot, mass_matrix};
 use models::Interrupt;
-use nalgebra::{Cholesky, DMatrix};
+use nalgebra::DMatrix;
 use rayon::prelude::*;
 use series::{JointMotion, Observed, Track, mean_torques};
 
@@ -29,9 +29,9 @@ use crate::{EvaluationError, Predictor};
 /// Velocities and accelerations are central differences of the smoothed positions, and the torques have the same weights ([`JointMotion::measured`]).
 /// Lengths are the nominal arm's. A lightly damped arm starts at [`end_state`], as `identification` does.
 ///
-/// If the mass matrix of the fitted arm is not positive definite along the context, or its simulation
-/// is not finite, the answer is that of the nominal arm. If that is not finite either, the answer is
-/// the last position.
+/// A fitted arm whose mass matrix is hardly positive definite along the context gets as much more armature as it lacks
+/// ([`LEAST_INERTIA`]) before it is simulated. If its simulation is not finite, the answer is that of
+/// the nominal arm. If that is not finite either, the answer is the last position.
 #[derive(Clone, Debug)]
 pub struct BaseParameters {
     arm: LinearArm,
@@ -40,6 +40,8 @@ pub struct BaseParameters {
 
 /// Poses of the context at which the mass matrix is checked.
 const CHECKED_POSES: usize = 32;
+/// Least eigenvalue of a mass matrix, as a share of the nominal arm's in the same pose.
+const LEAST_INERTIA: f64 = 0.2;
 
 impl BaseParameters {
     /// Fits arms like this one.
@@ -50,14 +52,25 @@ impl BaseParameters {
         }
     }
 
-    /// The arm that explains the context's torques, N·m, along its `positions`, rad. `None` if there is
-    /// none.
+    /// The arm that explains the context's torques, N·m, along its `positions`, rad. `None` if the
+    /// context is too short.
     fn fit(&self, torques: &[f32], positions: Track<'_>, rate_hz: f64) -> Option<FittedArm> {
         let (joints, known) = (positions.joints(), positions.values().len());
         let motion = JointMotion::measured(positions.values(), joints, rate_hz);
         let torques = mean_torques(&torques[..known], joints, rate_hz);
         let record = Record { motion: &motion, torques: &torques, rate_hz };
-        self.arm.fit(&record).filter(|fitted| is_movable(&fitted.robot, positions))
+        self.arm.fit(&record)
+    }
+
+    /// The robot with enough armature for the poses in `positions`.
+    fn movable(&self, robot: Robot, positions: Track<'_>) -> Robot {
+        let stride = positions.samples().div_ceil(CHECKED_POSES).max(1);
+        let lacking = |q: &[f32]| {
+            let q: Joints<f64> = q.iter().copied().map(f64::from).collect();
+            LEAST_INERTIA * least_inertia(self.arm.nominal(), q) - least_inertia(&robot, q)
+        };
+        let lacks = positions.iter().step_by(stride).map(lacking).fold(0.0, f64::max);
+        Robot { armature: robot.armature.map(|armature| armature + lacks), ..robot }
     }
 
     /// The arm, and positions `[sample, joint]` of the horizon. It is fitted to the `observed`
@@ -73,6 +86,7 @@ impl BaseParameters {
         let (joints, rate_hz) = (observed.joints(), observed.rate_hz());
         if let Some(fitted) = self.fit(torques, positions, rate_hz) {
             let FittedArm { robot, offset_nm } = fitted;
+            let robot = self.movable(robot, positions);
             let felt: Vec<f32> = torques
                 .chunks_exact(joints)
                 .flat_map(|u| u.iter().zip(&offset_nm).map(|(u, offset)| u - to_f32(*offset)))
@@ -94,15 +108,11 @@ impl BaseParameters {
     }
 }
 
-/// Whether the mass matrix of `robot` is positive definite along `positions`.
-fn is_movable(robot: &Robot, positions: Track<'_>) -> bool {
+/// The least eigenvalue of the mass matrix at `q`, kg m².
+fn least_inertia(robot: &Robot, q: Joints<f64>) -> f64 {
     let joints = robot.joints();
-    let stride = positions.samples().div_ceil(CHECKED_POSES).max(1);
-    positions.iter().step_by(stride).all(|q| {
-        let q: Joints<f64> = q.iter().copied().map(f64::from).collect();
-        let mass = mass_matrix(robot, q);
-        Cholesky::new(DMatrix::from_fn(joints, joints, |row, column| mass[row][column])).is_some()
-    })
+    let mass = mass_matrix(robot, q);
+    DMatrix::from_fn(joints, joints, |row, column| mass[row][column]).symmetric_eigenvalues().min()
 }
 
 impl Predictor for BaseParameters {
@@ -126,8 +136,8 @@ impl Predictor for BaseParameters {
         Ok(Answer { positions: positions.concat(), arms: Some(arms), samples: None })
     }
 
-    /// The torques of the fitted arms with their offsets. An answer has no offsets, so they are fitted
-    /// again.
+    /// The torques of the fitted arms with their offsets. An answer has no offsets and perhaps more
+    /// armature, so the arms are fitted again.
     fn torques(
         &self,
         observed: &Observed<'_>,
@@ -141,16 +151,14 @@ impl Predictor for BaseParameters {
         let observed = smoothed.as_ref().unwrap_or(observed);
         let of_robot = |(scenario, (arm, motion)): (usize, (&Robot, &JointMotion))| {
             interrupt.leave_if_raised();
-            let mut torques = torques_of_arm(arm, motion);
             let (u, y) = (observed.u(scenario).values(), observed.y(scenario));
-            if let Some(fitted) = self.fit(u, y, observed.rate_hz())
-                && fitted.robot == *arm
-            {
-                for torques in torques.chunks_exact_mut(arm.joints()) {
-                    torques.iter_mut().zip(&fitted.offset_nm).for_each(|(torque, offset)| {
-                        *torque += offset;
-                    });
-                }
+            let Some(fitted) = self.fit(u, y, observed.rate_hz()) else {
+                return torques_of_arm(arm, motion);
+            };
+            let mut torques = torques_of_arm(&fitted.robot, motion);
+            for torques in torques.chunks_exact_mut(arm.joints()) {
+                let each = torques.iter_mut().zip(&fitted.offset_nm);
+                each.for_each(|(torque, offset)| *torque += offset);
             }
             torques
         };
