@@ -35,11 +35,11 @@ pub(super) struct Record<'a> {
 /// Standard deviation of a parameter a priori, as a share of its nominal size. Descriptions of arms
 /// are about as wrong, and a load in the hand counts as part of the last link.
 const SPREAD: f64 = 0.3;
-/// Standard deviation of an offset, and of friction that the nominal arm lacks, as a share of the
-/// joint's torque (root mean square).
-const UNTOLD_SPREAD: f64 = 0.03;
+/// Least standard deviation a priori of the torque that one of a joint's own parameters explains (root mean square), as a share
+/// of the torque that the nominal arm leaves unexplained. Descriptions rarely have friction and rotors.
+const LEAST_JOINT_SPREAD: f64 = 0.3;
 /// φ2 of friction that the nominal arm lacks, s/rad: it rises within about 0.1 rad/s, as that of the Panda.
-const UNTOLD_STEEPNESS: f64 = 10.0;
+const MISSING_STEEPNESS: f64 = 10.0;
 /// Least mass, friction, damping and armature, as a share of the nominal one.
 const LEAST_SHARE: f64 = 0.02;
 /// Edge of the low-pass through which torques and regressors pass, Hz. Accelerations from measured positions are noise
@@ -49,15 +49,58 @@ const EDGE_HZ: f64 = 10.0;
 const UNCERTAIN_S: f64 = 0.05;
 /// Rate of the equations, Hz.
 const EQUATIONS_HZ: f64 = 60.0;
+
+/// The equations of one joint after the low-pass.
+struct Rows {
+    /// The place of each parameter on which the torque depends.
+    places: Vec<usize>,
+    /// The derivatives of the torque by them, `[instant, parameter]`.
+    matrix: DMatrix<f64>,
+    /// Torque that the nominal arm leaves unexplained, N·m.
+    residual: DVector<f64>,
+    /// Mean square of the torque.
+    power: f64,
+    /// The share of the equations that is independent of the others.
+    independent: f64,
+}
+
+impl Rows {
+    /// The equations of steps in these standard deviations a priori.
+    fn equations(&self, spreads: &DVector<f64>) -> Equations {
+        let Self { places, residual, .. } = self;
+        let mut matrix = self.matrix.clone();
+        for (mut column, &place) in matrix.column_iter_mut().zip(places) {
+            column *= spreads[place];
+        }
+        let (small, of_places) = (matrix.tr_mul(&matrix), matrix.tr_mul(residual));
+        let mut normal = DMatrix::zeros(spreads.len(), spreads.len());
+        let mut right = DVector::zeros(spreads.len());
+        for (row, &place) in places.iter().enumerate() {
+            right[place] = of_places[row];
+            for (column, &other) in places.iter().enumerate() {
+                normal[(place, other)] = small[(row, column)];
+            }
+        }
+        Equations {
+            normal,
+            right,
+            squares: residual.norm_squared(),
+            power: self.power,
+            count: residual.len() as f64,
+            independent: self.independent,
+        }
+    }
+}
+
 impl LinearArm {
     pub fn new(nominal: Robot) -> Self {
         let joints = nominal.joints();
-        let untold = || Friction {
+        let missing = || Friction {
             phi1_nm: Joints::splat(joints, 0.0),
-            phi2_s_rad: Joints::splat(joints, UNTOLD_STEEPNESS),
+            phi2_s_rad: Joints::splat(joints, MISSING_STEEPNESS),
             phi3_rad_s: Joints::splat(joints, 0.0),
         };
-        let friction = nominal.friction.clone().unwrap_or_else(untold);
+        let friction = nominal.friction.clone().unwrap_or_else(missing);
         Self { nominal, friction }
     }
 
@@ -84,30 +127,36 @@ impl LinearArm {
         DVector::from_vec(all)
     }
 
-    /// Standard deviations of the parameters a priori, where the joints' torques have these root mean
-    /// squares, N·m.
-    fn spreads(&self, torque_nm: &[f64]) -> DVector<f64> {
-        let Self { nominal, friction } = self;
+    /// Standard deviations of the parameters a priori.
+    fn spreads(&self, nominal: &DVector<f64>, rows: &[Rows]) -> DVector<f64> {
         let of_link = |link: &RigidBody| {
             let [mass, hx, hy, hz, xx, _, _, yy, _, zz] = link.parameters();
-            let moment = (hx * hx + hy * hy + hz * hz).sqrt();
             let inertia = (xx + yy + zz) / 3.0;
-            let mut spreads = [SPREAD * inertia; LINK_PARAMETERS];
+            // How far the link's mass is from the origin of its frame.
+            let length = if mass > 0.0 {
+                ((hx * hx + hy * hy + hz * hz).sqrt() / mass).max((inertia / mass).sqrt())
+            } else {
+                0.0
+            };
+            let mut spreads = [SPREAD * mass * length * length; LINK_PARAMETERS];
             spreads[0] = SPREAD * mass;
-            spreads[1..4].fill(SPREAD * moment);
+            spreads[1..4].fill(SPREAD * mass * length);
             spreads
         };
-        let untold = torque_nm.iter().map(|torque| UNTOLD_SPREAD * torque);
-        let frictions = friction.phi1_nm.iter().zip(untold.clone());
-        let frictions =
-            frictions.map(|(phi1, untold)| if *phi1 > 0.0 { SPREAD * phi1 } else { untold });
-        let links = nominal.links.iter().flat_map(of_link);
-        let told = |values: &Joints<f64>| values.map(|value| SPREAD * value);
-        let dampings = told(&nominal.damping).iter().copied().collect::<Vec<f64>>();
-        let armatures = told(&nominal.armature).iter().copied().collect::<Vec<f64>>();
-        let all: Vec<f64> =
-            links.chain(dampings).chain(frictions).chain(armatures).chain(untold).collect();
-        DVector::from_vec(all)
+        let links = self.nominal.links.iter().flat_map(of_link);
+        let mut spreads = DVector::from_iterator(
+            nominal.len(),
+            links.chain(nominal.iter().skip(self.of_joints()).map(|value| SPREAD * value)),
+        );
+        for Rows { places, matrix, residual, .. } in rows {
+            for (column, &place) in matrix.column_iter().zip(places) {
+                if place >= self.of_joints() {
+                    let least = LEAST_JOINT_SPREAD * residual.norm() / column.norm().max(1e-9);
+                    spreads[place] = spreads[place].max(least);
+                }
+            }
+        }
+        spreads
     }
 
     /// The arm of these parameters. A link without mass is the nominal one.
@@ -134,17 +183,10 @@ impl LinearArm {
 
     /// The most likely arm. `None` without equations.
     pub fn fit(&self, record: &Record<'_>) -> Option<FittedArm> {
-        let joints = self.joints();
         let nominal = self.nominal_parameters();
-        let torque_nm: Vec<f64> = (0..joints)
-            .map(|joint| {
-                let of_joint = record.torques.iter().skip(joint).step_by(joints);
-                let squares: f64 = of_joint.map(|torque| torque * torque).sum();
-                (squares / record.motion.instants().max(1) as f64).sqrt()
-            })
-            .collect();
-        let spreads = self.spreads(&torque_nm);
-        let equations = self.equations(record, &nominal, &spreads)?;
+        let rows = self.rows(record, &nominal)?;
+        let spreads = self.spreads(&nominal, &rows);
+        let equations: Vec<Equations> = rows.iter().map(|rows| rows.equations(&spreads)).collect();
         let least = self.least_steps(&nominal, &spreads);
         let steps = ridge(&equations, &least)?;
         let parameters = nominal + spreads.component_mul(&steps);
@@ -162,12 +204,7 @@ impl LinearArm {
     }
 
     /// The equations of each joint. `None` if the motion is too short.
-    fn equations(
-        &self,
-        record: &Record<'_>,
-        nominal: &DVector<f64>,
-        spreads: &DVector<f64>,
-    ) -> Option<Vec<Equations>> {
+    fn rows(&self, record: &Record<'_>, nominal: &DVector<f64>) -> Option<Vec<Rows>> {
         let (joints, instants) = (self.joints(), record.motion.instants());
         let uncertain = samples(UNCERTAIN_S * record.rate_hz);
         let stride = samples(record.rate_hz / EQUATIONS_HZ).max(1);
@@ -182,7 +219,7 @@ impl LinearArm {
         let smooth = |column: Vec<f64>| {
             low_pass.and_then(|low_pass| low_pass.apply(&column)).unwrap_or(column)
         };
-        let rows = self.regressors(record.motion);
+        let regressors = self.regressors(record.motion);
         let of_joint = |joint: usize| {
             let places: Vec<usize> = self.places(joint).collect();
             let mut matrix = DMatrix::zeros(kept.len(), places.len());
@@ -191,24 +228,13 @@ impl LinearArm {
             let mut residual = DVector::from_fn(kept.len(), |row, _| torques[kept[row]]);
             let power = residual.norm_squared() / kept.len() as f64;
             for (column, &place) in places.iter().enumerate() {
-                let values = smooth(rows[joint].column(column).iter().copied().collect());
+                let values = smooth(regressors[joint].column(column).iter().copied().collect());
                 for (row, &instant) in kept.iter().enumerate() {
                     residual[row] -= values[instant] * nominal[place];
-                    matrix[(row, column)] = values[instant] * spreads[place];
+                    matrix[(row, column)] = values[instant];
                 }
             }
-            let (small, of_places) = (matrix.tr_mul(&matrix), matrix.tr_mul(&residual));
-            let mut normal = DMatrix::zeros(nominal.len(), nominal.len());
-            let mut right = DVector::zeros(nominal.len());
-            for (row, &place) in places.iter().enumerate() {
-                right[place] = of_places[row];
-                for (column, &other) in places.iter().enumerate() {
-                    normal[(place, other)] = small[(row, column)];
-                }
-            }
-            let count = kept.len() as f64;
-            let squares = residual.norm_squared();
-            Equations { normal, right, squares, power, count, independent: independent.min(1.0) }
+            Rows { places, matrix, residual, power, independent: independent.min(1.0) }
         };
         Some((0..joints).map(of_joint).collect())
     }
