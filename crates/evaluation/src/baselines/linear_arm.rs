@@ -40,6 +40,10 @@ const SPREAD: f64 = 0.3;
 const LEAST_JOINT_SPREAD: f64 = 0.3;
 /// φ2 of friction that the nominal arm lacks, s/rad: it rises within about 0.1 rad/s, as that of the Panda.
 const MISSING_STEEPNESS: f64 = 10.0;
+/// φ2 of the steep shape of friction that is tried beside the nominal arm's, s/rad.
+const STEEP: f64 = 40.0;
+/// By how much the steep shape must be more likely, in nats.
+const CLEARLY: f64 = 2.0;
 /// Least mass, friction, damping and armature, as a share of the nominal one.
 const LEAST_SHARE: f64 = 0.02;
 /// Edge of the low-pass through which torques and regressors pass, Hz. Accelerations from measured positions are noise
@@ -160,7 +164,7 @@ impl LinearArm {
     }
 
     /// The arm of these parameters. A link without mass is the nominal one.
-    fn arm_of(&self, parameters: &DVector<f64>) -> FittedArm {
+    fn arm_of(&self, parameters: &DVector<f64>, friction: &Friction) -> FittedArm {
         let joints = self.joints();
         let mut robot = self.nominal.clone();
         for (link, of_link) in
@@ -176,21 +180,54 @@ impl LinearArm {
             Joints::from_fn(joints, |joint| parameters[self.of_joints() + kind * joints + joint])
         };
         robot.damping = of_joints(0);
-        robot.friction = Some(Friction { phi1_nm: of_joints(1), ..self.friction.clone() });
+        robot.friction = Some(Friction { phi1_nm: of_joints(1), ..friction.clone() });
         robot.armature = of_joints(2);
         FittedArm { robot, offset_nm: of_joints(3) }
     }
 
-    /// The most likely arm. `None` without equations.
+    /// The most likely arm. `None` without equations. Friction of each joint has the nominal arm's shape, or a steep
+    /// one if that is [`CLEARLY`] more likely.
     pub fn fit(&self, record: &Record<'_>) -> Option<FittedArm> {
+        let joints = self.joints();
+        let steep = Friction {
+            phi1_nm: self.friction.phi1_nm,
+            phi2_s_rad: Joints::splat(joints, STEEP),
+            phi3_rad_s: Joints::splat(joints, 0.0),
+        };
+        let (fitted, likelihoods) = self.fit_with(record, &self.friction)?;
+        let (_, of_steep) = self.fit_with(record, &steep)?;
+        let is_steep: Vec<bool> = likelihoods
+            .iter()
+            .zip(&of_steep)
+            .map(|(likelihood, of_steep)| of_steep - likelihood > CLEARLY)
+            .collect();
+        if !is_steep.contains(&true) {
+            return Some(fitted);
+        }
+        let chosen = |of: fn(&Friction) -> &Joints<f64>| {
+            let either = |joint: usize| if is_steep[joint] { &steep } else { &self.friction };
+            Joints::from_fn(joints, |joint| of(either(joint))[joint])
+        };
+        let mixed = Friction {
+            phi1_nm: self.friction.phi1_nm,
+            phi2_s_rad: chosen(|shape| &shape.phi2_s_rad),
+            phi3_rad_s: chosen(|shape| &shape.phi3_rad_s),
+        };
+        self.fit_with(record, &mixed).map(|(fitted, _)| fitted)
+    }
+
+    /// The most likely arm with this shape of friction, and the logarithm of the likelihood of each joint's torques.
+    fn fit_with(&self, record: &Record<'_>, friction: &Friction) -> Option<(FittedArm, Vec<f64>)> {
         let nominal = self.nominal_parameters();
-        let rows = self.rows(record, &nominal)?;
+        let rows = self.rows(record, &nominal, friction)?;
         let spreads = self.spreads(&nominal, &rows);
         let equations: Vec<Equations> = rows.iter().map(|rows| rows.equations(&spreads)).collect();
         let least = self.least_steps(&nominal, &spreads);
         let steps = ridge(&equations, &least)?;
         let parameters = nominal + spreads.component_mul(&steps);
-        parameters.iter().all(|value| value.is_finite()).then(|| self.arm_of(&parameters))
+        let likelihoods = equations.iter().map(|equations| equations.log_likelihood(&steps));
+        let is_finite = parameters.iter().all(|value| value.is_finite());
+        is_finite.then(|| (self.arm_of(&parameters, friction), likelihoods.collect()))
     }
 
     /// The least step of each parameter that must not become negative.
@@ -204,7 +241,12 @@ impl LinearArm {
     }
 
     /// The equations of each joint. `None` if the motion is too short.
-    fn rows(&self, record: &Record<'_>, nominal: &DVector<f64>) -> Option<Vec<Rows>> {
+    fn rows(
+        &self,
+        record: &Record<'_>,
+        nominal: &DVector<f64>,
+        friction: &Friction,
+    ) -> Option<Vec<Rows>> {
         let (joints, instants) = (self.joints(), record.motion.instants());
         let uncertain = samples(UNCERTAIN_S * record.rate_hz);
         let stride = samples(record.rate_hz / EQUATIONS_HZ).max(1);
@@ -219,7 +261,7 @@ impl LinearArm {
         let smooth = |column: Vec<f64>| {
             low_pass.and_then(|low_pass| low_pass.apply(&column)).unwrap_or(column)
         };
-        let regressors = self.regressors(record.motion);
+        let regressors = self.regressors(record.motion, friction);
         let of_joint = |joint: usize| {
             let places: Vec<usize> = self.places(joint).collect();
             let mut matrix = DMatrix::zeros(kept.len(), places.len());
@@ -248,7 +290,7 @@ impl LinearArm {
 
     /// The derivatives of each joint's torque by its parameters, `[instant, parameter]`, in the order of
     /// [`LinearArm::places`].
-    fn regressors(&self, motion: &JointMotion) -> Vec<DMatrix<f64>> {
+    fn regressors(&self, motion: &JointMotion, friction: &Friction) -> Vec<DMatrix<f64>> {
         let (joints, instants) = (self.joints(), motion.instants());
         let width = self.of_joints();
         let mut of_joint: Vec<DMatrix<f64>> = (0..joints)
@@ -264,7 +306,8 @@ impl LinearArm {
             torque_regressor(kinematics, *gravity, &q, &qd, &qdd, &mut regressor);
             for (joint, matrix) in of_joint.iter_mut().enumerate() {
                 let links = &regressor[joint * width..][LINK_PARAMETERS * joint..width];
-                let own = [qd[joint], self.friction_shape(joint, qd[joint]), qdd[joint], 1.0];
+                let shape = friction_shape(friction, joint, qd[joint]);
+                let own = [qd[joint], shape, qdd[joint], 1.0];
                 for (column, value) in links.iter().chain(&own).enumerate() {
                     matrix[(instant, column)] = *value;
                 }
@@ -272,14 +315,13 @@ impl LinearArm {
         }
         of_joint
     }
+}
 
-    /// The torque of friction with φ1 = 1 N·m at `qd` (rad/s).
-    fn friction_shape(&self, joint: usize, qd: f64) -> f64 {
-        let Friction { phi2_s_rad, phi3_rad_s, .. } = &self.friction;
-        let sigmoid =
-            |qd: f64| (1.0 + (-phi2_s_rad[joint] * (qd + phi3_rad_s[joint])).exp()).recip();
-        sigmoid(qd) - sigmoid(0.0)
-    }
+/// The torque of friction with φ1 = 1 N·m at `qd` (rad/s).
+fn friction_shape(friction: &Friction, joint: usize, qd: f64) -> f64 {
+    let Friction { phi2_s_rad, phi3_rad_s, .. } = friction;
+    let sigmoid = |qd: f64| (1.0 + (-phi2_s_rad[joint] * (qd + phi3_rad_s[joint])).exp()).recip();
+    sigmoid(qd) - sigmoid(0.0)
 }
 
 /// The nearest whole number of samples.

@@ -46,10 +46,19 @@ pub(super) fn ridge(groups: &[Equations], least: &[Option<f64>]) -> Option<DVect
 impl Equations {
     /// The weight of an equation, given what these steps leave unexplained.
     fn weight(&self, steps: &DVector<f64>) -> f64 {
+        self.independent / self.unexplained(steps)
+    }
+
+    /// The mean square that these steps leave unexplained.
+    fn unexplained(&self, steps: &DVector<f64>) -> f64 {
         let explained = 2.0 * self.right.dot(steps) - steps.dot(&(&self.normal * steps));
         let unexplained = (self.squares - explained) / self.count;
-        let least = LEAST_NOISE * LEAST_NOISE * self.power;
-        self.independent / unexplained.max(least).max(LEAST_SQUARE)
+        unexplained.max(LEAST_NOISE * LEAST_NOISE * self.power).max(LEAST_SQUARE)
+    }
+
+    /// The logarithm of the likelihood of the independent values, with the noise that these steps leave.
+    pub fn log_likelihood(&self, steps: &DVector<f64>) -> f64 {
+        -0.5 * self.independent * self.count * self.unexplained(steps).ln()
     }
 }
 
