@@ -75,8 +75,8 @@ fn fail(error: &anyhow::Error) -> ExitCode {
 
 /// The code of an error that ended a command.
 fn code(error: &anyhow::Error) -> ExitCode {
-    let of = |cause: &(dyn std::error::Error + 'static)| match cause.downcast_ref() {
-        Some(ClientError::Unreachable { .. }) => Some(exit::UNREACHABLE),
+    let of = |cause: &(dyn std::error::Error + 'static)| match cause.downcast_ref::<ClientError>() {
+        Some(error) if error.is_unreachable() => Some(exit::UNREACHABLE),
         _ if matches!(cause.downcast_ref(), Some(MlflowError::Unreachable { .. })) => {
             Some(exit::UNREACHABLE)
         }

@@ -81,19 +81,19 @@ impl Client {
         let mut last_bytes = Instant::now();
         while have < file.size {
             let before = have;
-            match self.receive(file, part, &mut output, &mut have, &progress).await {
-                Ok(()) if have < file.size => {}
-                Err(ClientError::Unreachable { .. }) if have > before => {}
-                Err(ClientError::Unreachable { .. }) if last_bytes.elapsed() < PATIENCE => {}
-                ended => {
-                    ended?;
-                    break;
-                }
-            }
+            let ended = self.receive(file, part, &mut output, &mut have, &progress).await;
             if have > before {
                 last_bytes = Instant::now();
             }
-            tokio::time::sleep(PAUSE).await;
+            match ended {
+                Err(error) if !error.is_unreachable() => return Err(error),
+                _ if last_bytes.elapsed() < PATIENCE => {}
+                Err(error) => return Err(error),
+                Ok(()) => return Err(self.silent(PATIENCE)),
+            }
+            if have < file.size {
+                tokio::time::sleep(PAUSE).await;
+            }
         }
         output.sync_all().await.map_err(unwritable(part))
     }
@@ -114,7 +114,7 @@ impl Client {
                 .header(RANGE, format!("bytes={have}-"))
                 .header(IF_RANGE, format!("\"{}\"", file.sha256));
         }
-        let mut response = self.answer(request).await?;
+        let mut response = self.answer_within(PATIENCE, request).await?;
         if response.status() != StatusCode::PARTIAL_CONTENT {
             output.set_len(0).await.map_err(unwritable(part))?;
             *have = 0;
@@ -122,8 +122,7 @@ impl Client {
         loop {
             let chunk = match tokio::time::timeout(PATIENCE, response.chunk()).await {
                 Ok(chunk) => chunk.map_err(self.unreachable())?,
-                // The next request continues.
-                Err(_) => None,
+                Err(_) => return Err(self.silent(PATIENCE)),
             };
             let Some(chunk) = chunk else { break };
             output.write_all(&chunk).await.map_err(unwritable(part))?;

@@ -1,6 +1,7 @@
 //! Failed requests and failed jobs, in words for the terminal.
 
 use std::fmt::Write;
+use std::time::Duration;
 
 use reqwest::StatusCode;
 use serde_json::Value;
@@ -16,6 +17,9 @@ pub enum ClientError {
 
     #[error("no answer from {server}: {}; is `torqued serve` running there?", innermost(reason))]
     Unreachable { server: String, reason: reqwest::Error },
+
+    #[error("{server} sent nothing for {} s", waited.as_secs())]
+    Silent { server: String, waited: Duration },
 
     #[error("cannot read {}: {reason}", path.display())]
     File { path: std::path::PathBuf, reason: std::io::Error },
@@ -68,6 +72,11 @@ pub fn innermost(error: &reqwest::Error) -> String {
 }
 
 impl ClientError {
+    /// Whether the server may answer later.
+    pub fn is_unreachable(&self) -> bool {
+        matches!(self, Self::Unreachable { .. } | Self::Silent { .. })
+    }
+
     pub(super) fn refused(status: StatusCode, body: &str) -> Self {
         let (message, fields) = match serde_json::from_str::<Problem>(body) {
             Ok(problem) => {

@@ -84,9 +84,8 @@ impl Events<'_> {
         const BUSY: [StatusCode; 2] =
             [StatusCode::SERVICE_UNAVAILABLE, StatusCode::TOO_MANY_REQUESTS];
         let may_pass = match error {
-            ClientError::Unreachable { .. } => true,
             ClientError::Refused { status, .. } => BUSY.contains(status),
-            _ => false,
+            other => other.is_unreachable(),
         };
         may_pass && self.was_open && self.lost_at.elapsed() < PATIENCE
     }
@@ -111,7 +110,7 @@ impl Events<'_> {
             Some(id) => request.header("last-event-id", id),
             None => request,
         };
-        self.client.answer(request).await
+        self.client.answer_within(PATIENCE, request).await
     }
 }
 

@@ -348,6 +348,21 @@ impl Client {
         Err(ClientError::refused(status, &problem))
     }
 
+    /// Like [`Client::answer`], for an answer whose body may take long. Its head may take
+    /// `patience`.
+    async fn answer_within(
+        &self,
+        patience: Duration,
+        request: RequestBuilder,
+    ) -> Result<Response, ClientError> {
+        let answer = tokio::time::timeout(patience, self.answer(request)).await;
+        answer.unwrap_or_else(|_| Err(self.silent(patience)))
+    }
+
+    fn silent(&self, waited: Duration) -> ClientError {
+        ClientError::Silent { server: self.server(), waited }
+    }
+
     fn unreachable(&self) -> impl FnOnce(reqwest::Error) -> ClientError {
         let server = self.server();
         |reason| ClientError::Unreachable { server, reason }

@@ -33,22 +33,19 @@ pub struct RecordedFile {
 }
 
 impl RecordedFile {
-    /// Names files by their names without extensions, with as many of their folders as it takes to
-    /// tell them apart. A single file needs no name.
+    /// Names files by their names, with as many of their folders as it takes to tell them apart.
+    /// The names have no extensions where files differ without them. A single file needs no name.
     pub fn named(paths: &[PathBuf]) -> Vec<Self> {
-        let file = |path: &PathBuf| Self {
-            path: path.clone(),
-            name: (paths.len() > 1).then(|| {
-                let names = |parts: usize| paths.iter().map(move |other| ending(other, parts));
-                let is_unique =
-                    |name: &String, parts| names(parts).filter(|n| n == name).count() == 1;
-                let tried =
-                    (1..=path.components().count()).map(|parts| (ending(path, parts), parts));
-                let found = tried.into_iter().find(|(name, parts)| is_unique(name, *parts));
-                found.map_or_else(|| ending(path, 1), |(name, _)| name)
-            }),
+        let stems: Vec<PathBuf> = paths.iter().map(|path| path.with_extension("")).collect();
+        let names = endings(&stems).or_else(|| endings(paths));
+        let name = |at: usize| match &names {
+            _ if paths.len() == 1 => None,
+            Some(names) => Some(names[at].clone()),
+            // The server refuses equal names.
+            None => Some(paths[at].to_string_lossy().into_owned()),
         };
-        paths.iter().map(file).collect()
+        let named = paths.iter().enumerate();
+        named.map(|(at, path)| Self { path: path.clone(), name: name(at) }).collect()
     }
 
     /// States the files of an import, with their digests.
@@ -69,9 +66,20 @@ impl RecordedFile {
     }
 }
 
-/// The last parts of a path, without the file's extension.
+/// The shortest ending of each path that no other one has. `None` if two are equal.
+fn endings(paths: &[PathBuf]) -> Option<Vec<String>> {
+    let shortest = |path: &PathBuf| {
+        (1..=path.components().count()).find_map(|parts| {
+            let name = ending(path, parts);
+            let same = paths.iter().filter(|other| ending(other, parts) == name);
+            (same.count() == 1).then_some(name)
+        })
+    };
+    paths.iter().map(shortest).collect()
+}
+
+/// The last parts of a path.
 fn ending(path: &Path, parts: usize) -> String {
-    let path = path.with_extension("");
     let all: Vec<_> = path.components().collect();
     let kept: PathBuf = all[all.len().saturating_sub(parts)..].iter().collect();
     kept.to_string_lossy().into_owned()

@@ -118,12 +118,14 @@ pub async fn keep_alive(
                 if cancel_requested {
                     stop.set(StopReason::Cancelled);
                 }
-                match log.send(store, fence).await {
+                match tokio::time::timeout(ANSWER_WITHIN, log.send(store, fence)).await {
                     // The next renewal detects a lost lease.
-                    Ok(()) | Err(StoreError::LeaseLost { .. }) => {}
-                    Err(error) => {
+                    Ok(Ok(()) | Err(StoreError::LeaseLost { .. })) => {}
+                    Ok(Err(error)) => {
                         tracing::warn!(error = spec::causes(&error), "cannot write the log");
                     }
+                    // The lines are sent again with the next renewal.
+                    Err(_) => tracing::warn!("the database does not take the log"),
                 }
             }
             Ok(Ok(Lease::Lost)) => {

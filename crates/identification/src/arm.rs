@@ -135,9 +135,11 @@ impl Prior {
                 described.friction.map_or(0.0, |friction| 0.5 * friction.phi1_nm);
             // A number that the description does not have begins at a usual fraction of the rated
             // torque.
-            let coulomb = described_coulomb.max(0.01 * rated_nm);
-            let viscous = described.damping_nm_s_rad.max(0.005 * rated_nm);
-            let rotor = described.armature_kg_m2.max(0.001 * rated_nm);
+            let or_usual =
+                |value: f64, share: f64| if value > 0.0 { value } else { share * rated_nm };
+            let coulomb = or_usual(described_coulomb, 0.01);
+            let viscous = or_usual(described.damping_nm_s_rad, 0.005);
+            let rotor = or_usual(described.armature_kg_m2, 0.001);
             let at = joint * NUMBERS;
             let own = [coulomb.ln(), viscous.ln(), 0.0, rotor.ln(), 0.0];
             for (k, value) in link.into_iter().chain(own).enumerate() {

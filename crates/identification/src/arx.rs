@@ -17,7 +17,8 @@ pub(crate) struct Arx {
     coefficients: DMatrix<f64>,
 }
 
-/// Orders that are tried. The longest needs no more samples than the uncertain ends have.
+/// Orders that are tried, if the uncertain ends of a recording have room for the periods before a
+/// window.
 const ORDERS: [usize; 4] = [1, 2, 4, 6];
 /// Ridges relative to the mean square of each regressor.
 const RIDGES: [f64; 3] = [1e-6, 1e-3, 1e-1];
@@ -25,12 +26,14 @@ const RIDGES: [f64; 3] = [1e-6, 1e-3, 1e-1];
 impl Arx {
     /// The laws of every order and ridge. Recordings that are too short give none.
     pub(crate) fn laws(motions: &[Motion]) -> Vec<Self> {
-        ORDERS.into_iter().flat_map(|order| Self::of_order(order, motions)).collect()
+        let room = motions[0].uncertain() / samples_of_period(motions[0].rate_hz);
+        let orders = ORDERS.into_iter().filter(|order| *order <= room);
+        orders.flat_map(|order| Self::of_order(order, motions)).collect()
     }
 
     fn of_order(order: usize, motions: &[Motion]) -> Vec<Self> {
         let (joints, rate_hz) = (motions[0].joints, motions[0].rate_hz);
-        let every = whole(rate_hz / ROWS_PER_SECOND).max(1);
+        let every = samples_of_period(rate_hz);
         let width = order * (1 + joints) + 1;
         let mut grams = vec![DMatrix::zeros(width, width); joints];
         let mut moments = vec![DVector::zeros(width); joints];
@@ -92,6 +95,10 @@ impl Arx {
         positions.truncate(count * motion.joints);
         positions
     }
+}
+
+fn samples_of_period(rate_hz: f64) -> usize {
+    whole(rate_hz / ROWS_PER_SECOND).max(1)
 }
 
 /// Velocities and torques of the periods before one, the last first.

@@ -112,14 +112,22 @@ impl Store {
         let reason =
             format!("failed jobs are kept for {} days", age.as_millis() / MILLISECONDS_OF_A_DAY);
         let mut found = Vec::new();
-        let jobs = self.read(RETIRING).failed_jobs(age, AT_ONCE).await?;
-        for (job, name) in jobs {
-            let item = Item::from(job);
-            if self.is_free(item).await? {
+        let mut after = JobId(0);
+        loop {
+            let page = self.read(RETIRING).failed_jobs(age, after, AT_ONCE).await?;
+            let Some((last, _)) = page.last() else { return Ok(found) };
+            after = *last;
+            for (job, name) in page {
+                let item = Item::from(job);
+                if !self.is_free(item).await? {
+                    continue;
+                }
                 found.push(Outdated { item, name, reason: reason.clone() });
+                if found.len() >= AT_ONCE as usize {
+                    return Ok(found);
+                }
             }
         }
-        Ok(found)
     }
 
     async fn outdated_checkpoints(&self, keep: u32) -> Result<Vec<Outdated>, StoreError> {

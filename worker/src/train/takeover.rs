@@ -36,8 +36,14 @@ pub(super) fn take_over(
             }
             Err(error) => return Err(error),
         }
-        let best = earlier.iter().rfind(|checkpoint| checkpoint.is_best);
-        match best.into_iter().chain([&last]).try_for_each(|checkpoint| copy(attempt, checkpoint)) {
+        if let Some(best) = earlier.iter().rfind(|checkpoint| checkpoint.is_best) {
+            match copy(attempt, best) {
+                Ok(()) => {}
+                Err(error) if error.is_unusable_object() => pass_over(best, &error),
+                Err(error) => return Err(error.into()),
+            }
+        }
+        match copy(attempt, &last) {
             Ok(()) => {
                 tracing::info!(job = %task.job, from = %last.job, step = last.step, "goes on with an earlier training");
                 return Ok(());

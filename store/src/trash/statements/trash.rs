@@ -127,15 +127,17 @@ impl Reading<'_> {
     pub async fn failed_jobs(
         &mut self,
         age: Duration,
+        after: JobId,
         limit: u32,
     ) -> Result<Vec<(JobId, String)>, StoreError> {
         sql("SELECT job.id, job.name FROM job WHERE job.state IN ('failed', 'cancelled') \
-             AND job.deleted_at IS NULL AND job.finished_at <= {now} - $1 AND NOT EXISTS \
+             AND job.deleted_at IS NULL AND job.id > $2 AND job.finished_at <= {now} - $1 AND NOT EXISTS \
              (SELECT 1 FROM pipeline_member AS part JOIN job AS made ON made.id = part.job \
              WHERE part.pipeline = job.id AND made.state = 'succeeded') AND NOT EXISTS (SELECT 1 \
              FROM pipeline_member AS part JOIN job AS holder ON holder.id = part.pipeline \
-             WHERE part.job = job.id AND holder.deleted_at IS NULL) ORDER BY job.id LIMIT $2")
+             WHERE part.job = job.id AND holder.deleted_at IS NULL) ORDER BY job.id LIMIT $3")
         .bind(age)
+        .bind(after)
         .bind(limit)
         .all(self)
         .await
