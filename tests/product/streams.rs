@@ -143,4 +143,23 @@ async fn a_stream_and_a_dataset_of_the_same_robots_have_the_same_ranges() {
     }
     assert_eq!(ranges[0]["u_nm"].as_array().unwrap().len(), 7);
     assert_eq!(ranges[0], ranges[1]);
+
+    // An evaluation on the same robots says so, whatever their number.
+    let digest = product.get(&format!("/v1/jobs/{stored}")).await["digest"].clone();
+    let streamed = product.get("/v1/jobs?kind=train").await["jobs"][0]["digest"].clone();
+    let few = |seed: u64| json!({"stream": {"preset": "D1-multisine", "samples": 60, "trajectories": 4, "seed": seed}});
+    for (data, expected) in
+        [(json!({"dataset": 1}), digest), (few(0), streamed.clone()), (few(1), Value::Null)]
+    {
+        let spec = json!({
+            "kind": "evaluate", "data": data, "context": 40, "baselines": ["hold-last"],
+            "checkpoints": [{"digest": if expected.is_null() { &streamed } else { &expected }}],
+        });
+        let job = product.submit(&spec).await;
+        product.succeeded(job).await;
+        let report = product.get(&format!("/v1/evaluations/{job}")).await["report"].clone();
+        let warnings = report["warnings"].as_array().into_iter().flatten();
+        let told = warnings.filter(|warning| warning["kind"] == "training-data").count();
+        assert_eq!(told, usize::from(!expected.is_null()), "{report}");
+    }
 }

@@ -90,7 +90,7 @@ pub use error::ModelError;
 pub use kernels::{Interrupt, Interrupted};
 pub use memory::{TrainingMemory, memory_doubt};
 pub use normalization::{Normalizer, Statistics, StatisticsAccumulator};
-pub use ranges::{DataRanges, context_warnings, limit_warnings};
+pub use ranges::{DataRanges, POSITION_ROUNDING_RAD, context_warnings, limit_warnings};
 pub use sampling::{Sampling, WarmStart};
 pub use trained_model::TrainedModel;
 pub use trainer::{StepReport, Trainer, TrainingData};

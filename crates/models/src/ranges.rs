@@ -14,6 +14,9 @@ const TOLERANCE: f64 = 0.05;
 /// training has a range of no width.
 const LEAST_BEYOND: f64 = 1e-3;
 
+/// Positions are in f32, so one that stays at a limit may lie this far beyond it, rad.
+pub const POSITION_ROUNDING_RAD: f64 = 1e-5;
+
 /// A context in which every joint moves less than this identifies nothing, rad: 0.06°.
 const LEAST_MOTION_RAD: f64 = 1e-3;
 
@@ -195,7 +198,9 @@ pub fn limit_warnings(
             let values = rows.flat_map(|row| row.iter().skip(joint).step_by(joints));
             let found = range(values.map(|&q| f64::from(q)));
             let reached = furthest(*limits, found);
-            (!limits.contains(reached))
+            let allowed =
+                Range::new(limits.min - POSITION_ROUNDING_RAD, limits.max + POSITION_ROUNDING_RAD);
+            (!allowed.contains(reached))
                 .then(|| Warning::outside(WarningKind::JointLimits, number, reached, *limits, 1))
         };
         limits_rad.iter().enumerate().zip(1..).filter_map(of_joint)

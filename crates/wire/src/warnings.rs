@@ -47,6 +47,10 @@ pub enum WarningKind {
     ShortContext,
     /// The prediction exceeds the limits of a joint.
     JointLimits,
+    /// A checkpoint is asked about data that it was trained on.
+    TrainingData,
+    /// A predictor holds the last position, because its simulation is not finite.
+    Held,
 }
 
 impl WarningKind {
@@ -55,7 +59,11 @@ impl WarningKind {
         match self {
             Self::TorqueRange => ("u", "N·m"),
             Self::ReferenceRange => ("the reference", "rad"),
-            Self::PositionRange | Self::NoMotion | Self::ShortContext => ("q", "rad"),
+            Self::PositionRange
+            | Self::NoMotion
+            | Self::ShortContext
+            | Self::TrainingData
+            | Self::Held => ("q", "rad"),
             Self::RateRange => ("the rate of q", "rad/s"),
             Self::JointLimits => ("the predicted q", "rad"),
         }
@@ -115,6 +123,30 @@ impl Warning {
                 "the context has {samples} samples; with fewer than {fewest}, little about the \
                  robot can be identified"
             ),
+        )
+    }
+
+    /// A warning that a checkpoint was trained on the data of the question.
+    pub fn training_data(scenarios: u64) -> Self {
+        Self::of_context(
+            WarningKind::TrainingData,
+            None,
+            scenarios,
+            "the checkpoint was trained on this data, so its error here says little about robots \
+             that it has not seen"
+                .to_owned(),
+        )
+    }
+
+    /// A warning that a predictor has no finite simulation and holds the last position.
+    pub fn held(scenarios: u64) -> Self {
+        Self::of_context(
+            WarningKind::Held,
+            None,
+            scenarios,
+            "its simulation is not finite, and the last position stands for it; an arm without \
+             damping or rotors may be the cause"
+                .to_owned(),
         )
     }
 

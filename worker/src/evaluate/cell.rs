@@ -4,8 +4,8 @@ use std::time::Instant;
 
 use evaluation::metrics::{band_edge_hz, highest_component_hz, occupied_band_hz};
 use evaluation::{
-    CellResult, ErrorHorizon, PredictorErrors, Scoring, Simulated, evaluate_cell,
-    measured_jitter_deg, measured_left_limits, within_torque_limits,
+    CellResult, ErrorHorizon, HoldLast, Predictor as _, PredictorErrors, Scoring, Simulated,
+    evaluate_cell, measured_jitter_deg, measured_left_limits, within_torque_limits,
 };
 use models::{ModelError, context_warnings};
 use serde::{Deserialize, Serialize};
@@ -84,7 +84,7 @@ pub(super) fn cell(attempt: &Attempt, spec: &EvaluateSpec, index: usize) -> Resu
         errors.extend(found);
         attempt.progress.set_done(total * done / asked.len() as u64);
     }
-    let result = CellResult {
+    let mut result = CellResult {
         cell: index,
         family: cell.excitation.map(|(family, _)| family),
         frequency_hz: cell.excitation.map(|(_, frequency_hz)| frequency_hz),
@@ -100,8 +100,10 @@ pub(super) fn cell(attempt: &Attempt, spec: &EvaluateSpec, index: usize) -> Resu
             // A controller has kept its own limits.
             Given::References => Vec::new(),
         },
-        warnings: warnings(&checkpoints, &scenarios.observed(pre_roll, context))?,
+        warnings: Vec::new(),
     };
+    let observed = scenarios.observed(pre_roll, context);
+    result.warnings = warnings(&checkpoints, spec, &observed, &result.predictors)?;
     let seed = data.spec().simulation().map(|spec| spec.seed);
     let artifact = format!("cell-{index:03}.parquet");
     let table = vec![rows::record_batch(&result, &result.horizons_s, seed)?];
@@ -111,13 +113,24 @@ pub(super) fn cell(attempt: &Attempt, spec: &EvaluateSpec, index: usize) -> Resu
     attempt.complete(&CellRecord { result, table: TableAt { run, artifact } })
 }
 
-/// Warnings of each checkpoint that knows the ranges of its training, for all contexts.
+/// Warnings about the contexts, about each checkpoint that knows its training, and about predictors
+/// that hold the last position.
 fn warnings(
     checkpoints: &[LoadedCheckpoint],
+    spec: &EvaluateSpec,
     observed: &Observed<'_>,
+    predictors: &[PredictorErrors],
 ) -> Result<Vec<Warning>, ModelError> {
     let mut warnings = context_warnings(observed);
+    let holds = predictors.iter().filter(|errors| !errors.held.is_empty());
+    for errors in holds.filter(|errors| errors.predictor != HoldLast.name()) {
+        warnings.push(Warning::held(errors.held.len() as u64).of(&errors.predictor));
+    }
     for checkpoint in checkpoints {
+        if checkpoint.was_trained_on(&spec.data) {
+            let scenarios = observed.robots() as u64;
+            warnings.push(Warning::training_data(scenarios).of(&checkpoint.info.name));
+        }
         let found = checkpoint.model.warnings(observed)?;
         warnings.extend(found.into_iter().map(|warning| warning.of(&checkpoint.info.name)));
     }

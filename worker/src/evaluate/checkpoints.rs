@@ -24,6 +24,8 @@ pub(crate) struct LoadedCheckpoint {
     /// name in its pipeline if it has one.
     own_name: String,
     pub trained_on: Vec<TrainedOn>,
+    /// The data of its training and of those that it began from.
+    data: Vec<DataSource>,
 }
 
 impl LoadedCheckpoint {
@@ -38,6 +40,11 @@ impl LoadedCheckpoint {
             .collect::<Result<_, _>>()?;
         tell_apart(&mut loaded);
         Ok(loaded)
+    }
+
+    /// Whether it was trained on this data, or on robots of the same stream.
+    pub fn was_trained_on(&self, data: &DataSource) -> bool {
+        self.data.contains(&of_any_length(data))
     }
 
     fn names(&self) -> Names {
@@ -91,6 +98,7 @@ impl LoadedCheckpoint {
             step,
             own_name: own_name + &marks,
             trained_on: trained_on_together(lineage.trained_on),
+            data: lineage.data,
         })
     }
 }
@@ -108,6 +116,8 @@ fn prior_knowledge(training: &TrainSpec) -> String {
 struct Lineage {
     /// The excitations of the simulated robots, of this training and of those that it began from.
     trained_on: Vec<TrainedOn>,
+    /// The data of this training and of those that it began from.
+    data: Vec<DataSource>,
     /// The digest of the training, of its simulated data and of the trainings before it without
     /// their seeds. Trainings that differ only in seeds share it.
     replicates: Option<Digest>,
@@ -115,7 +125,11 @@ struct Lineage {
 
 impl Lineage {
     fn of(attempt: &Attempt, training: &TrainSpec) -> Result<Self, TaskError> {
-        let mut lineage = Self { trained_on: Vec::new(), replicates: None };
+        let mut lineage = Self {
+            trained_on: Vec::new(),
+            data: training.data.each().iter().map(of_any_length).collect(),
+            replicates: None,
+        };
         let mut unseeded = Some(TrainSpec { seed: 0, ..training.clone() });
         let mut sources = Vec::new();
         for source in training.data.each() {
@@ -153,7 +167,10 @@ impl Lineage {
             let replicates = earlier.as_ref().and_then(|earlier| earlier.replicates);
             let same = replicates.and_then(|digest| of_training(init, digest));
             unseeded = unseeded.and_then(|spec| Some(TrainSpec { init: Some(same?), ..spec }));
-            lineage.trained_on.extend(earlier.into_iter().flat_map(|earlier| earlier.trained_on));
+            if let Some(earlier) = earlier {
+                lineage.trained_on.extend(earlier.trained_on);
+                lineage.data.extend(earlier.data);
+            }
         }
         lineage.replicates = unseeded.map(|spec| {
             let data = match &spec.data {
@@ -163,6 +180,18 @@ impl Lineage {
             JobSpec::Train(TrainSpec { data, ..spec }).digest()
         });
         Ok(lineage)
+    }
+}
+
+/// The data without the number of trajectories, if it is a stream: robot `i` does not depend on it.
+fn of_any_length(data: &DataSource) -> DataSource {
+    match data {
+        DataSource::Stream(spec) => DataSource::Stream(Box::new(SimulateSpec {
+            trajectories: 0,
+            shard_trajectories: 0,
+            ..spec.as_ref().clone()
+        })),
+        other => other.clone(),
     }
 }
 

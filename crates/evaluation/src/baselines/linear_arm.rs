@@ -37,7 +37,7 @@ pub(super) struct Record<'a> {
 const SPREAD: f64 = 0.3;
 /// Least standard deviation a priori of the torque that one of a joint's own parameters explains (root mean square), as a share
 /// of the torque that the nominal arm leaves unexplained. Descriptions rarely have friction and rotors.
-const LEAST_JOINT_SPREAD: f64 = 0.3;
+const LEAST_JOINT_SPREAD: f64 = 0.05;
 /// φ2 of friction that the nominal arm lacks, s/rad: it rises within about 0.1 rad/s, as that of the Panda.
 const MISSING_STEEPNESS: f64 = 10.0;
 /// φ2 of the steep shape of friction that is tried beside the nominal arm's, s/rad.
@@ -135,16 +135,11 @@ impl LinearArm {
     fn spreads(&self, nominal: &DVector<f64>, rows: &[Rows]) -> DVector<f64> {
         let of_link = |link: &RigidBody| {
             let [mass, hx, hy, hz, xx, _, _, yy, _, zz] = link.parameters();
+            let moment = (hx * hx + hy * hy + hz * hz).sqrt();
             let inertia = (xx + yy + zz) / 3.0;
-            // How far the link's mass is from the origin of its frame.
-            let length = if mass > 0.0 {
-                ((hx * hx + hy * hy + hz * hz).sqrt() / mass).max((inertia / mass).sqrt())
-            } else {
-                0.0
-            };
-            let mut spreads = [SPREAD * mass * length * length; LINK_PARAMETERS];
+            let mut spreads = [SPREAD * inertia; LINK_PARAMETERS];
             spreads[0] = SPREAD * mass;
-            spreads[1..4].fill(SPREAD * mass * length);
+            spreads[1..4].fill(SPREAD * moment);
             spreads
         };
         let links = self.nominal.links.iter().flat_map(of_link);

@@ -78,6 +78,10 @@ pub struct PredictorErrors {
     /// `None` where the predictor failed on the cell as a whole.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rollouts: Option<Rollouts>,
+    /// The scenarios in which the robot moves and the prediction does not, counted from 0 in the
+    /// cell.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub held: Vec<usize>,
     /// The scenarios that diverged by [`has_diverged`], counted from 0 in the cell.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub diverged: Vec<usize>,
@@ -314,6 +318,7 @@ impl Scorer<'_> {
             step_coverage: step_coverage(&scenarios),
             scenarios,
             rollouts: Some(self.rollouts(&answer)),
+            held: self.held(&answer).collect(),
             diverged: self.diverged(&answer).collect(),
             step_squares_deg2: squares.chunks(self.joints).map(<[f64]>::to_vec).collect(),
         }
@@ -372,6 +377,15 @@ impl Scorer<'_> {
         let diverged =
             each.enumerate().filter(|(_, (truth, predicted))| has_diverged(truth, predicted));
         diverged.map(|(scenario, _)| scenario)
+    }
+
+    fn held<'b>(&'b self, answer: &'b Answer) -> impl Iterator<Item = usize> + 'b {
+        let stands = |row: &[f32]| row.chunks(self.joints).all(|now| now == &row[..self.joints]);
+        let each = self.truth.chunks(self.row).zip(answer.positions.chunks(self.row));
+        let held = each
+            .enumerate()
+            .filter(move |(_, (truth, predicted))| stands(predicted) && !stands(truth));
+        held.map(|(scenario, _)| scenario)
     }
 
     /// The errors of each scenario. `None` if a value of the answer is not finite.

@@ -127,6 +127,14 @@ fn rollouts_that_leave_the_limits_and_those_that_diverge_are_counted() {
 }
 
 #[test]
+fn predictions_that_stand_still_while_the_robot_moves_are_counted() {
+    let row = 40 * JOINTS;
+    let found = result(&[Box::new(Broken { value: 0.5, at: row + 9 }), Box::new(HoldLast)]);
+    assert_eq!(found.predictors[0].held, [0, 2]);
+    assert_eq!(found.predictors[1].held, [0, 1, 2]);
+}
+
+#[test]
 fn a_predictor_that_fails_leaves_the_others_of_the_cell_alone() {
     let found = result(&[Box::new(TooShort), Box::new(HoldLast)]);
     let failure = found.predictors[0].failure.as_ref().unwrap();

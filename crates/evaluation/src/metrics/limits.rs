@@ -1,5 +1,6 @@
 //! How far predictions lie beyond the limits of joints.
 
+use models::POSITION_ROUNDING_RAD;
 use spec::Range;
 
 /// A rollout with an error above this has diverged, degrees. After half a turn, a joint's position
@@ -13,7 +14,10 @@ pub fn beyond_limits_deg(positions: &[f32], limits_rad: &[Range]) -> Vec<f64> {
         let of_joint = positions.iter().skip(joint).step_by(limits_rad.len());
         let beyond = of_joint.map(|&q| match f64::from(q) {
             q if q.is_nan() => f64::INFINITY,
-            q => (limits.min - q).max(q - limits.max).max(0.0).to_degrees(),
+            q => match (limits.min - q).max(q - limits.max) {
+                beyond if beyond > POSITION_ROUNDING_RAD => beyond.to_degrees(),
+                _ => 0.0,
+            },
         });
         beyond.fold(0.0, f64::max)
     };
@@ -40,6 +44,8 @@ mod tests {
         assert!((found[0] - 0.5_f64.to_degrees()).abs() < 1e-5, "{found:?}");
         assert!((found[1] - 0.1_f64.to_degrees()).abs() < 1e-5, "{found:?}");
         assert_eq!(beyond_limits_deg(&[1.0, 2.0], &limits), [0.0, 0.0]);
+        let at_the_limit = [Range::new(-2.8973, 2.8973)];
+        assert_eq!(beyond_limits_deg(&[2.8973, -2.8973], &at_the_limit), [0.0]);
         assert_eq!(beyond_limits_deg(&[f32::NAN, 1.0], &limits), [f64::INFINITY, 0.0]);
     }
 
