@@ -126,7 +126,11 @@ fn the_torques_of_gravity_hold_an_arm_at_any_mount() {
 fn a_check_says_how_many_draws_are_kept_and_which_joints_refuse_others() {
     let folder = tempfile::tempdir().unwrap();
     let file = written(folder.path(), "arm.urdf", &urdf(4));
-    let arguments = ["check", file.to_str().unwrap(), "--trajectories", "60", "--json"];
+    let file = file.to_str().unwrap();
+    let controlled = robot(&["check", file, "--trajectories", "60"]);
+    assert!(controlled.contains("60 of 60 draws kept (100.0 %)"), "{controlled}");
+    assert!(controlled.contains("0 lost their reference"), "{controlled}");
+    let arguments = ["check", file, "--open-loop", "--trajectories", "60", "--json"];
     let survey: Value = serde_json::from_str(&robot(&arguments)).unwrap();
     let count = |value: &Value| value.as_u64().unwrap();
     let joints = survey["joints"].as_array().unwrap();
@@ -135,7 +139,7 @@ fn a_check_says_how_many_draws_are_kept_and_which_joints_refuse_others() {
     assert_eq!(count(&survey["kept"]) + count(&survey["diverged"]) + refused, 60, "{survey}");
     assert_eq!(survey["spec"]["kind"], "simulate");
     assert_eq!(survey["spec"]["robot"]["gravity"], "compensated");
-    let shown = robot(&["check", file.to_str().unwrap(), "--trajectories", "60"]);
+    let shown = robot(&["check", file, "--open-loop", "--trajectories", "60"]);
     let kept = format!("{} of 60 draws kept", survey["kept"]);
     assert!(shown.contains(&kept) && shown.contains("trajectories/s"), "{shown}");
 }

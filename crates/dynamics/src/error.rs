@@ -15,7 +15,8 @@ pub enum DynamicsError {
     /// No draw of a trajectory stayed clear of the joint limits.
     #[error(
         "trajectory {index} (seed {seed}): none of {draws} draws stayed {margin_rad} rad clear of the joint \
-         limits; raise rejection.max_draws, lower rejection.position_margin_rad or the torques"
+         limits; lower the torques or rejection.position_margin_rad, raise rejection.max_draws, or give the \
+         simulation a controller: torques alone do not hold an arm with little damping"
     )]
     EveryDrawRejected { index: u64, seed: u64, draws: u32, margin_rad: f64 },
 
@@ -51,7 +52,8 @@ pub enum DynamicsError {
     /// The state of a trajectory is not finite.
     #[error(
         "trajectory {index} (seed {seed}, draw {draw}): the joint positions at sample {sample} are not finite; \
-         the integrator is unstable for this robot, use more substeps"
+         the integrator is unstable for this robot; use more substeps, or give joints with little inertia a \
+         damping or an armature, or the simulation a controller"
     )]
     NotFinite { index: u64, seed: u64, draw: u32, sample: usize },
 

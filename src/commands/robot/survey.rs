@@ -18,6 +18,8 @@ pub struct Survey {
     pub kept: u64,
     /// Draws that grow without bounds before a joint comes near a limit.
     pub diverged: u64,
+    /// Draws that lose the reference of their controller.
+    pub lost: u64,
     /// The distance from a limit at which a draw is refused, rad.
     pub margin_rad: Option<f64>,
     /// Simulated on all threads; unknown if all diverge.
@@ -39,7 +41,8 @@ pub struct JointSurvey {
     pub fastest_rad_s: Option<f64>,
     /// The largest torque in them, with that which compensates gravity.
     pub largest_torque_nm: Option<f64>,
-    /// Draws that are refused because this joint is the first that comes near a limit.
+    /// Draws that are refused because this joint is the first that comes near a limit, or is
+    /// farthest from a reference that is lost.
     pub refused: u64,
 }
 
@@ -66,12 +69,13 @@ impl Survey {
             draws: 0,
             kept: 0,
             diverged: 0,
+            lost: 0,
             margin_rad: spec.rejection.position_margin_rad,
             trajectories_per_second: None,
             joints: joints.collect(),
         };
         // Without rejection, a draw goes on beyond the limits and shows which joint is first.
-        let rejection = Rejection { position_margin_rad: None, ..spec.rejection };
+        let rejection = Rejection { position_margin_rad: None, max_draws: 1 };
         let unlimited = SimulateSpec { rejection, ..spec.clone() };
         let mut time = Duration::ZERO;
         let mut timed = 0;
@@ -94,8 +98,13 @@ impl Survey {
                 Err(DynamicsError::NotFinite { sample, .. }) if end - start == 1 => {
                     survey.add_diverging(&unlimited, start, sample)?;
                 }
-                // One of them diverges. Halves of halves find it.
-                Err(DynamicsError::NotFinite { .. }) => {
+                Err(DynamicsError::NoDrawTracked { joint, .. }) if end - start == 1 => {
+                    survey.draws += 1;
+                    survey.lost += 1;
+                    survey.joints[joint - 1].refused += 1;
+                }
+                // One of them diverges, or is lost. Halves of halves find it.
+                Err(DynamicsError::NotFinite { .. } | DynamicsError::NoDrawTracked { .. }) => {
                     let middle = start + (end - start) / 2;
                     ranges.extend([middle..end, start..middle]);
                 }
