@@ -35,9 +35,9 @@ pub(super) struct Record<'a> {
 /// Standard deviation of a parameter a priori, as a share of its nominal size. Descriptions of arms
 /// are about as wrong, and a load in the hand counts as part of the last link.
 const SPREAD: f64 = 0.3;
-/// Least standard deviation a priori of the torque that one of a joint's own parameters explains (root mean square), as a share
-/// of the torque that the nominal arm leaves unexplained. Descriptions rarely have friction and rotors.
-const LEAST_JOINT_SPREAD: f64 = 0.05;
+/// Standard deviation a priori of the torque of friction, damping, armature or an offset that the nominal arm lacks, as a share of
+/// the joint's torque (root mean squares).
+const MISSING_SPREAD: f64 = 0.03;
 /// φ2 of friction that the nominal arm lacks, s/rad: it rises within about 0.1 rad/s, as that of the Panda.
 const MISSING_STEEPNESS: f64 = 10.0;
 /// φ2 of the steep shape of friction that is tried beside the nominal arm's, s/rad.
@@ -147,11 +147,11 @@ impl LinearArm {
             nominal.len(),
             links.chain(nominal.iter().skip(self.of_joints()).map(|value| SPREAD * value)),
         );
-        for Rows { places, matrix, residual, .. } in rows {
+        for Rows { places, matrix, power, .. } in rows {
             for (column, &place) in matrix.column_iter().zip(places) {
-                if place >= self.of_joints() {
-                    let least = LEAST_JOINT_SPREAD * residual.norm() / column.norm().max(1e-9);
-                    spreads[place] = spreads[place].max(least);
+                if place >= self.of_joints() && spreads[place] == 0.0 {
+                    let size = (column.norm_squared() / column.len() as f64).sqrt();
+                    spreads[place] = MISSING_SPREAD * power.sqrt() / size.max(1e-9);
                 }
             }
         }
