@@ -8,7 +8,8 @@ use wire::Interval;
 /// The mean over all values of all strata, resampled within each stratum.
 ///
 /// Strata are the cells of a grid. Their frequencies are chosen and not drawn, so only the robots
-/// within each are resampled. The result depends only on the values and on `bootstrap`.
+/// within each are resampled. Strata of a single value are resampled together, because one value does not
+/// say how robots differ (Cochran 1977, "Sampling Techniques", section 5A.12). The result depends only on the values and on `bootstrap`.
 ///
 /// # Panics
 /// If there is no value.
@@ -18,6 +19,10 @@ pub fn stratified_mean(strata: &[Vec<f64>], bootstrap: Bootstrap) -> Interval {
     let mean_of = |sum: f64| sum / count as f64;
     let mean = mean_of(strata.iter().flatten().sum());
     let mut generator = ChaCha8Rng::seed_from_u64(bootstrap.seed);
+    let single: Vec<f64> =
+        strata.iter().filter(|values| values.len() == 1).flatten().copied().collect();
+    let several = strata.iter().filter(|values| values.len() > 1);
+    let strata: Vec<&[f64]> = several.map(Vec::as_slice).chain([single.as_slice()]).collect();
     let mut means: Vec<f64> = (0..bootstrap.resamples)
         .map(|_| mean_of(strata.iter().map(|values| resampled_sum(values, &mut generator)).sum()))
         .collect();
@@ -83,6 +88,13 @@ mod tests {
         assert!((interval.mean - 0.5).abs() < 1e-12);
         assert!((interval.high - 0.5 - half_width).abs() < 0.1 * half_width, "{interval:?}");
         assert!((0.5 - interval.low - half_width).abs() < 0.1 * half_width, "{interval:?}");
+    }
+
+    #[test]
+    fn strata_of_one_value_are_resampled_together() {
+        let values: Vec<f64> = (0..20).map(f64::from).collect();
+        let each: Vec<Vec<f64>> = values.iter().map(|value| vec![*value]).collect();
+        assert_eq!(stratified_mean(&each, BOOTSTRAP), stratified_mean(&[values], BOOTSTRAP));
     }
 
     #[test]

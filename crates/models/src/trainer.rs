@@ -298,6 +298,7 @@ impl Trainer {
             self.ranges = seen.reduce(DataRanges::and);
         }
         self.step = step;
+        self.metrics.clear();
         self.note(TRAIN_LOSS, loss);
         Ok(StepReport { step, loss, gradient_norm, learning_rate })
     }
@@ -364,7 +365,7 @@ impl Trainer {
         Ok((sum.named()?, loss))
     }
 
-    /// Writes `value` into all later checkpoints and replaces an older value of `metric`.
+    /// Writes `value` into checkpoints of this step.
     pub fn note(&mut self, metric: &str, value: f64) {
         // JSON has no NaN and no infinity.
         if value.is_finite() {
@@ -372,7 +373,7 @@ impl Trainer {
         }
     }
 
-    /// The values from [`Trainer::note`], and the loss of the last step.
+    /// The loss of the last step, and the values noted after it.
     pub fn metrics(&self) -> &BTreeMap<String, f64> {
         &self.metrics
     }

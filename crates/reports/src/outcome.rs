@@ -1,6 +1,6 @@
 //! How one predictor compares with another.
 
-use wire::Interval;
+use wire::{GroupSummary, Interval, PairedDifference, Report};
 
 /// How a predictor compares with another one. A difference counts if its 95 % confidence interval
 /// does not contain zero.
@@ -12,11 +12,28 @@ pub enum ComparisonOutcome {
     Worse,
     /// The interval contains 0.
     NotClear,
+    /// The interval rests on fewer than [`FEWEST_SCENARIOS`], and is too narrow.
+    TooFew,
 }
 
+/// A bootstrap of fewer scenarios has intervals that are far too narrow.
+const FEWEST_SCENARIOS: u64 = 5;
+
 impl ComparisonOutcome {
+    /// The outcome of a pair of `report`.
+    pub fn of(report: &Report, pair: &PairedDifference) -> Self {
+        let is_of_pair = |group: &&GroupSummary| {
+            (group.name.as_str(), group.position_noise_rad)
+                == (pair.group.as_str(), pair.position_noise_rad)
+        };
+        match report.groups.iter().find(is_of_pair) {
+            Some(group) if group.scenarios < FEWEST_SCENARIOS => Self::TooFew,
+            _ => Self::of_interval(pair.difference_deg),
+        }
+    }
+
     /// The outcome that follows from a difference of errors. A difference below 0 is better.
-    pub fn of(difference: Interval) -> Self {
+    pub fn of_interval(difference: Interval) -> Self {
         if difference.high < 0.0 {
             Self::Better
         } else if difference.low > 0.0 {
@@ -32,6 +49,7 @@ impl ComparisonOutcome {
             Self::Better => "better",
             Self::Worse => "worse",
             Self::NotClear => "not clear",
+            Self::TooFew => "too few scenarios",
         }
     }
 
@@ -41,6 +59,7 @@ impl ComparisonOutcome {
             Self::Better => "better than",
             Self::Worse => "worse than",
             Self::NotClear => "not clearly different from",
+            Self::TooFew => "compared on too few scenarios with",
         }
     }
 }

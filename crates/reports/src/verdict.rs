@@ -51,7 +51,7 @@ fn clause(report: &Report, model: &str, against: &str) -> Option<String> {
         .filter(|paired| paired.predictor == model && paired.against == against)
         .filter(|paired| Some(paired.position_noise_rad) == level)
         .collect();
-    let outcome_of = |paired: &&PairedDifference| ComparisonOutcome::of(paired.difference_deg);
+    let outcome_of = |paired: &&PairedDifference| ComparisonOutcome::of(report, paired);
     let first = differences.first().map(outcome_of)?;
     if differences.iter().all(|paired| outcome_of(paired) == first) {
         let groups: Vec<String> =
@@ -76,9 +76,11 @@ fn in_group(paired: &PairedDifference, outcome: ComparisonOutcome) -> String {
     };
     let (mean, low, high) = match outcome {
         ComparisonOutcome::Better => (-mean, -high, -low),
-        ComparisonOutcome::Worse | ComparisonOutcome::NotClear => (mean, low, high),
+        ComparisonOutcome::Worse | ComparisonOutcome::NotClear | ComparisonOutcome::TooFew => {
+            (mean, low, high)
+        }
     };
-    if outcome == ComparisonOutcome::NotClear {
+    if matches!(outcome, ComparisonOutcome::NotClear | ComparisonOutcome::TooFew) {
         let [mean, low, high] = [mean, low, high].map(signed_degrees);
         return format!("{group} (difference {mean}°, 95 % CI {low}° to {high}°)");
     }
@@ -101,6 +103,16 @@ mod tests {
              distribution (by 5.50°, 95 % CI 5.00° to 6.00°) and out of distribution (by 5.50°, \
              95 % CI 5.00° to 6.00°)."]
         );
+    }
+
+    #[test]
+    fn a_few_scenarios_decide_nothing() {
+        let mut report = example();
+        report.groups[0].scenarios = 2;
+        let verdict = &verdicts(&report)[0];
+        let expected = "robomorph is compared on too few scenarios with damped-integrator in distribution \
+                        (difference +0.20°, 95 % CI -0.30° to +0.70°), but worse than";
+        assert!(verdict.starts_with(expected), "{verdict}");
     }
 
     #[test]

@@ -240,6 +240,12 @@ fn the_config_says_how_the_training_stands() {
     assert_eq!(metrics["train/loss"], report.loss);
     assert_eq!(metrics["validation/rmse_deg"], 1.25);
     assert_eq!(metrics.len(), 2, "{metrics:?}");
+
+    // The next step has other weights, so what was measured before is not true of them.
+    let report = trainer.step(&batch(8, 8)).unwrap();
+    let model = load(&trainer.checkpoint().unwrap()).unwrap();
+    let metrics = &model.config().metrics;
+    assert_eq!((metrics["train/loss"], metrics.len()), (report.loss, 1));
 }
 
 #[test]

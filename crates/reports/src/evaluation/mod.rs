@@ -260,7 +260,7 @@ fn paired(report: &Report) -> Table {
         .text("against", |pair| pair.against.as_str())
         .text("scenarios", |pair| pair.group.as_str())
         .number("difference of RMSE, °", |pair| Cell::Difference(pair.difference_deg))
-        .text("verdict", |pair| ComparisonOutcome::of(pair.difference_deg).word())
+        .text("verdict", |pair| ComparisonOutcome::of(report, pair).word())
         .titled("Paired differences on the same scenarios", "")
 }
 

@@ -34,10 +34,10 @@ impl Tally {
         for set in 1..=study.sets() {
             let Some(interval) = column.difference(study, set, name, against) else { continue };
             tally.all += 1;
-            match ComparisonOutcome::of(interval) {
+            match ComparisonOutcome::of_interval(interval) {
                 ComparisonOutcome::Better => tally.better += 1,
                 ComparisonOutcome::Worse => tally.worse += 1,
-                ComparisonOutcome::NotClear => {}
+                ComparisonOutcome::NotClear | ComparisonOutcome::TooFew => {}
             }
         }
         tally
@@ -181,7 +181,7 @@ fn sentence(
             let Some(interval) = difference(report, group, &shifted.name, &against.name) else {
                 continue;
             };
-            let outcome = ComparisonOutcome::of(interval).words();
+            let outcome = ComparisonOutcome::of_interval(interval).words();
             clauses.push(format!(
                 "{outcome} {words} {group} ({} [{}, {}])",
                 degrees(interval.mean),
