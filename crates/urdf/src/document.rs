@@ -113,12 +113,14 @@ pub(crate) struct Limit {
 }
 
 /// The element `<dynamics>` of a joint.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct JointDynamics {
     /// N·m·s/rad.
     pub(crate) damping: f64,
     /// Coulomb friction, N·m.
     pub(crate) friction: f64,
+    /// Inertia of the rotor at the joint, kg·m². Other programs do not know this attribute.
+    pub(crate) armature: f64,
 }
 
 /// The joint's position is `multiplier` times that of `joint`, plus `offset`.

@@ -165,7 +165,7 @@ pub fn read(text: &str, options: &Options) -> Result<Arm, UrdfError> {
             velocity_rad_s: limits.velocity_rad_s,
             torque_nm: limits.torque_nm,
             damping_nm_s_rad: limits.damping_nm_s_rad,
-            armature_kg_m2: 0.0,
+            armature_kg_m2: limits.armature_kg_m2,
             friction: has_friction.then(|| limits::described(limits.friction_nm)),
             multisine_divisor: 1.0,
             least_inertia_kg_m2: None,

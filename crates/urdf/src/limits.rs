@@ -22,6 +22,7 @@ const MAX_TORQUE_NM: f64 = 1e5;
 const LEAST_LIMIT: f64 = 1e-3;
 const MAX_DAMPING_NM_S_RAD: f64 = 1000.0;
 const MAX_FRICTION_NM: f64 = 50.0;
+const MAX_ARMATURE_KG_M2: f64 = 10.0;
 
 /// Steepness of friction at rest, s/rad. Coulomb friction f is f tanh(20 q̇).
 const FRICTION_SLOPE_S_RAD: f64 = 40.0;
@@ -34,6 +35,7 @@ pub(crate) struct Limits {
     pub(crate) damping_nm_s_rad: f64,
     /// Coulomb friction, N·m.
     pub(crate) friction_nm: f64,
+    pub(crate) armature_kg_m2: f64,
 }
 
 impl Limits {
@@ -46,16 +48,17 @@ impl Limits {
             rate(limit.velocity, MAX_VELOCITY_RAD_S, VELOCITY_RAD_S, "velocity", "rad/s", doubts)?;
         let torque_nm = rate(limit.effort, MAX_TORQUE_NM, TORQUE_NM, "effort", "N·m", doubts)?;
         let position_rad = positions(joint, doubts)?;
-        let JointDynamics { damping, friction } =
-            joint.friction.unwrap_or(JointDynamics { damping: 0.0, friction: 0.0 });
+        let JointDynamics { damping, friction, armature } = joint.friction.unwrap_or_default();
         within(joint, "dynamics damping", damping, MAX_DAMPING_NM_S_RAD, "N·m·s/rad")?;
         within(joint, "dynamics friction", friction, MAX_FRICTION_NM, "N·m")?;
+        within(joint, "dynamics armature", armature, MAX_ARMATURE_KG_M2, "kg·m²")?;
         Ok(Self {
             position_rad,
             velocity_rad_s,
             torque_nm,
             damping_nm_s_rad: damping,
             friction_nm: friction,
+            armature_kg_m2: armature,
         })
     }
 }

@@ -349,7 +349,8 @@ fn read_dynamics(
     part: &Part,
     start: &BytesStart<'_>,
 ) -> Result<JointDynamics, UrdfError> {
-    let [damping, friction] = elements.attributes(part, start, ["damping", "friction"])?;
+    let names = ["damping", "friction", "armature"];
+    let [damping, friction, armature] = elements.attributes(part, start, names)?;
     let value = |text: Option<String>, field: &str| match text {
         Some(text) => number(part, field, &text, OTHERS),
         None => Ok(0.0),
@@ -357,6 +358,7 @@ fn read_dynamics(
     Ok(JointDynamics {
         damping: value(damping, "dynamics damping")?,
         friction: value(friction, "dynamics friction")?,
+        armature: value(armature, "dynamics armature")?,
     })
 }
 

@@ -25,17 +25,17 @@ const WELDED: &str = "<!-- torqued: the mass of this link and of others without 
 /// - The child link of each moving joint gets the body that the joint moves, in its own frame. An
 ///   `<inertial>` that is there gets other numbers and keeps its place and comments.
 /// - The other links of that body lose their `<inertial>`. A comment at the first one says so.
-/// - The `<dynamics>` of each moving joint gets damping and Coulomb friction, φ1 / 2. If the
-///   description does not know the friction, the text's stays. A joint without damping and
-///   friction needs no `<dynamics>`.
-/// - A comment beside it has what a URDF cannot say: the rotor inertia if it is not 0, and the
-///   friction if it is not that of [`read`](crate::read). Writing again replaces the comment.
+/// - The `<dynamics>` of each moving joint gets damping, Coulomb friction, φ1 / 2, and rotor
+///   inertia, as the attribute `armature`. If the description does not know the friction, the
+///   text's stays. A joint without any of them needs no `<dynamics>`.
+/// - A comment beside it has the friction if it is not that of [`read`](crate::read). Writing
+///   again replaces the comment.
 ///
 /// All else stays byte for byte: comments, spaces, line ends, the order of elements and
 /// attributes, meshes, other links and joints, limits and poses. Numbers that do not change keep
 /// their text, new ones have the fewest digits that are read back as the same number. Read with the
-/// same options, the new text has the bodies of the description within rounding, and its damping
-/// and friction exactly. Bodies of the hand are part of the last body then.
+/// same options, the new text has the bodies of the description within rounding, and its damping,
+/// friction and rotor inertia exactly. Bodies of the hand are part of the last body then.
 ///
 /// # Errors
 /// `text` is not the URDF of `arm`, or `description` has other joints or lengths.
@@ -142,6 +142,7 @@ impl Edits<'_> {
         let values = [
             ("damping", Some(description.damping_nm_s_rad)),
             ("friction", description.friction.map(|friction| 0.5 * friction.phi1_nm)),
+            (ARMATURE, Some(description.armature_kg_m2)),
         ];
         let known = || values.into_iter().filter_map(|(name, value)| Some((name, value?)));
         let comment = remark(description);
@@ -154,7 +155,8 @@ impl Edits<'_> {
                 self.list.push((end..end, comment));
             }
         } else if comment.is_some() || known().any(|(_, value)| value != 0.0) {
-            let new = format!("<dynamics{}/>{}", attributes(known()), comment.unwrap_or_default());
+            let named = known().filter(|(name, value)| *name != ARMATURE || *value != 0.0);
+            let new = format!("<dynamics{}/>{}", attributes(named), comment.unwrap_or_default());
             self.append(joint, &new);
         }
     }
@@ -244,16 +246,13 @@ struct Lines {
     step: String,
 }
 
-/// A comment with what a URDF cannot say about a joint.
+/// The attribute of `<dynamics>` for the rotor inertia, which URDF itself does not have.
+const ARMATURE: &str = "armature";
+
+/// A comment with friction that a URDF cannot say.
 fn remark(joint: &JointDescription) -> Option<String> {
-    let mut facts = Vec::new();
-    if joint.armature_kg_m2 != 0.0 {
-        facts.push(format!("armature_kg_m2 {}", shortest(joint.armature_kg_m2)));
-    }
-    if let Some(friction) = joint.friction.filter(|friction| !limits::is_coulomb(friction)) {
-        let [phi1, phi2, phi3] =
-            [friction.phi1_nm, friction.phi2_s_rad, friction.phi3_rad_s].map(shortest);
-        facts.push(format!("phi1_nm {phi1}, phi2_s_rad {phi2}, phi3_rad_s {phi3}"));
-    }
-    (!facts.is_empty()).then(|| format!(" {MARK}{} -->", facts.join(", ")))
+    let friction = joint.friction.filter(|friction| !limits::is_coulomb(friction))?;
+    let [phi1, phi2, phi3] =
+        [friction.phi1_nm, friction.phi2_s_rad, friction.phi3_rad_s].map(shortest);
+    Some(format!(" {MARK}phi1_nm {phi1}, phi2_s_rad {phi2}, phi3_rad_s {phi3} -->"))
 }

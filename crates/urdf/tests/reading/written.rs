@@ -188,9 +188,12 @@ const WRITTEN: &str = r#"<?xml version="1.0" encoding="utf-8"?>
 <!-- end -->
 "#;
 
+fn options() -> Options {
+    Options { tip: Some("camera".to_owned()), ..Options::default() }
+}
+
 fn written() -> (Arm, RobotDescription) {
-    let options = Options { tip: Some("camera".to_owned()), ..Options::default() };
-    let arm = read(WRITTEN, &options).unwrap();
+    let arm = read(WRITTEN, &options()).unwrap();
     let mut description = arm.description.clone();
     description.joints[0].link = BodyDescription {
         mass_kg: 2.25,
@@ -208,11 +211,13 @@ fn written() -> (Arm, RobotDescription) {
     description.joints[0].friction =
         Some(JointFriction { phi1_nm: 0.5, phi2_s_rad: 20.0, phi3_rad_s: -0.125 });
     description.joints[1].damping_nm_s_rad = 0.75;
-    description.joints[1].friction =
-        Some(JointFriction { phi1_nm: 1.0, phi2_s_rad: 40.0, phi3_rad_s: 0.0 });
+    description.joints[1].friction = Some(COULOMB);
     description.joints[1].armature_kg_m2 = 0.01;
     (arm, description)
 }
+
+/// 0.5 N·m of Coulomb friction, as a URDF is read.
+const COULOMB: JointFriction = JointFriction { phi1_nm: 1.0, phi2_s_rad: 40.0, phi3_rad_s: 0.0 };
 
 #[test]
 fn a_text_keeps_its_bytes_but_for_the_numbers() {
@@ -260,8 +265,8 @@ fn a_text_keeps_its_bytes_but_for_the_numbers() {
         ),
         (
             r#"<axis xyz="0 1 0"/></joint>"#,
-            "<axis xyz=\"0 1 0\"/><dynamics damping=\"0.75\" friction=\"0.5\"/> \
-             <!-- torqued: armature_kg_m2 0.01 --></joint>",
+            "<axis xyz=\"0 1 0\"/><dynamics damping=\"0.75\" friction=\"0.5\" \
+             armature=\"0.01\"/></joint>",
         ),
     ] {
         assert_eq!(expected.matches(old).count(), 1, "{old}");
@@ -281,8 +286,24 @@ fn a_comment_of_an_earlier_writing_is_replaced() {
     let once = write(WRITTEN, &arm, &description).unwrap();
     assert_eq!(write(&once, &arm, &description).unwrap(), once);
     description.joints[1].armature_kg_m2 = 0.0;
+    description.joints[0].friction = Some(JointFriction { phi1_nm: 0.5, ..COULOMB });
     let twice = write(&once, &arm, &description).unwrap();
-    assert_eq!(twice, once.replace(" <!-- torqued: armature_kg_m2 0.01 -->", ""));
+    let expected = once
+        .replace("armature=\"0.01\"", "armature=\"0\"")
+        .replace(" <!-- torqued: phi1_nm 0.5, phi2_s_rad 20, phi3_rad_s -0.125 -->", "");
+    assert_eq!(twice, expected);
+}
+
+#[test]
+fn a_rotor_inertia_is_read_back() {
+    let (arm, description) = written();
+    let again = write(WRITTEN, &arm, &description).unwrap();
+    let again = read(&again, &options()).unwrap();
+    assert_eq!(again.description.joints[0].armature_kg_m2, 0.0);
+    assert_eq!(again.description.joints[1].armature_kg_m2, 0.01);
+    let wrong = WRITTEN.replacen("spring_stiffness='3'", "armature='-0.5'", 1);
+    let message = read(&wrong, &options()).unwrap_err().to_string();
+    assert!(message.contains("dynamics armature is -0.5"), "{message}");
 }
 
 #[test]
@@ -293,7 +314,7 @@ fn friction_that_is_not_known_stays_as_it_is() {
     }
     let written = write(WRITTEN, &arm, &description).unwrap();
     assert!(written.contains("<dynamics damping = \"1.50\" spring_stiffness='3' />"));
-    assert!(written.contains("<dynamics damping=\"0.75\"/> <!-- torqued"));
+    assert!(written.contains("<dynamics damping=\"0.75\" armature=\"0.01\"/></joint>"));
 
     // Without damping and rotor inertia there is nothing to say.
     description.joints[1].damping_nm_s_rad = 0.0;
