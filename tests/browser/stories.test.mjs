@@ -21,9 +21,9 @@ before(async () => {
 
 after(() => browser?.close());
 
-/** A server without workers in a folder: its address, and how it ends. */
-async function serve(folder, { listen = "127.0.0.1:0", env = {} } = {}) {
-  const server = spawn(torqued, ["serve", "--workers", "0", "--data", folder, "--listen", listen], {
+/** A server in a folder, by default without workers: its address, and how it ends. */
+async function serve(folder, { listen = "127.0.0.1:0", workers = 0, env = {} } = {}) {
+  const server = spawn(torqued, ["serve", "--workers", String(workers), "--data", folder, "--listen", listen], {
     env: { ...process.env, ...env },
     stdio: ["ignore", "pipe", "inherit"],
   });
@@ -93,6 +93,42 @@ test("a page says that its server has gone, and goes on when it is back", () =>
       // Nobody executes it, so it stands among those that wait, which are folded.
       await page.getByText("after the break").first().waitFor({ state: "attached", timeout: 60_000 });
       assert.equal(await page.locator("#liveness.lost").count(), 0);
+    } finally {
+      await page.close();
+      await server.stop();
+    }
+  }));
+
+/** Every event put the next try off, and a training has more than one in each wait. */
+test("a page of a job that runs goes on when its server is back", () =>
+  withFolder(async (folder) => {
+    let server = await serve(folder, { workers: 1 });
+    const { host } = new URL(server.url);
+    const page = await browser.newPage();
+    try {
+      const submitted = await fetch(`${server.url}/v1/jobs`, {
+        method: "POST",
+        headers: { "content-type": "application/json" },
+        body: JSON.stringify({
+          kind: "train",
+          data: { stream: { preset: "D1-multisine" } },
+          model: { preset: "robomorph-tiny" },
+          batch_size: 4,
+          steps: 100_000,
+          checkpoint_every_steps: 100,
+        }),
+      });
+      assert.equal(submitted.status, 201, await submitted.clone().text());
+      const { id, run } = await submitted.json();
+      await page.goto(`${server.url}/runs/${run}`);
+      await page.locator("#run .badge.running").waitFor({ timeout: 60_000 });
+      await page.locator("#run progress").waitFor({ timeout: 60_000 });
+      await server.stop();
+      await page.locator("#liveness.lost").waitFor({ timeout: 30_000 });
+      server = await serve(folder, { listen: host, workers: 1 });
+      await page.locator("#liveness.lost").waitFor({ state: "detached", timeout: 45_000 });
+      await fetch(`${server.url}/v1/jobs/${id}/cancel`, { method: "POST" });
+      await page.locator("#run .badge.cancelled").first().waitFor({ timeout: 30_000 });
     } finally {
       await page.close();
       await server.stop();

@@ -44,24 +44,29 @@ function update(page) {
 }
 
 const isSettled = () => document.querySelector("[data-settled]") !== null;
+const isLost = () => status.classList.contains("lost");
 const isSettledForGood = () => document.querySelector("[data-settled='for-good']") !== null;
 
 async function refresh() {
   clearTimeout(timer);
+  const wasLost = isLost();
   [isRefreshing, hasHappened, refreshedAt] = [true, false, Date.now()];
   try {
     const changed = update(await fetched(location.href));
     status.className = "liveness";
+    // A proxy refuses the stream of a server that is away; the one that is back has it again.
+    if (wasLost) isRefused = false;
     status.textContent = isSettled() ? "" : "live";
     if (isSettled()) wait = LONGEST_WAIT;
     else wait = changed ? SHORTEST_WAIT : Math.min(wait * 1.5, LONGEST_WAIT / 3);
   } catch (error) {
     wait = Math.min(wait * 2, LONGEST_WAIT);
-    hasHappened = true;
+    [hasHappened, refreshedAt] = [true, Date.now()];
     status.className = "liveness lost";
     status.textContent = `no answer; next try in ${Math.round(wait / 1000)} s`;
   }
   isRefreshing = false;
+  listen();
   schedule();
 }
 
@@ -74,7 +79,8 @@ function schedule() {
     return;
   }
   const isList = events?.url.endsWith("/v1/events") ?? false;
-  if (status.classList.contains("lost")) timer = setTimeout(refresh, wait);
+  // An event must not put the next try off: the stream of a server that is back has many.
+  if (isLost()) timer = setTimeout(refresh, refreshedAt + wait - Date.now());
   else if (hasHappened) timer = setTimeout(refresh, refreshedAt + SHORTEST_WAIT - Date.now());
   else if (!events) timer = setTimeout(refresh, wait);
   else if (isList && !isSettled()) timer = setTimeout(refresh, LIST_WAIT);
@@ -88,8 +94,12 @@ function listen() {
     hasHappened = true;
     schedule();
   };
-  // Something may have happened before.
-  events.addEventListener("open", tell);
+  events.addEventListener("open", () => {
+    // The server is there, so the next try need not wait for long.
+    wait = SHORTEST_WAIT;
+    // Something may have happened before.
+    tell();
+  });
   for (const kind of KINDS) events.addEventListener(kind, tell);
   events.addEventListener("end", close);
   events.addEventListener("error", () => {
