@@ -1,6 +1,6 @@
 //! A figure as data: axes, series and bands, with their limits.
 
-use crate::theme::MEASURED;
+use crate::theme::{COMPARED, MEASURED, compared};
 
 /// Largest number of drawn points per series. The crate's documentation says how the rest is left
 /// out.
@@ -223,6 +223,19 @@ impl Curve {
     #[must_use]
     pub fn coloured(self, place: usize) -> Self {
         Self { colour: Some(place), ..self }
+    }
+
+    /// The series as the `place`-th of those that are compared. Where colours come again, its line is
+    /// dashed, has markers, or both.
+    #[must_use]
+    pub fn compared(self, place: usize) -> Self {
+        let curve = self.coloured(compared(place));
+        match (place / COMPARED.len() % 4, curve.stroke) {
+            (1, Stroke::Solid) => curve.dashed(),
+            (2, Stroke::Solid) => curve.with_markers(),
+            (3, Stroke::Solid) => curve.dashed().with_markers(),
+            _ => curve,
+        }
     }
 
     /// The series with a marker at each point.

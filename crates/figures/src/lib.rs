@@ -43,7 +43,7 @@ pub use figure::{
     SERIES_ALLOWED, Scale, Size, Stroke,
 };
 pub use stack::stacked;
-pub use theme::{COMPARED, MEASURED, style};
+pub use theme::{COMPARED, MEASURED, compared, style};
 
 impl Figure {
     /// Draws the figure as one self-contained `<svg>` element.

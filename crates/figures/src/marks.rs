@@ -60,14 +60,13 @@ enum Shape {
 
 impl CurveStyle {
     pub(crate) fn new(index: usize, series: &Curve, trace: &Trace) -> Self {
-        // The cycle of shapes is shorter than that of colours, so a repeated colour gets a new
-        // shape.
         let shapes = [Shape::Circle, Shape::Square, Shape::Triangle, Shape::Diamond];
         let index = series.colour.unwrap_or(index);
         let marked = series.mark == Mark::LineAndMarkers && trace.drawable <= MARKERS_DRAWN;
         Self {
             rgb: PALETTE[index % PALETTE.len()],
-            shape: shapes[index % shapes.len()],
+            // A colour that comes again has the next shape.
+            shape: shapes[(index + index / PALETTE.len()) % shapes.len()],
             stroke: series.stroke,
             markers: marked,
             bars: marked,

@@ -34,6 +34,13 @@ pub const MEASURED: usize = 6;
 /// The places of the other colours, for what is compared with a measurement.
 pub const COMPARED: [usize; 9] = [0, 1, 2, 3, 4, 5, 7, 8, 9];
 
+/// The place in the palette of the `place`-th of things that are compared. After the last colour the
+/// first comes again, with another marker: four times, until the markers are used up.
+#[must_use]
+pub const fn compared(place: usize) -> usize {
+    COMPARED[place % COMPARED.len()] + PALETTE.len() * (place / COMPARED.len())
+}
+
 /// The colours of the palette on a dark page: the same hues, bright enough to be seen there. The last two have others, because no
 /// bright wine or brown is far enough from the rest.
 const DARK_PALETTE: [Rgb; 10] = [
