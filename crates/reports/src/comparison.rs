@@ -85,7 +85,7 @@ pub fn parameters(runs: &[Compared], all: bool) -> Table {
     for name in names {
         let values: Vec<Option<&Value>> =
             specs.iter().map(|spec| spec.get(name).copied()).collect();
-        if all || values.windows(2).any(|pair| pair[0] != pair[1]) {
+        if all || differ(runs, &values) {
             let cells = values.into_iter().map(|value| value.map_or(Cell::Missing, shown));
             table.push([vec![Cell::from(name.as_str())], cells.collect()].concat());
         }
@@ -140,10 +140,28 @@ pub fn differing(runs: &[Compared]) -> Vec<String> {
         runs.iter().map(|run| fields(&run.parameters)).collect();
     let names: BTreeSet<&String> = specs.iter().flat_map(BTreeMap::keys).collect();
     let differs = |name: &&String| {
-        let values: Vec<_> = specs.iter().map(|spec| spec.get(*name)).collect();
-        !is_seed(name) && values.windows(2).any(|pair| pair[0] != pair[1])
+        let values: Vec<_> = specs.iter().map(|spec| spec.get(*name).copied()).collect();
+        !is_seed(name) && differ(runs, &values)
     };
     names.into_iter().filter(differs).cloned().collect()
+}
+
+/// Whether the runs' values of a field differ. A job of another kind that has no such field makes no
+/// difference between runs that agree.
+fn differ(runs: &[Compared], values: &[Option<&Value>]) -> bool {
+    let kind = |run: &Compared| run.parameters.get("kind").cloned();
+    let having: Vec<(Option<Value>, &Value)> =
+        runs.iter().zip(values).filter_map(|(run, value)| Some((kind(run), (*value)?))).collect();
+    if having.windows(2).any(|pair| pair[0].1 != pair[1].1) {
+        return true;
+    }
+    let lacking = runs.iter().zip(values).filter(|(_, value)| value.is_none());
+    let mut lacking = lacking.map(|(run, _)| kind(run));
+    match having.len() {
+        0 => false,
+        1 => lacking.next().is_some(),
+        _ => lacking.any(|kind| having.iter().any(|(other, _)| *other == kind)),
+    }
 }
 
 fn is_seed(name: &str) -> bool {
@@ -278,6 +296,25 @@ mod tests {
         assert_eq!(table.rows.len(), 2);
         assert_eq!(table.rows[0][2], Cell::Missing);
         assert!(table.rows[0][1].value().ends_with('…'));
+    }
+
+    #[test]
+    fn a_run_of_another_kind_makes_no_difference_between_equal_ones() {
+        let training = |id, steps: u32| {
+            run(id, &json!({"kind": "train", "batch_size": 8, "steps": steps}), None)
+        };
+        let evaluation = run(3, &json!({"kind": "evaluate", "context": 320}), None);
+        let names = |runs: &[Compared]| -> Vec<String> {
+            parameters(runs, false).rows.iter().map(|row| row[0].value()).collect()
+        };
+        let three = [training(1, 10), training(2, 20), evaluation.clone()];
+        assert_eq!(names(&three), ["context", "kind", "steps"]);
+        assert_eq!(
+            names(&[training(1, 10), evaluation]),
+            ["batch_size", "context", "kind", "steps"]
+        );
+        let lacking = run(2, &json!({"kind": "train", "steps": 10}), None);
+        assert_eq!(names(&[training(1, 10), lacking]), ["batch_size"]);
     }
 
     #[test]
