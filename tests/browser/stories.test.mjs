@@ -134,3 +134,34 @@ test("a page of a job that runs goes on when its server is back", () =>
       await server.stop();
     }
   }));
+
+test("a token that may only read sees no button that it may not use, and is told why on a page", () =>
+  withFolder(async (folder) => {
+    const server = await serve(folder, { env: { TORQUED_TOKEN: token } });
+    const page = await browser.newPage();
+    const send = (path, body) => fetch(server.url + path, {
+      method: "POST",
+      headers: { "content-type": "application/json", authorization: `Bearer ${token}` },
+      body: JSON.stringify(body),
+    });
+    try {
+      const { secret } = await (await send("/v1/tokens", { name: "guest", scope: "read" })).json();
+      const { id } = await (await send("/v1/jobs", { preset: "D1-multisine", trajectories: 1 })).json();
+      await page.goto(`${server.url}/jobs/${id}`);
+      await page.getByLabel("Token").fill(secret);
+      await page.getByRole("button", { name: "Log in" }).click();
+      await page.waitForURL(`${server.url}/jobs/${id}`);
+      assert.equal(await page.getByRole("button", { name: "Cancel" }).count(), 0);
+      assert.equal(await page.getByRole("link", { name: "Launch" }).count(), 0);
+      await page.goto(`${server.url}/launch?job=${id}`);
+      assert.ok(await page.getByRole("button", { name: "Launch", exact: true }).isDisabled());
+      // An older page still has its button.
+      await page.evaluate(() => document.querySelectorAll("button").forEach((it) => (it.disabled = false)));
+      await page.getByRole("button", { name: "Launch", exact: true }).click();
+      await page.getByRole("heading", { name: "This token may only read" }).waitFor();
+      await page.getByRole("link", { name: "Experiments", exact: true }).waitFor();
+    } finally {
+      await page.close();
+      await server.stop();
+    }
+  }));

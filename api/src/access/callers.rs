@@ -61,6 +61,29 @@ pub fn caller_name() -> String {
     CALLER.try_with(|caller| caller.name.clone()).unwrap_or_else(|_| NOBODY.to_owned())
 }
 
+/// Whether the present request's caller may submit, change and delete. A page without a caller, such
+/// as the login, shows what everybody sees.
+pub fn may_submit() -> bool {
+    may(Scope::Submit)
+}
+
+/// Whether the present request's caller may pause the queue and drain workers.
+pub fn may_administer() -> bool {
+    may(Scope::Admin)
+}
+
+fn may(needed: Scope) -> bool {
+    CALLER.try_with(|caller| caller.scope >= needed).unwrap_or(true)
+}
+
+/// Does something as a part of `caller`'s request, which is over.
+pub fn seen_by<T>(caller: Option<Caller>, act: impl FnOnce() -> T) -> T {
+    match caller {
+        Some(caller) => CALLER.sync_scope(caller, act),
+        None => act(),
+    }
+}
+
 /// Name of the token with which the browser logged in that gets the present page.
 pub fn logged_in_as() -> Option<String> {
     CALLER.try_with(|caller| caller.is_logged_in.then(|| caller.name.clone())).ok().flatten()

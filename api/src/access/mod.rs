@@ -28,7 +28,9 @@ use crate::limits::REQUEST_TIMEOUT;
 use crate::remote::Remote;
 
 pub(crate) use callers::{ANYONE, Access, NOBODY, SERVERS_TOKEN};
-pub use callers::{Caller, asked_for_a_token, caller_name, logged_in_as};
+pub use callers::{
+    Caller, asked_for_a_token, caller_name, logged_in_as, may_administer, may_submit, seen_by,
+};
 pub use credentials::Credentials;
 pub use scopes::Scopes;
 
@@ -107,14 +109,16 @@ pub async fn require_scope(
         return Err(ApiError::Unauthorized { offered: offered != Credentials::None });
     };
     if needed == Scope::Read || (caller.scope >= needed && !scopes::is_recorded(route)) {
-        return Ok(callers::CALLER.scope(caller, next.run(request)).await);
+        return Ok(answered(caller, request, next).await);
     }
     let mut entry =
         callers::entry(&caller.name, Remote::of(&request), request.method(), request.uri());
     let response = if caller.scope < needed {
-        ApiError::Scope { token: caller.name, scope: caller.scope, needed }.into_response()
+        let token = caller.name.clone();
+        let refusal = ApiError::Scope { token, scope: caller.scope, needed };
+        with_caller(refusal.into_response(), caller)
     } else {
-        callers::CALLER.scope(caller, next.run(request)).await
+        answered(caller, request, next).await
     };
     entry.status = response.status().as_u16();
     let made = response.headers().get(LOCATION).and_then(|path| path.to_str().ok());
@@ -123,15 +127,31 @@ pub async fn require_scope(
     Ok(response)
 }
 
+async fn answered(caller: Caller, request: Request, next: Next) -> Response {
+    let response = callers::CALLER.scope(caller.clone(), next.run(request)).await;
+    with_caller(response, caller)
+}
+
+/// The response, which says to outer layers who asked.
+fn with_caller(mut response: Response, caller: Caller) -> Response {
+    response.extensions_mut().insert(caller);
+    response
+}
+
 /// Prefixes of paths that are not pages.
 const NO_PAGES: [&str; 3] = ["/v1/", "/api/", "/metrics"];
 
 /// Whether a browser without a login asks for a page.
 fn is_for_a_page(request: &Request, offered: Credentials) -> bool {
-    let path = request.uri().path();
     let has_token = matches!(offered, Credentials::Token(_) | Credentials::Unreadable);
+    request.method() == Method::GET && !has_token && wants_a_page(request)
+}
+
+/// Whether a browser sends a request to a path of the page.
+pub fn wants_a_page(request: &Request) -> bool {
+    let path = request.uri().path();
     let is_page = !NO_PAGES.iter().any(|beginning| path.starts_with(beginning));
-    request.method() == Method::GET && !has_token && is_page && accepts_html(request.headers())
+    is_page && accepts_html(request.headers())
 }
 
 pub fn accepts_html(headers: &HeaderMap) -> bool {

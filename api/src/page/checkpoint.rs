@@ -11,10 +11,10 @@ use crate::app::App;
 use crate::app::checkpoints::Extents;
 use crate::app::datasets::data_of;
 use crate::error::ApiError;
-use crate::extract::Path;
+use crate::extract::{Path, QueryPairs};
 use crate::page::answer::{InPage, PageError, html};
 use crate::page::follow_up;
-use crate::page::labels::Labelled;
+use crate::page::labels::{Labelled, moved_aliases};
 use crate::page::lineage::Lineage;
 use crate::page::parts::{Commands, Fact, FileRow, Link, Snippet};
 use crate::page::predictions::{Drawn, DrawnFigure};
@@ -35,6 +35,8 @@ struct CheckpointPage {
     step: String,
     marks: String,
     aliases: Vec<String>,
+    /// Sentences about aliases that stood for another checkpoint until just now.
+    moved: Vec<String>,
     metrics: Vec<Fact>,
     /// Jobs that go on from it.
     follow_ups: Vec<Link>,
@@ -54,6 +56,7 @@ struct CheckpointPage {
 pub async fn show(
     State(app): State<App>,
     InPage(Path(id)): InPage<Path<i64>>,
+    QueryPairs(pairs): QueryPairs,
     headers: HeaderMap,
 ) -> Result<Response, PageError> {
     let checkpoint = app.checkpoint(id).await?;
@@ -95,6 +98,7 @@ pub async fn show(
                 &checkpoint.job_tags,
             )
         },
+        moved: moved_aliases(&pairs, &checkpoint.aliases),
         aliases: checkpoint.aliases.clone(),
         run: checkpoint.run,
         step: text::count(checkpoint.step),

@@ -1,15 +1,20 @@
 //! Name, note and tags of a thing: shows them, and changes them by a form.
 
+use askama::Template;
 use axum::extract::State;
-use axum::response::Redirect;
+use axum::http::StatusCode;
+use axum::response::{IntoResponse, Redirect, Response};
 use axum::routing::{MethodRouter, post};
 use serde::Deserialize;
+use spec::Violation;
 use wire::{ItemKind, Job, LabelChange, TextChange};
 
 use crate::app::App;
+use crate::app::labels::is_alias;
 use crate::error::ApiError;
 use crate::extract::{Form, Path};
-use crate::page::answer::{InPage, PageError};
+use crate::limits::TAGS;
+use crate::page::answer::{InPage, PageError, html};
 use crate::page::note::Note;
 
 /// The labels of a thing in the form of a page.
@@ -74,18 +79,90 @@ impl Labelled {
     }
 }
 
+impl Labelled {
+    /// The form that changes them.
+    pub fn form(&self) -> LabelForm {
+        let aliases = self.aliases.clone().unwrap_or_default();
+        LabelForm {
+            action: self.action.clone(),
+            fields: Fields {
+                shown: self.name.clone(),
+                name: self.name.clone(),
+                note: self.note.clone(),
+                tags: self.tag_line.clone(),
+                shown_aliases: aliases.clone(),
+                aliases,
+            },
+            has_aliases: self.aliases.is_some(),
+            violations: Vec::new(),
+        }
+    }
+}
+
+/// A form with labels, as they are or as they were typed.
+pub struct LabelForm {
+    pub action: String,
+    pub fields: Fields,
+    pub has_aliases: bool,
+    pub violations: Vec<Violation>,
+}
+
+impl LabelForm {
+    /// Why an input was refused.
+    pub fn refusals(&self, input: &str) -> Vec<String> {
+        let of_it = |violation: &&Violation| {
+            let field = violation.field.split('[').next().unwrap_or_default();
+            field.trim_start_matches("add_").trim_start_matches("remove_") == input
+        };
+        let reason =
+            |it: &Violation| format!("{} is not allowed; allowed: {}", it.value, it.allowed);
+        self.violations.iter().filter(of_it).map(reason).collect()
+    }
+}
+
 /// The fields of the form. `shown` is the name that it first showed.
-#[derive(Deserialize)]
+#[derive(Clone, Deserialize)]
 pub struct Fields {
-    shown: String,
-    name: String,
-    note: String,
-    tags: String,
+    pub shown: String,
+    pub name: String,
+    pub note: String,
+    pub tags: String,
     /// The aliases that it first showed, and those that it has now.
     #[serde(default)]
-    shown_aliases: String,
+    pub shown_aliases: String,
     #[serde(default)]
-    aliases: String,
+    pub aliases: String,
+}
+
+/// A refused form, as it was typed.
+#[derive(Template)]
+#[template(path = "labels.html")]
+struct LabelsPage {
+    title: String,
+    /// The thing, such as `checkpoint 8`.
+    item: String,
+    refusal: String,
+    form: LabelForm,
+}
+
+impl LabelsPage {
+    fn new(kind: ItemKind, id: i64, fields: Fields, error: &ApiError) -> Self {
+        let (problem, item) = (error.to_problem(), format!("{kind} {id}"));
+        Self {
+            title: format!("Name, tags and note of {item}"),
+            refusal: match problem.violations.is_empty() {
+                true => format!("{}.", problem.detail),
+                false => "Something in the form is not allowed.".to_owned(),
+            },
+            form: LabelForm {
+                action: format!("/{kind}s/{id}"),
+                fields,
+                has_aliases: kind == ItemKind::Checkpoint,
+                violations: problem.violations,
+            },
+            item,
+        }
+    }
 }
 
 impl Fields {
@@ -118,14 +195,54 @@ fn words_without(text: &str, other: &str) -> Vec<String> {
     words(text).into_iter().filter(|word| !others.contains(word)).collect()
 }
 
-/// The form that changes the labels of a thing of this kind, and shows the thing.
+/// The form that changes the labels of a thing of this kind, and shows the thing. A refused form is
+/// shown again with what is wrong in it.
 pub fn form(kind: ItemKind) -> MethodRouter<App> {
     let change = async move |State(app): State<App>,
                              InPage(Path(id)): InPage<Path<i64>>,
                              form: Result<Form<Fields>, ApiError>| {
         let Form(fields) = form?;
-        app.label(kind, id, &fields.change()).await?;
-        Ok::<Redirect, PageError>(Redirect::to(&format!("/{kind}s/{id}")))
+        let change = fields.clone().change();
+        let moved = moved_from(&app, id, &change.add_aliases).await?;
+        match app.label(kind, id, &change).await {
+            Ok(()) => Ok::<Response, PageError>(
+                Redirect::to(&format!("/{kind}s/{id}{moved}")).into_response(),
+            ),
+            Err(error) if is_of_the_form(error.status()) => {
+                let page = html(&LabelsPage::new(kind, id, fields, &error))?;
+                Ok((error.status(), page).into_response())
+            }
+            Err(error) => Err(error.into()),
+        }
     };
     post(change)
+}
+
+fn is_of_the_form(status: StatusCode) -> bool {
+    [StatusCode::UNPROCESSABLE_ENTITY, StatusCode::CONFLICT].contains(&status)
+}
+
+/// The query that tells the page which aliases stood for another checkpoint, and for which.
+async fn moved_from(app: &App, to: i64, aliases: &[String]) -> Result<String, ApiError> {
+    let mut moved = Vec::new();
+    for alias in aliases.iter().filter(|alias| is_alias(alias)).take(TAGS) {
+        match app.checkpoint_of_alias(alias).await {
+            Ok(from) if from != to => moved.push(format!("moved={alias}:{from}")),
+            Ok(_) | Err(ApiError::NotFound { .. }) => {}
+            Err(error) => return Err(error),
+        }
+    }
+    Ok(if moved.is_empty() { String::new() } else { format!("?{}", moved.join("&")) })
+}
+
+/// Sentences about the aliases of a checkpoint that stood for another one before, from the query
+/// that its form led to.
+pub fn moved_aliases(pairs: &[(String, String)], aliases: &[String]) -> Vec<String> {
+    let told = |(name, value): &(String, String)| {
+        let (alias, from) = value.split_once(':').filter(|_| name == "moved")?;
+        let from: i64 = from.parse().ok()?;
+        let is_here = aliases.iter().any(|known| known == alias);
+        is_here.then(|| format!("@{alias} stood for checkpoint {from} before."))
+    };
+    pairs.iter().filter_map(told).collect()
 }

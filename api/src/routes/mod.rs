@@ -117,6 +117,7 @@ pub fn router(app: App) -> Router {
         .layer(middleware::from_fn_with_state(app.clone(), guard::count))
         .layer(middleware::from_fn(guard::add_browser_headers))
         .layer(middleware::from_fn(relative::make_links_relative))
+        .layer(middleware::from_fn(page::answer::problems_as_pages))
         .layer(middleware::from_fn(crate::mlflow::translate))
         .layer(CatchPanicLayer::custom(guard::answer_panic))
         .layer(middleware::from_fn_with_state(

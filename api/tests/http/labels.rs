@@ -361,3 +361,50 @@ async fn an_alias_tells_nothing_to_those_without_the_token() {
     let server = Server::start_with(&options).await;
     server.get("/v1/checkpoints/champion").await.problem(401);
 }
+
+/// The form was gone, and the page was as wide as the tag.
+#[tokio::test]
+async fn a_refused_form_of_labels_is_shown_again_as_it_was_typed() {
+    let server = Server::with_small_pipeline().await;
+    let long = "t".repeat(200);
+    let form = format!("shown=&name=Mine&tags=a+{long}&note=Why&shown_aliases=&aliases=next+7");
+    let refused = send(&server, Method::POST, "/checkpoints/1", FORM, form).await;
+    assert_eq!(refused.status, 422);
+    let page = refused.text();
+    for part in [
+        "<h1>Name, tags and note of checkpoint 1</h1>",
+        &format!("value=\"a {long}\""),
+        "value=\"Mine\"",
+        "value=\"next 7\"",
+        ">Why</textarea>",
+        "allowed: 1 to 64 letters, digits and . _ - : / @ + =",
+        "7 is not allowed; allowed: 1 to 64 letters",
+        "href=\"../checkpoints/1\"",
+    ] {
+        assert!(page.contains(part), "{part}: {page}");
+    }
+    assert!(!page.contains("prediction request"), "{page}");
+    let kept = server.json("/v1/checkpoints/1").await;
+    assert_eq!((&kept["tags"], &kept["aliases"]), (&json!([]), &json!([])));
+    let gone =
+        send(&server, Method::POST, "/runs/99", FORM, "shown=&name=&tags=&note=".into()).await;
+    assert!(gone.status == 404 && gone.text().contains("href=\"../runs/99\""), "{gone:?}");
+}
+
+#[tokio::test]
+async fn an_alias_that_comes_from_another_checkpoint_is_told() {
+    let server = Server::with_small_pipeline().await;
+    let training = server.submitted(&small_training(&json!({"dataset": 1}))).await;
+    server.work().await;
+    let training = server.json(&format!("/v1/jobs/{}", training["id"])).await;
+    let other = format!("/checkpoints/{}", training["checkpoints"][0]);
+    let form = "shown=&name=&tags=&note=&shown_aliases=&aliases=champion";
+    let first = send(&server, Method::POST, "/checkpoints/1", FORM, form.to_owned()).await;
+    assert_eq!(first.header("location"), "/checkpoints/1");
+    let second = send(&server, Method::POST, &other, FORM, form.to_owned()).await;
+    assert_eq!(second.header("location"), format!("{other}?moved=champion:1"));
+    let page = server.get(second.header("location")).await;
+    assert!(page.text().contains("@champion stood for checkpoint 1 before."), "{page:?}");
+    let plain = server.get("/checkpoints/1?moved=champion:2").await;
+    assert!(!plain.text().contains("stood for"), "it has no such alias");
+}

@@ -361,3 +361,52 @@ async fn a_login_ends_with_its_token() {
     server.request(Method::DELETE, &format!("/v1/tokens/{id}"), &headers).await;
     assert_eq!(browse(&server, Method::GET, "/", &cookie, "").await.status, 303);
 }
+
+/// A browser got raw JSON when its token was too small.
+#[tokio::test]
+async fn a_browser_whose_token_may_only_read_gets_pages_without_buttons() {
+    let Guarded { server, credentials } = Guarded::start().await;
+    let submit = [("authorization", credentials["submit"].as_str())];
+    server.submit_to("/v1/jobs", &small_simulation(1), &submit).await;
+    let mut cookies = BTreeMap::new();
+    for scope in SCOPES {
+        let body = format!("token={}", credentials[scope].strip_prefix("Bearer ").unwrap());
+        let welcome = browse(&server, Method::POST, "/login", "", &body).await;
+        let cookie = welcome.header("set-cookie").split(';').next().unwrap().to_owned();
+        cookies.insert(scope, cookie);
+    }
+    for (path, back) in [
+        ("/jobs", "./launch"),
+        ("/jobs/1", "../jobs/1"),
+        ("/jobs/1/cancel", "../../jobs/1"),
+        ("/datasets", "./upload"),
+        ("/queue/pause", "../workers"),
+    ] {
+        let refused = browse(&server, Method::POST, path, &cookies["read"], "").await;
+        assert_eq!(refused.status, 403, "{path}");
+        assert_eq!(refused.header("content-type"), "text/html; charset=utf-8", "{path}");
+        for part in ["This token may only read", "needs", "Log out", &format!("href=\"{back}\"")] {
+            assert!(refused.text().contains(part), "{path}: {part}: {}", refused.text());
+        }
+    }
+    // Programs still get problems.
+    browse(&server, Method::POST, "/v1/jobs", &cookies["read"], "{}").await.problem(403);
+    let paused = browse(&server, Method::POST, "/queue/pause", &cookies["submit"], "").await;
+    assert!(paused.text().contains("scope is too small"), "{}", paused.text());
+
+    for (path, button, needed) in [
+        ("/jobs/1", "/cancel\"", "submit"),
+        ("/jobs/1", "Duplicate and edit", "submit"),
+        ("/jobs/1", "Change name, tags and note", "submit"),
+        ("/workers", "Pause the queue", "admin"),
+        ("/", "data-key=\"l\"", "submit"),
+        ("/launch?job=1", "<button type=\"submit\">Launch<", "submit"),
+    ] {
+        for scope in SCOPES {
+            let page = browse(&server, Method::GET, path, &cookies[scope], "").await;
+            assert_eq!(page.status, 200, "{path}");
+            let is_there = page.text().contains(button);
+            assert_eq!(is_there, reaches(scope, needed), "{path} {scope} {button}");
+        }
+    }
+}
