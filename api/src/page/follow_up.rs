@@ -2,9 +2,11 @@
 
 use serde_json::{Value, json};
 use spec::{DataSpec, Gravity, JobSpec};
-use wire::Dataset;
+use wire::{Checkpoint, Dataset, DatasetState, Listed as _};
 
+use crate::access::may_submit;
 use crate::app::App;
+use crate::app::listing::ListRequest;
 use crate::error::ApiError;
 use crate::page::parts::Link;
 
@@ -27,14 +29,127 @@ const ALL: [FollowUp; 6] = [
     FollowUp { of: "robot", word: "simulate", words: "Simulate arms like it" },
 ];
 
+/// The baselines of an evaluation to begin with.
+const BASELINES: [&str; 5] =
+    ["hold-last", "constant-velocity", "arx", "nominal-simulator", "identification"];
+
 /// The links of a dataset that is complete.
 pub fn of_dataset(dataset: &Dataset) -> Vec<Link> {
-    // Torques without the arm's weight identify nothing.
-    let carries_weight = data_spec(&dataset.spec).is_some_and(|data| match data {
+    links("dataset", dataset.id, |word| word != "identify" || carries_weight(dataset))
+}
+
+/// Whether its torques carry the arm's weight. Others identify nothing.
+fn carries_weight(dataset: &Dataset) -> bool {
+    data_spec(&dataset.spec).is_some_and(|data| match data {
         DataSpec::Simulation(spec) => spec.robot.gravity == Gravity::On,
         DataSpec::Import(spec) => spec.robot().gravity == Gravity::On,
-    });
-    links("dataset", dataset.id, |word| word != "identify" || carries_weight)
+    })
+}
+
+/// A job of a kind to begin with, and what it does.
+pub struct Start {
+    pub link: Link,
+    pub about: String,
+}
+
+impl Start {
+    fn new(href: impl Into<String>, words: &str, about: impl Into<String>) -> Self {
+        Self { link: Link::new(href, words), about: about.into() }
+    }
+
+    fn from(from: &str, words: &str, about: impl Into<String>) -> Self {
+        Self::new(format!("/launch?from={from}"), words, about)
+    }
+}
+
+/// Datasets that are looked at for one that a job could read.
+const NEWEST: usize = 50;
+
+/// A job of each kind, with the newest things that it could read.
+///
+/// # Errors
+/// When the database fails.
+pub async fn starts(app: &App) -> Result<Vec<Start>, ApiError> {
+    let newest = [("limit".to_owned(), NEWEST.to_string())];
+    let mut datasets =
+        app.list::<Dataset>(&ListRequest::read(&Dataset::LIST, &newest)?).await?.datasets;
+    datasets.retain(|dataset| dataset.state == DatasetState::Complete && dataset.trajectories > 0);
+    let newest = [("limit".to_owned(), "1".to_owned())];
+    let checkpoints =
+        app.list::<Checkpoint>(&ListRequest::read(&Checkpoint::LIST, &newest)?).await?.checkpoints;
+    let called = |dataset: &Dataset| format!("dataset {}, {}", dataset.id, dataset.name);
+    let train = match datasets.first() {
+        Some(dataset) => Start::from(
+            &format!("dataset:{}:train", dataset.id),
+            "Train",
+            format!("A model learns from {}, or from another dataset.", called(dataset)),
+        ),
+        None => Start::from("new:train", "Train", "A model learns from arms simulated on the way."),
+    };
+    let evaluate = match (checkpoints.first(), datasets.first()) {
+        (Some(Checkpoint { id, architecture, .. }), _) => Start::from(
+            &format!("checkpoint:{id}:evaluate"),
+            "Evaluate",
+            format!("Checkpoint {id}, {architecture}, or others, beside the baselines."),
+        ),
+        (None, Some(dataset)) => Start::from(
+            &format!("dataset:{}:evaluate", dataset.id),
+            "Evaluate",
+            format!("The baselines on {}.", called(dataset)),
+        ),
+        (None, None) => Start::from("new:evaluate", "Evaluate", "The baselines on simulated arms."),
+    };
+    let identify = match datasets.iter().find(|dataset| carries_weight(dataset)) {
+        Some(dataset) => Start::from(
+            &format!("dataset:{}:identify", dataset.id),
+            "Identify",
+            format!("Masses, inertias and friction of the arm of {}.", called(dataset)),
+        ),
+        None => Start::new(
+            "/upload",
+            "Identify",
+            "Masses, inertias and friction of an arm. It needs recordings: upload them first.",
+        ),
+    };
+    Ok(vec![
+        Start::from("new:simulate", "Simulate", "Arms in motion become a dataset."),
+        train,
+        evaluate,
+        identify,
+        Start::from(
+            "new:control",
+            "Control",
+            "Controllers, and checkpoints if you add some, move simulated arms along a path.",
+        ),
+        Start::new("/upload", "Import", "Recordings of your own arm become a dataset."),
+        Start::new("/upload#robot", "Add an arm", "A URDF becomes a robot that specs can name."),
+    ])
+}
+
+/// The spec of a job that reads nothing of the server, and what it is in words.
+fn of_kind(kind: &str) -> Option<(String, Value)> {
+    let simulated = json!({"preset": "panda-real", "trajectories": 100, "seed": 1_000_003});
+    let weightless = json!({"preset": "D1-multisine", "trajectories": 8, "seed": 2_000_001});
+    let (about, spec) = match kind {
+        "simulate" => (
+            "A simulation of Pandas as they are used.",
+            json!({"preset": "panda-real", "trajectories": 2048}),
+        ),
+        "train" => (
+            "A training on simulated Pandas.",
+            training(&json!({"stream": {"preset": "panda-real"}}), Some(&json!("panda"))),
+        ),
+        "evaluate" => (
+            "The baselines on simulated Pandas.",
+            json!({"kind": "evaluate", "data": {"stream": simulated}, "baselines": BASELINES}),
+        ),
+        "control" => (
+            "The controllers of Pandas without gravity.",
+            json!({"kind": "control", "data": {"stream": weightless}}),
+        ),
+        _ => return None,
+    };
+    Some((about.to_owned(), spec))
 }
 
 /// The links of a checkpoint.
@@ -48,6 +163,9 @@ pub fn of_robot(id: i64) -> Vec<Link> {
 }
 
 fn links(of: &str, id: i64, is_possible: impl Fn(&str) -> bool) -> Vec<Link> {
+    if !may_submit() {
+        return Vec::new();
+    }
     let possible = ALL.iter().filter(|it| it.of == of && is_possible(it.word));
     let link = |it: &FollowUp| Link::new(format!("/launch?from={of}:{id}:{}", it.word), it.words);
     possible.map(link).collect()
@@ -59,6 +177,9 @@ fn links(of: &str, id: i64, is_possible: impl Fn(&str) -> bool) -> Vec<Link> {
 /// # Errors
 /// When the thing does not exist.
 pub async fn beginning(app: &App, from: &str) -> Result<Option<(String, Value)>, ApiError> {
+    if let Some(kind) = from.strip_prefix("new:") {
+        return Ok(of_kind(kind));
+    }
     let mut parts = from.splitn(3, ':');
     let (Some(of), Some(id), Some(word)) = (parts.next(), parts.next(), parts.next()) else {
         return Ok(None);
@@ -101,26 +222,31 @@ fn on_dataset(dataset: &Dataset, word: &str) -> Value {
     match word {
         "identify" => json!({"kind": "identify", "data": data}),
         "evaluate" => json!({
-            "kind": "evaluate", "data": data, "context": context,
-            "baselines": ["hold-last", "constant-velocity", "arx", "nominal-simulator", "identification"],
+            "kind": "evaluate", "data": data, "context": context, "baselines": BASELINES,
         }),
         _ => {
-            let mut model =
-                json!({"architecture": "lagrangian", "points": 100, "rotor_inertia": true});
-            // Equations that are told the arm need less data.
-            if let Some(robot) = dataset.spec.pointer("/robot/model") {
-                model["robot"] = json!({"model": robot});
-            }
-            json!({
-                "kind": "train", "data": data, "context": context, "model": model,
-                "optimizer": {
-                    "learning_rate": 0.005, "warmup_steps": 30, "betas": [0.9, 0.99],
-                    "final_learning_rate_ratio": 0.001,
-                },
-                "batch_size": 8, "steps": 360, "validate_every_steps": 180,
-            })
+            let mut training = training(&data, dataset.spec.pointer("/robot/model"));
+            training["context"] = json!(context);
+            training
         }
     }
+}
+
+/// A short training of the model that needs the least data.
+fn training(data: &Value, robot: Option<&Value>) -> Value {
+    let mut model = json!({"architecture": "lagrangian", "points": 100, "rotor_inertia": true});
+    // Equations that are told the arm need less data.
+    if let Some(robot) = robot {
+        model["robot"] = json!({"model": robot});
+    }
+    json!({
+        "kind": "train", "data": data, "model": model,
+        "optimizer": {
+            "learning_rate": 0.005, "warmup_steps": 30, "betas": [0.9, 0.99],
+            "final_learning_rate_ratio": 0.001,
+        },
+        "batch_size": 8, "steps": 360, "validate_every_steps": 180,
+    })
 }
 
 /// The training of a checkpoint again, from its weights on.

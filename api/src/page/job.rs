@@ -40,8 +40,8 @@ struct JobPage {
     warnings: Vec<String>,
     /// Its outcome in words.
     outcome: String,
-    /// Whether somebody has just submitted it again.
-    again: bool,
+    /// What was typed for it if somebody has just submitted it again.
+    again: Option<Again>,
     digest: String,
     short_digest: String,
     results: Vec<Link>,
@@ -82,17 +82,27 @@ struct AttemptRow {
     log: String,
 }
 
+/// The name and the tags that were typed for a job that existed before.
+struct Again {
+    name: String,
+    tags: String,
+}
+
 /// The query of a page that a form led to.
 #[derive(Deserialize)]
 pub struct JustSubmitted {
     /// Given if the job existed before.
     again: Option<String>,
+    #[serde(default)]
+    name: String,
+    #[serde(default)]
+    tags: String,
 }
 
 pub async fn show(
     State(app): State<App>,
     InPage(Path(id)): InPage<Path<i64>>,
-    InPage(Query(JustSubmitted { again })): InPage<Query<JustSubmitted>>,
+    InPage(Query(submitted)): InPage<Query<JustSubmitted>>,
     headers: HeaderMap,
 ) -> Result<Response, PageError> {
     let job = app.job(id).await?;
@@ -118,7 +128,7 @@ pub async fn show(
         labelled: Labelled::of_job(&job),
         warnings: job.warnings.clone(),
         outcome,
-        again: again.is_some(),
+        again: submitted.again.map(|_| Again { name: submitted.name, tags: submitted.tags }),
         digest: job.digest.to_string(),
         short_digest: job.digest.short(),
         results: results(&job),

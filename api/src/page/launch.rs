@@ -9,6 +9,8 @@ use reports::json::readable;
 use serde::Deserialize;
 use serde_json::Value;
 use spec::{PresetPlace, SpecError, Violation};
+use store::Labels;
+use wire::{ItemKind, LabelChange, TextChange};
 
 use crate::app::submission::{Reuse, Submitted};
 use crate::app::{App, labels};
@@ -16,9 +18,10 @@ use crate::error::ApiError;
 use crate::extract::{Form, Query};
 use crate::limits::SPEC_FORM_BYTES;
 use crate::page::answer::{InPage, PageError, html};
-use crate::page::follow_up;
+use crate::page::follow_up::{self, Start};
 use crate::page::parts::Commands;
-use crate::page::spec_form::{Changes, Group, groups, sweep, values_of};
+use crate::page::predict::{self, CheckpointChoice};
+use crate::page::spec_form::{Changes, Group, groups, names_checkpoints, sweep, values_of};
 
 #[derive(Template)]
 #[template(path = "launch.html")]
@@ -36,6 +39,10 @@ struct LaunchPage {
     /// Why the text was refused; empty before it was submitted.
     refusal: String,
     violations: Vec<Violation>,
+    /// Checkpoints that a field may name.
+    checkpoints: Vec<CheckpointChoice>,
+    /// A job of each kind to begin with; none if the form has a beginning.
+    starts: Vec<Start>,
     presets: Vec<Choice>,
     commands: Commands,
 }
@@ -95,7 +102,7 @@ struct Beginning {
 impl Beginning {
     async fn of(app: &App, from: &str) -> Result<Self, ApiError> {
         let unknown = || {
-            let allowed = "job:ID, preset:NAME, or a follow-up such as dataset:ID:train";
+            let allowed = "job:ID, preset:NAME, new:KIND, or a follow-up such as dataset:ID:train";
             ApiError::parameter("from", from, allowed)
         };
         let (kind, name) = from.split_once(':').ok_or_else(unknown)?;
@@ -127,11 +134,12 @@ pub async fn show(
     let job = begin.job.map(|id| format!("job:{id}"));
     let preset = begin.preset.map(|name| format!("preset:{name}"));
     let Some(from) = job.or(preset).or(begin.from) else {
-        return Ok(html(&LaunchPage::new(None, Fields::default(), &headers))?);
+        return Ok(html(&LaunchPage::new(&app, None, Fields::default(), &headers).await?)?);
     };
     let beginning = Beginning::of(&app, &from).await?;
     let fields = Fields { spec: readable(&beginning.written), ..Fields::default() };
-    Ok(html(&LaunchPage::new(Some((&beginning, &Changes::default())), fields, &headers))?)
+    let begin = Some((&beginning, &Changes::default()));
+    Ok(html(&LaunchPage::new(&app, begin, fields, &headers).await?)?)
 }
 
 /// Submits the form and shows the job. A refused form is shown again with what is wrong in it.
@@ -162,18 +170,19 @@ pub async fn submit(
             // Only the text is asked for.
             fields.spec = text;
             let begin = beginning.as_ref().map(|beginning| (beginning, &changes));
-            let page = LaunchPage::new(begin, fields, &headers);
+            let page = LaunchPage::new(&app, begin, fields, &headers).await?;
             return Ok(html(&LaunchPage { is_text_open: true, ..page })?);
         }
         Ok(text) => {
             fields.spec = text;
-            submit_fields(&app, &fields).await
+            let reuse = if given("force").is_some() { Reuse::Never } else { Reuse::SameDigest };
+            submit_fields(&app, &fields, reuse).await
         }
         Err(error) => Err(ApiError::Spec(error)),
     };
     match submitted {
         Ok(Submitted { job, created }) => {
-            let again = if created { "" } else { "?again=1" };
+            let again = if created { String::new() } else { again(&fields.name, &fields.tags) };
             Ok(Redirect::to(&format!("/jobs/{}{again}", job.id)).into_response())
         }
         Err(error) if error.status().is_client_error() => {
@@ -183,7 +192,7 @@ pub async fn submit(
                 false => problem.violations,
             };
             let begin = beginning.as_ref().map(|beginning| (beginning, &changes));
-            let page = LaunchPage::new(begin, fields, &headers);
+            let page = LaunchPage::new(&app, begin, fields, &headers).await?;
             let page = page.refused(problem.title, violations, begin);
             Ok((error.status(), html(&page)?).into_response())
         }
@@ -202,21 +211,68 @@ impl Beginning {
     }
 }
 
-async fn submit_fields(app: &App, fields: &Fields) -> Result<Submitted, ApiError> {
+/// Submits the spec. Name and tags are for a new job: one that is there keeps its own, because other
+/// people know it by them.
+async fn submit_fields(app: &App, fields: &Fields, reuse: Reuse) -> Result<Submitted, ApiError> {
     let name = Some(fields.name.trim().to_owned()).filter(|name| !name.is_empty());
     let tags = fields.tags.split([' ', ',', '\t']).filter(|tag| !tag.is_empty());
     let labels = labels::submitted(name, None, tags.map(str::to_owned).collect())?;
     let text = Bytes::from(fields.spec.clone());
-    app.submit(text, Reuse::SameDigest, None, labels).await
+    label_new(app, app.submit(text, reuse, None, Labels::default()).await?, labels).await
+}
+
+/// Gives a job its labels if it is new.
+pub(super) async fn label_new(
+    app: &App,
+    submitted: Submitted,
+    labels: Labels,
+) -> Result<Submitted, ApiError> {
+    let change = LabelChange {
+        name: labels.name.map_or(TextChange::Nothing, TextChange::Set),
+        add_tags: labels.tags.into_iter().collect(),
+        ..LabelChange::default()
+    };
+    if !submitted.created || change == LabelChange::default() {
+        return Ok(submitted);
+    }
+    app.label(ItemKind::Job, submitted.job.id, &change).await?;
+    Ok(submitted)
+}
+
+/// The query of a job's page that says that the job was there before, with what was typed for it.
+pub(super) fn again(name: &str, tags: &str) -> String {
+    let mut query = form_urlencoded::Serializer::for_suffix("?again=1".to_owned(), 1);
+    for (field, typed) in [("name", name.trim()), ("tags", tags.trim())] {
+        if !typed.is_empty() {
+            query.append_pair(field, typed);
+        }
+    }
+    query.finish()
 }
 
 impl LaunchPage {
-    fn new(begin: Option<(&Beginning, &Changes)>, fields: Fields, headers: &HeaderMap) -> Self {
+    async fn new(
+        app: &App,
+        begin: Option<(&Beginning, &Changes)>,
+        fields: Fields,
+        headers: &HeaderMap,
+    ) -> Result<Self, ApiError> {
         let groups = begin.map(|(beginning, changes)| groups(&beginning.spec, changes, Vec::new()));
-        Self {
+        let groups = groups.map(|(groups, _)| groups).unwrap_or_default();
+        let checkpoints = match groups.iter().flat_map(Group::paths).any(names_checkpoints) {
+            true => predict::newest_checkpoints(app).await?,
+            false => Vec::new(),
+        };
+        let starts = match begin {
+            None => follow_up::starts(app).await?,
+            Some(_) => Vec::new(),
+        };
+        Ok(Self {
+            checkpoints,
+            starts,
             about: begin.map(|(beginning, _)| beginning.about.clone()).unwrap_or_default(),
             from: begin.map(|(beginning, _)| beginning.from.clone()).unwrap_or_default(),
-            groups: groups.map(|(groups, _)| groups).unwrap_or_default(),
+            groups,
             fields,
             is_text_open: begin.is_none(),
             refusal: String::new(),
@@ -225,7 +281,7 @@ impl LaunchPage {
                 .map(|preset| Choice { name: &preset.name, about: &preset.about })
                 .collect(),
             commands: Commands::new(headers),
-        }
+        })
     }
 
     /// The page with violations, those of fields beside their inputs.

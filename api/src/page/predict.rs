@@ -140,6 +140,28 @@ pub async fn show(State(app): State<App>, pairs: QueryPairs) -> Result<Response,
     Ok(html(&page)?)
 }
 
+/// A checkpoint to choose.
+pub struct CheckpointChoice {
+    pub id: i64,
+    pub name: String,
+}
+
+/// The newest checkpoints.
+///
+/// # Errors
+/// When the database fails.
+pub async fn newest_checkpoints(app: &App) -> Result<Vec<CheckpointChoice>, ApiError> {
+    let newest = [("limit".to_owned(), CHOICES.to_string())];
+    let found = app.list::<Checkpoint>(&ListRequest::read(&Checkpoint::LIST, &newest)?).await?;
+    let trainings: Vec<i64> = found.checkpoints.iter().map(|checkpoint| checkpoint.job).collect();
+    let trainings = app.jobs_by_id(&trainings).await?;
+    let choice = |checkpoint: &Checkpoint| CheckpointChoice {
+        id: checkpoint.id,
+        name: name(checkpoint, trainings.get(&checkpoint.job)),
+    };
+    Ok(found.checkpoints.iter().map(choice).collect())
+}
+
 /// A checkpoint with what says which one it is.
 fn name(checkpoint: &Checkpoint, training: Option<&Job>) -> String {
     let architecture = &checkpoint.architecture;

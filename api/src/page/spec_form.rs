@@ -3,8 +3,10 @@
 use std::collections::BTreeMap;
 use std::sync::LazyLock;
 
-use serde_json::{Map, Value};
+use serde_json::{Map, Value, json};
 use spec::{SpecError, Violation};
+
+use crate::app::labels::is_alias;
 
 /// The document, where fields are described.
 static DOCUMENT: LazyLock<Value> = LazyLock::new(crate::routes::openapi);
@@ -34,6 +36,11 @@ pub struct Section {
 }
 
 impl Section {
+    /// Its name in words.
+    pub fn title(&self) -> String {
+        self.name.replace('_', " ")
+    }
+
     /// Whether something was typed into it, or is wrong in it.
     pub fn is_open(&self) -> bool {
         let is_touched = |field: &Field| !field.value.is_empty() || !field.violation.is_empty();
@@ -42,6 +49,11 @@ impl Section {
 }
 
 impl Group {
+    /// The paths of its fields.
+    pub fn paths(&self) -> impl Iterator<Item = &str> {
+        self.sections.iter().flat_map(|section| &section.fields).map(|field| &*field.path)
+    }
+
     fn fields(&mut self) -> impl Iterator<Item = &mut Field> {
         self.sections.iter_mut().flat_map(|section| &mut section.fields)
     }
@@ -65,6 +77,11 @@ pub struct Field {
 }
 
 impl Field {
+    /// Whether it names checkpoints, of which the form has a list.
+    pub fn names_checkpoints(&self) -> bool {
+        names_checkpoints(&self.path)
+    }
+
     /// The name of its input.
     pub fn name(&self) -> String {
         format!("{NAMED}{}", self.path)
@@ -94,7 +111,9 @@ impl Changes {
         let mut changed = spec.clone();
         let mut error = SpecError::default();
         for (path, typed) in &self.0 {
-            if !put(&mut changed, path, value_of(typed)) {
+            let value =
+                if names_checkpoints(path) { checkpoints_of(typed) } else { value_of(typed) };
+            if !put(&mut changed, path, value) {
                 let allowed = "a field of the spec below";
                 error.violations.push(Violation::new(path.clone(), typed.clone(), allowed));
             }
@@ -114,6 +133,36 @@ fn put(spec: &mut Value, path: &str, value: Value) -> bool {
 /// A JSON value, or else the text itself: `200`, `true`, `["a"]`, `multisine`.
 pub fn value_of(typed: &str) -> Value {
     serde_json::from_str(typed).unwrap_or_else(|_| Value::from(typed))
+}
+
+/// Whether a field has a list of checkpoints.
+pub fn names_checkpoints(path: &str) -> bool {
+    path.rsplit('.').next() == Some("checkpoints")
+}
+
+/// Checkpoints as a spec names them. People type ids and aliases: `8, 9` or `champion`.
+fn checkpoints_of(typed: &str) -> Value {
+    let of_id = |value: Value| match value.is_u64() {
+        true => json!({ "checkpoint": value }),
+        false => value,
+    };
+    match serde_json::from_str(typed) {
+        Ok(Value::Array(list)) => list.into_iter().map(of_id).collect(),
+        Ok(Value::Number(id)) => Value::from(vec![of_id(id.into())]),
+        Ok(other) => other,
+        Err(_) => {
+            let words = typed.split([',', ' ', ';']).filter(|word| !word.is_empty());
+            let one = |word: &str| {
+                let alias = word.trim_start_matches('@');
+                match alias.parse::<u64>() {
+                    Ok(id) => Some(of_id(id.into())),
+                    Err(_) => is_alias(alias).then(|| json!({ "alias": alias })),
+                }
+            };
+            let all: Option<Vec<Value>> = words.map(one).collect();
+            all.map_or_else(|| Value::from(typed), Value::from)
+        }
+    }
 }
 
 /// Several values in one line: a JSON list, or values separated by commas.
@@ -150,7 +199,7 @@ pub fn sweep(spec: &Value, path: &str, values: &[Value]) -> Result<Value, SpecEr
         .collect();
     let last = path.rsplit('.').next().unwrap_or(path);
     let name: String = format!("{kind} over {last}").chars().take(100).collect();
-    Ok(serde_json::json!({ "kind": "pipeline", "name": name, "jobs": jobs }))
+    Ok(json!({ "kind": "pipeline", "name": name, "jobs": jobs }))
 }
 
 /// The inputs for a spec with every default filled in. Violations stand beside their fields; those
@@ -184,7 +233,7 @@ pub fn groups(
             sections[place].fields.push(Field {
                 placeholder: shown(value),
                 value: changes.0.get(&path).cloned().unwrap_or_default(),
-                about: described.map(about).unwrap_or_default(),
+                about: described.map(about).unwrap_or_default() + hint(&label),
                 choices: described.map(|it| choices(it, value)).unwrap_or_default(),
                 violation: String::new(),
                 label,
@@ -201,7 +250,7 @@ pub fn groups(
             Field {
                 placeholder: "left out".to_owned(),
                 value: changes.0.get(&path).cloned().unwrap_or_default(),
-                about: about(schema),
+                about: about(schema) + hint(label),
                 choices: Vec::new(),
                 violation: String::new(),
                 label: label.clone(),
@@ -289,6 +338,11 @@ fn property(schema: &'static Value, name: &str, depth: usize) -> Option<&'static
         .find_map(|part| property(part, name, deeper))
 }
 
+/// How people may type what is a list of objects in JSON.
+fn hint(label: &str) -> &'static str {
+    if names_checkpoints(label) { " Ids or aliases will do: 8, 9 or champion." } else { "" }
+}
+
 /// What a field means, in its first paragraph.
 fn about(schema: &'static Value) -> String {
     let own = schema["description"].as_str();
@@ -312,8 +366,6 @@ fn choices(schema: &'static Value, value: &Value) -> Vec<String> {
 
 #[cfg(test)]
 mod tests {
-    use serde_json::json;
-
     use super::*;
 
     fn training() -> Value {
@@ -372,6 +424,23 @@ mod tests {
             Changes::read(&[("set:early_stop".to_owned(), r#"{"patience": 3}"#.to_owned())]);
         let early = early.applied(&spec).unwrap();
         assert_eq!(early["early_stop"]["patience"], 3);
+    }
+
+    #[test]
+    fn checkpoints_are_typed_by_their_ids_and_aliases() {
+        for (typed, expected) in [
+            ("8", json!([{"checkpoint": 8}])),
+            ("8, 9", json!([{"checkpoint": 8}, {"checkpoint": 9}])),
+            ("[8, {\"alias\": \"a\"}]", json!([{"checkpoint": 8}, {"alias": "a"}])),
+            (
+                "champion @next 7",
+                json!([{"alias": "champion"}, {"alias": "next"}, {"checkpoint": 7}]),
+            ),
+            ("8, -9", json!("8, -9")),
+            ("[]", json!([])),
+        ] {
+            assert_eq!(checkpoints_of(typed), expected, "{typed}");
+        }
     }
 
     #[test]

@@ -6,6 +6,7 @@ use axum::http::HeaderMap;
 use axum::response::{IntoResponse, Redirect, Response};
 use serde_json::{Value, json};
 use spec::{SpecError, Violation};
+use store::Labels;
 use wire::{Listed as _, Robot};
 
 use crate::app::listing::ListRequest;
@@ -15,6 +16,7 @@ use crate::app::{App, labels};
 use crate::error::ApiError;
 use crate::extract::RobotText;
 use crate::page::answer::{PageError, html};
+use crate::page::launch::{again, label_new};
 use crate::page::parts::Commands;
 use crate::upload::IncomingForm;
 
@@ -124,11 +126,15 @@ pub async fn recordings(
     let imported = async {
         let labels = typed_labels(&texts)?;
         files.spec = of_robot(texts.of("spec"), texts.of("robot"))?.to_string().into();
-        app.import(files, Reuse::SameDigest, None, labels).await
+        let imported = app.import(files, Reuse::SameDigest, None, Labels::default()).await?;
+        label_new(&app, imported, labels).await
     };
     match imported.await {
         Ok(submitted) => {
-            let again = if submitted.created { "" } else { "?again=1" };
+            let again = match submitted.created {
+                true => String::new(),
+                false => again(texts.of("name"), texts.of("tags")),
+            };
             Ok(Redirect::to(&format!("/jobs/{}{again}", submitted.job.id)).into_response())
         }
         Err(error) => UploadPage::refuse(&app, &headers, texts, "recordings", error).await,
@@ -166,7 +172,7 @@ fn options(texts: &Texts) -> Vec<(String, String)> {
     given.chain(locks).map(|(name, text)| (name.to_owned(), text.to_owned())).collect()
 }
 
-fn typed_labels(texts: &Texts) -> Result<store::Labels, ApiError> {
+fn typed_labels(texts: &Texts) -> Result<Labels, ApiError> {
     let name = Some(texts.of("name").to_owned()).filter(|name| !name.is_empty());
     let tags = texts.of("tags").split([' ', ',', '\t']).filter(|tag| !tag.is_empty());
     labels::submitted(name, None, tags.map(str::to_owned).collect())

@@ -201,3 +201,70 @@ async fn what_is_wrong_stands_beside_its_input_which_keeps_its_text() {
     }
     assert_eq!(server.json("/v1/jobs").await["jobs"].as_array().unwrap().len(), 5);
 }
+
+#[tokio::test]
+async fn a_job_of_each_kind_is_begun_without_a_preset() {
+    for server in [Server::start().await, Server::with_small_pipeline().await] {
+        let page = server.get("/launch").await.text().to_owned();
+        for words in ["Simulate", "Train", "Evaluate", "Identify", "Control", "Import"] {
+            assert!(page.contains(&format!(">{words}</a>")), "{words}: {page}");
+        }
+        let beginnings: Vec<String> = page
+            .split("launch?from=")
+            .skip(1)
+            .map(|rest| rest.split('"').next().unwrap().replace("&#58;", ":"))
+            .collect();
+        assert!(beginnings.len() >= 4, "{beginnings:?}");
+        for from in beginnings {
+            let form = server.get(&format!("/launch?from={from}")).await;
+            assert!(form.text().contains("Fields of the spec"), "{from}: {form:?}");
+            let sent = post(&server, &[("from", &from)]).await;
+            assert_eq!(sent.status, 303, "{from}: {}", sent.text());
+        }
+        assert_eq!(server.get("/launch?from=new:pipeline").await.status, 400);
+    }
+}
+
+#[tokio::test]
+async fn checkpoints_are_listed_and_typed_by_their_ids() {
+    let server = Server::with_small_pipeline().await;
+    let form = server.get("/launch?from=dataset:2:evaluate").await;
+    for part in ["list=\"checkpoints\"", "<option value=\"1\">1 robomorph"] {
+        assert!(form.text().contains(part), "{part}: {}", form.text());
+    }
+    let fields = [
+        ("from", "dataset:2:evaluate"),
+        ("set:checkpoints", "1"),
+        ("set:context", "320"),
+        ("show", "1"),
+    ];
+    let shown = post(&server, &fields).await;
+    assert!(shown.text().contains("&#34;checkpoint&#34;: 1"), "{}", shown.text());
+    assert_eq!(post(&server, &fields[..3]).await.status, 303);
+}
+
+/// A finished job was renamed for everybody when somebody launched the same under another name.
+#[tokio::test]
+async fn an_equal_job_keeps_its_name_and_is_run_again_by_a_button() {
+    let server = Server::with_small_pipeline().await;
+    let before = server.json("/v1/jobs/1").await;
+    let typed = [("from", "job:1"), ("name", "another <name>"), ("tags", "a b")];
+    let same = post(&server, &typed).await;
+    let path = same.header("location");
+    assert_eq!(
+        (same.status.as_u16(), path),
+        (303, "/jobs/1?again=1&name=another+%3Cname%3E&tags=a+b")
+    );
+    let after = server.json("/v1/jobs/1").await;
+    assert_eq!((&after["name"], &after["tags"]), (&before["name"], &before["tags"]));
+    let page = server.get(path).await.text().to_owned();
+    for part in ["Run it again", "name=\"force\"", "value=\"another &#60;name&#62;\""] {
+        assert!(page.contains(part), "{part}: {page}");
+    }
+    let again = post(&server, &[&typed[..], &[("force", "1")]].concat()).await;
+    assert_eq!(again.status, 303);
+    assert_ne!(again.header("location"), "/jobs/1");
+    let job = server.json(&format!("/v1{}", again.header("location"))).await;
+    assert_eq!((&job["name"], &job["tags"]), (&json!("another <name>"), &json!(["a", "b"])));
+    assert_eq!(job["digest"], before["digest"]);
+}
