@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use figures::{Axis, Band, COMPARED, Curve, Figure, FigureError, Point, SERIES_ALLOWED, Size};
+use figures::{Axis, Band, Curve, Figure, FigureError, Point, SERIES_ALLOWED, Size};
 use store::{CurvePoint, TrackedMetric};
 use wire::{SpectrumSummary, Summary, TrajectoryPrediction, TrajectoryPredictions};
 
@@ -116,8 +116,7 @@ pub fn overlaid(key: &str, over: Over, smoothing: f64, all: &[Overlaid]) -> Figu
         });
         Curve::line(&group.name, points.collect())
     };
-    let coloured =
-        |(place, curve): (usize, Curve)| curve.coloured(COMPARED[place % COMPARED.len()]);
+    let coloured = |(place, curve): (usize, Curve)| curve.compared(place);
     let curves: Vec<Curve> = all
         .iter()
         .map(curve)
@@ -145,10 +144,22 @@ pub fn overlaid(key: &str, over: Over, smoothing: f64, all: &[Overlaid]) -> Figu
     }
 }
 
+/// A run in a figure of points.
+pub struct Scattered {
+    pub name: String,
+    /// The place of its curve among those of [`overlaid`], which gives its colour.
+    pub colour: usize,
+    /// The number in its spec.
+    pub at: Option<f64>,
+    /// The latest value of the metric.
+    pub value: Option<f64>,
+}
+
 /// The latest value of a metric over a number in the spec: a point for each run that has both.
-pub fn scatter(parameter: &str, key: &str, runs: &[(String, Option<f64>, Option<f64>)]) -> Figure {
-    let point = |(name, x, y): &(String, Option<f64>, Option<f64>)| {
-        Some(Curve::line(name, vec![Point::new((*x)?, (*y)?)]).with_markers())
+pub fn scatter(parameter: &str, key: &str, runs: &[Scattered]) -> Figure {
+    let point = |run: &Scattered| {
+        let points = vec![Point::new(run.at?, run.value?)];
+        Some(Curve::line(&run.name, points).compared(run.colour).with_markers())
     };
     let series: Vec<Curve> = runs.iter().filter_map(point).collect();
     let points = || series.iter().flat_map(|curve| &curve.points);
@@ -292,11 +303,14 @@ pub fn predictions_svg(predictions: &TrajectoryPredictions) -> Result<String, Fi
     figures::stacked(&title, &panels, Size { width: 760, height: 280 })
 }
 
-/// Checkpoints have the colours of their places, and the baseline the last one.
+/// The colour of the baseline `hold-last`, as in evaluations (`crates/evaluation/src/figure/colours.rs`).
+const HELD: usize = figures::compared(16);
+
+/// Checkpoints have the colours of their places, and the baseline its own.
 fn coloured(curve: Curve, place: usize, prediction: &TrajectoryPrediction) -> Curve {
     match prediction.checkpoint {
-        Some(_) => curve.coloured(COMPARED[place % COMPARED.len()]),
-        None => curve.coloured(COMPARED[COMPARED.len() - 1]).dashed(),
+        Some(_) => curve.compared(place),
+        None => curve.coloured(HELD).dashed(),
     }
 }
 
@@ -449,6 +463,30 @@ mod tests {
         assert_eq!((raw.points[1].y, raw.stroke, raw.colour), (2.0, Stroke::Faint, smooth.colour));
         let values: Vec<f64> = smooth.points.iter().map(|point| point.y).collect();
         assert!((values[0] - 4.0).abs() < 1e-12 && (values[1] - 8.0 / 3.0).abs() < 1e-12);
+    }
+
+    /// The black one of the points was the orange one of the curves.
+    #[test]
+    fn a_run_has_one_colour_in_its_curve_and_its_point() {
+        let group = |_| Overlaid { name: "run".to_owned(), curves: vec![curve(&[2.0, 1.0])] };
+        let groups: Vec<Overlaid> = (0..20).map(group).collect();
+        let curves = overlaid("loss", Over::Step, 0.0, &groups).series;
+        let run = |colour: usize| Scattered {
+            name: "run".to_owned(),
+            colour,
+            at: Some(1.0),
+            value: Some(1.0),
+        };
+        let points = scatter("steps", "loss", &(0..20).map(run).collect::<Vec<_>>()).series;
+        let colours = |series: &[Curve]| series.iter().map(|it| it.colour).collect::<Vec<_>>();
+        assert_eq!(colours(&curves), colours(&points));
+        // Beyond the colours, dashes and markers tell curves apart.
+        let mut looks = Vec::new();
+        for Curve { colour, stroke, mark, .. } in curves {
+            let look = (colour.map(|place| place % 10), stroke, mark);
+            assert!(!looks.contains(&look), "{look:?}");
+            looks.push(look);
+        }
     }
 
     /// The loss of the `lagrangian` is a negative log-likelihood. Its curve had 26 of 500 points,

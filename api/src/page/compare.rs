@@ -9,11 +9,12 @@ use axum::response::Response;
 use reports::Table;
 use reports::comparison::{self, Compared};
 use spec::ValidationMetric;
+use store::StoreError;
 use wire::RunName;
 
 use crate::app::App;
 use crate::app::compared::ComparedRun;
-use crate::charts::{self, Over, Overlaid, overlaid};
+use crate::charts::{self, Over, Overlaid, Scattered, overlaid};
 use crate::error::ApiError;
 use crate::extract::QueryPairs;
 use crate::limits::COMPARED_RUNS;
@@ -27,6 +28,8 @@ const PANEL: figures::Size = figures::Size { width: 760, height: 300 };
 #[template(path = "compare.html")]
 struct ComparePage {
     links: Vec<Link>,
+    /// Runs in the trash, which are left out.
+    trashed: Vec<i64>,
     names: Vec<RunName>,
     /// The keys of all metrics, and whether each is drawn.
     keys: Vec<(String, bool)>,
@@ -59,11 +62,19 @@ struct Asked {
 }
 
 pub async fn show(State(app): State<App>, pairs: QueryPairs) -> Result<Response, PageError> {
-    let asked = Asked::read(&pairs.filled())?;
+    let mut asked = Asked::read(&pairs.filled())?;
     let mut found: Vec<ComparedRun> = Vec::with_capacity(asked.runs.len());
+    let mut trashed = Vec::new();
     for name in &asked.runs {
-        found.push(app.compared_run(name).await?);
+        match app.compared_run(name).await {
+            Ok(run) => found.push(run),
+            // The others can still be compared.
+            Err(ApiError::Store(StoreError::InTrash { item, .. })) => trashed.push(item.id),
+            Err(error) => return Err(error.into()),
+        }
     }
+    let is_there = |name: &RunName| !matches!(name, RunName::Own(id) if trashed.contains(id));
+    asked.runs.retain(is_there);
     let runs: Vec<Compared> = found.iter().map(|run| run.compared.clone()).collect();
     let keys: BTreeSet<&String> = runs.iter().flat_map(|run| run.metrics.keys()).collect();
     let drawn: Vec<String> = match &asked.metric {
@@ -101,10 +112,15 @@ pub async fn show(State(app): State<App>, pairs: QueryPairs) -> Result<Response,
     let against = against.or_else(|| numbers.keys().next().cloned());
     let scatter = match (&against, key) {
         (Some(name), Some(key)) => {
-            let points = runs.iter().zip(&numbers[name]).map(|(run, number)| {
-                (run.label.clone(), *number, run.metrics.get(key).copied().flatten())
+            let points = runs.iter().zip(&numbers[name]).enumerate();
+            let points = points.map(|(place, (run, number))| Scattered {
+                name: run.label.clone(),
+                // The colour of its curve.
+                colour: groups.iter().position(|group| group.contains(&place)).unwrap_or(place),
+                at: *number,
+                value: run.metrics.get(key).copied().flatten(),
             });
-            let points: Vec<_> = points.collect();
+            let points: Vec<Scattered> = points.collect();
             Some(charts::scatter(name, key, &points).to_svg(figures::Size::PAGE)?)
         }
         _ => None,
@@ -116,6 +132,7 @@ pub async fn show(State(app): State<App>, pairs: QueryPairs) -> Result<Response,
             .keys()
             .map(|name| (name.clone(), Some(name) == against.as_ref()))
             .collect(),
+        trashed,
         links: found.iter().map(|run| Link::new(&run.href, &run.compared.label)).collect(),
         names: asked.runs,
         keys: keys

@@ -48,6 +48,17 @@ pub fn rate(per_second: f64) -> String {
     format!("{:.1}/min", per_second * 60.0)
 }
 
+/// A number of things, of which one has the name `one`: `1 recording`, `2 recordings`.
+pub fn counted(number: impl TryInto<u64>, one: &str) -> String {
+    let number = number.try_into().unwrap_or(u64::MAX);
+    let several = match one.strip_suffix('y') {
+        _ if number == 1 => one.to_owned(),
+        Some(stem) => format!("{stem}ies"),
+        None => format!("{one}s"),
+    };
+    format!("{} {several}", count(number))
+}
+
 /// A heading, with its first letter in upper case.
 pub fn title(heading: &str) -> String {
     let mut letters = heading.chars();

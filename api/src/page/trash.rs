@@ -5,10 +5,12 @@ use axum::extract::State;
 use axum::response::{Redirect, Response};
 use axum::routing::{MethodRouter, get, post};
 use serde::Deserialize;
-use store::Respect;
-use wire::{Dependents, ItemKind, Trash, TrashedItem};
+use spec::ValidationMetric;
+use store::{Respect, StoreError};
+use wire::{Checkpoint, Dependents, ItemKind, Trash, TrashedItem};
 
 use crate::app::App;
+use crate::error::ApiError;
 use crate::extract::{Path, Query};
 use crate::limits::PAGE_DEFAULT;
 use crate::page::answer::{InPage, PageError, html};
@@ -20,14 +22,32 @@ use crate::page::text;
 struct DeletePage {
     kind: ItemKind,
     id: i64,
+    /// What people know it by.
+    called: Called,
     size: String,
-    along: Vec<String>,
+    along: Vec<Along>,
     along_left_out: usize,
     jobs: Vec<DependentRow>,
     jobs_left_out: usize,
     /// Whether a job that has not ended prevents the deletion.
     is_kept: bool,
     days: u64,
+}
+
+/// The name of an item, and more words about it.
+#[derive(Default)]
+struct Called {
+    name: String,
+    aliases: Vec<String>,
+    /// What it is, such as `training` or `lagrangian, step 360`.
+    about: String,
+}
+
+/// An item that is deleted along with another.
+struct Along {
+    href: String,
+    words: String,
+    called: Called,
 }
 
 struct DependentRow {
@@ -73,7 +93,7 @@ pub fn deletion(kind: ItemKind) -> MethodRouter<App> {
     let ask = async move |State(app): State<App>, InPage(Path(id)): InPage<Path<i64>>| {
         let found = app.dependents(kind, id).await?;
         let days = app.options().keep_deleted.as_secs() / (24 * 60 * 60);
-        Ok::<Response, PageError>(html(&page(&found, days))?)
+        Ok::<Response, PageError>(html(&page(&app, &found, days).await?)?)
     };
     let delete =
         async move |State(app): State<App>,
@@ -104,8 +124,58 @@ pub async fn show(
     Ok(html(&TrashPage { rows: items.into_iter().map(TrashedRow::from).collect(), next })?)
 }
 
-fn page(found: &Dependents, days: u64) -> DeletePage {
-    let along = found.along.iter().take(ALONG).map(|item| format!("{} {}", item.kind, item.id));
+impl Called {
+    /// Empty for an item that is in the trash itself.
+    async fn of(app: &App, kind: ItemKind, id: i64) -> Result<Self, ApiError> {
+        match Self::of_kept(app, kind, id).await {
+            Err(ApiError::Store(StoreError::InTrash { .. } | StoreError::OwnerDeleted { .. })) => {
+                Ok(Self::default())
+            }
+            called => called,
+        }
+    }
+
+    async fn of_kept(app: &App, kind: ItemKind, id: i64) -> Result<Self, ApiError> {
+        Ok(match kind {
+            ItemKind::Job => {
+                let job = app.job(id).await?;
+                let about = match job.members.len() {
+                    0 => job.kind.to_string(),
+                    members => format!("{} of {}", job.kind, text::counted(members, "job")),
+                };
+                Self { name: job.name, about, aliases: Vec::new() }
+            }
+            ItemKind::Run => {
+                let run = app.run(id).await?;
+                Self { name: run.name, about: run.kind.to_string(), aliases: Vec::new() }
+            }
+            ItemKind::Dataset => {
+                let dataset = app.dataset(id).await?;
+                let about = text::counted(dataset.trajectories, "trajectory");
+                Self { name: dataset.name, about, aliases: Vec::new() }
+            }
+            ItemKind::Checkpoint => {
+                let Checkpoint { name, aliases, architecture, step, metrics, .. } =
+                    app.checkpoint(id).await?;
+                let rmse_deg = metrics.get(ValidationMetric::RmseDeg.key());
+                let rmse = rmse_deg.map(|rmse| format!(", {}°", text::degrees(*rmse)));
+                let step = text::count(step);
+                let about = format!("{architecture}, step {step}{}", rmse.unwrap_or_default());
+                Self { name: name.unwrap_or_default(), aliases, about }
+            }
+        })
+    }
+}
+
+async fn page(app: &App, found: &Dependents, days: u64) -> Result<DeletePage, ApiError> {
+    let mut along = Vec::new();
+    for item in found.along.iter().take(ALONG) {
+        along.push(Along {
+            href: format!("/{}s/{}", item.kind, item.id),
+            words: format!("{} {}", item.kind, item.id),
+            called: Called::of(app, item.kind, item.id).await?,
+        });
+    }
     let row = |job: &wire::Dependent| DependentRow {
         id: job.id,
         name: job.name.clone(),
@@ -115,18 +185,19 @@ fn page(found: &Dependents, days: u64) -> DeletePage {
     let is_open = |job: &&wire::Dependent| !job.state.is_final();
     let open = found.jobs.iter().filter(is_open);
     let ended = found.jobs.iter().filter(|job| !is_open(job));
-    DeletePage {
+    Ok(DeletePage {
         kind: found.kind,
         id: found.id,
+        called: Called::of(app, found.kind, found.id).await?,
         size: text::size(found.bytes),
-        along: along.collect(),
+        along,
         along_left_out: found.along.len().saturating_sub(ALONG),
         // Those that prevent the deletion come first.
         jobs: open.chain(ended).take(ALONG).map(row).collect(),
         jobs_left_out: found.jobs.len().saturating_sub(ALONG),
         is_kept: found.jobs.iter().any(|job| !job.state.is_final()),
         days,
-    }
+    })
 }
 
 impl From<TrashedItem> for TrashedRow {

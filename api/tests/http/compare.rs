@@ -1,5 +1,6 @@
 //! The page that shows runs beside each other.
 
+use axum::http::Method;
 use serde_json::json;
 
 use crate::fixture::{Server, small_training};
@@ -112,4 +113,18 @@ async fn a_comparison_that_is_not_allowed_names_the_parameter() {
         assert_eq!(answer.status, status, "{query}");
         assert!(answer.text().contains(part), "{query}: {}", answer.text());
     }
+}
+
+#[tokio::test]
+async fn a_run_in_the_trash_is_left_out_and_said() {
+    let server = Server::with_small_pipeline().await;
+    let deleted = server.request(Method::DELETE, "/v1/runs/2?force=true", &[]).await;
+    assert_eq!(deleted.status, 200);
+    let others = page(&server, "?run=1,2").await;
+    for part in ["Run 2 is in the trash", "action=\"./runs/2/restore\"", "<svg"] {
+        assert!(others.contains(part), "{part}: {others}");
+    }
+    assert!(!others.contains("value=\"2\""), "{others}");
+    server.post("/runs/2/restore").await;
+    assert!(!page(&server, "?run=1,2").await.contains("in the trash"));
 }

@@ -7,6 +7,7 @@ use serde_json::{Value, json};
 use store::{DeletionOrder, Item, ItemKind, Respect, Ripe};
 
 use crate::fixture::{Server, TestResponse, small_pipeline, small_simulation, small_training};
+use crate::labels::patch;
 
 async fn delete(server: &Server, path: &str) -> TestResponse {
     server.request(Method::DELETE, path, &[]).await
@@ -181,7 +182,9 @@ async fn the_page_asks_shows_what_depends_and_brings_back() {
     assert!(text("/trash").await.contains("action=\"./datasets/1/restore\""));
     let gone = server.get("/datasets/1").await;
     assert_eq!(gone.status, 410);
-    assert!(gone.text().contains("torqued undelete dataset 1"));
+    for part in ["torqued undelete dataset 1", "action=\"../datasets/1/restore\"", "/trash\""] {
+        assert!(gone.text().contains(part), "{part}: {}", gone.text());
+    }
     let form = server.post("/datasets/1/restore").await;
     assert_eq!((form.status.as_u16(), form.header("location")), (303, "/datasets/1"));
     text("/datasets/1").await;
@@ -196,4 +199,24 @@ async fn the_page_asks_shows_what_depends_and_brings_back() {
         question.contains("has not ended")
             && !question.contains("<form method=\"post\" action=\"../../datasets")
     );
+}
+
+#[tokio::test]
+async fn the_question_says_what_people_call_the_thing_and_what_goes_with_it() {
+    let server = Server::with_small_pipeline().await;
+    let named = json!({"name": "the good one", "add_aliases": ["champion"]});
+    assert_eq!(patch(&server, "/v1/checkpoints/1", &named).await.status, 200);
+    assert_eq!(patch(&server, "/v1/jobs/5", &json!({"name": "night run"})).await.status, 200);
+    let dataset = server.json("/v1/datasets/1").await;
+    for (path, parts) in [
+        ("/checkpoints/1", &["the good one", "@champion", "robomorph, step"][..]),
+        ("/jobs/5", &["night run", "pipeline of 4 jobs", "@champion", "href=\"../../datasets/1\""]),
+        ("/datasets/1", &[dataset["name"].as_str().unwrap(), " trajectories"]),
+        ("/runs/1", &["train"]),
+    ] {
+        let page = server.get(&format!("{path}/delete")).await;
+        for part in parts {
+            assert!(page.text().contains(part), "{path}: {part}: {}", page.text());
+        }
+    }
 }
