@@ -7,7 +7,7 @@ use axum::response::{IntoResponse, Redirect, Response};
 use reports::Table;
 use serde::Deserialize;
 use spec::JobKind;
-use wire::{Dataset, DatasetFile, FileKind, Job, JobState};
+use wire::{Dataset, DatasetFile, DatasetState, FileKind, Job, JobState};
 
 use crate::app::App;
 use crate::app::datasets::data_of;
@@ -34,6 +34,9 @@ pub struct View {
 struct DatasetPage {
     id: i64,
     job: JobHeader,
+    /// Its state in words, as in the list, and the state of a job that has the same colour.
+    state: String,
+    colour: JobState,
     labelled: Labelled,
     settled: bool,
     digest: String,
@@ -90,9 +93,12 @@ pub async fn show(
     tables.extend(reports::channels::arms(&summary));
     let channels = reports::channels::table(&summary);
     let lineage = Lineage::of(&app, &job).await?;
+    let (state, colour) = state(&dataset, &job);
     let page = DatasetPage {
         id,
         job: JobHeader::of(&job),
+        state,
+        colour,
         labelled: Labelled::new(
             format!("/datasets/{id}"),
             &dataset.name,
@@ -117,6 +123,7 @@ pub async fn show(
         has_spectra: summary.spectra.iter().any(|spectrum| spectrum.density.len() > 1),
         left_out: match summary.trajectories - summary.summarized.min(summary.trajectories) {
             0 => String::new(),
+            1 => "1 trajectory is not among them".to_owned(),
             left_out => format!("{} trajectories are not among them", text::count(left_out)),
         },
         viewer: Viewer::new(&app, &dataset, &summary, view.trajectory).await?,
@@ -127,6 +134,17 @@ pub async fn show(
         lineage,
     };
     Ok(html(&page)?)
+}
+
+/// The state of a dataset in words, and its colour. One that is being made has its job's.
+fn state(dataset: &Dataset, job: &Job) -> (String, JobState) {
+    match dataset.state {
+        DatasetState::Abandoned => (format!("{} {}", filling(job.kind), job.state), job.state),
+        DatasetState::Building if job.state != JobState::Running => {
+            (job.state.to_string(), job.state)
+        }
+        state => (state.to_string(), state.colour()),
+    }
 }
 
 /// Queues a verification, and leads back to the place of its result.
@@ -198,14 +216,14 @@ fn facts(dataset: &Dataset, kind: JobKind, trajectories: u64) -> Vec<Fact> {
 
 impl FileRow {
     fn of_dataset(file: &DatasetFile) -> Self {
-        let rows = text::count(file.rows.unwrap_or(0));
+        let rows = |one: &str| text::counted(file.rows.unwrap_or(0), one);
         Self {
             url: file.url.clone(),
             name: file.name.clone(),
             contents: match file.content {
                 FileKind::Description => "columns, units, counts, digests, spec".to_owned(),
-                FileKind::Trajectories => format!("{rows} samples"),
-                FileKind::Robots => format!("{rows} trajectories: what made each"),
+                FileKind::Trajectories => rows("sample"),
+                FileKind::Robots => format!("{}: what made each", rows("trajectory")),
             },
             size: text::size(file.size),
             sha256: file.sha256.to_string(),

@@ -110,8 +110,8 @@ pub async fn headlines(app: &App, jobs: &[&Job]) -> Result<BTreeMap<i64, String>
     for (job, source) in sources {
         let headline = match source {
             Source::Dataset(id) => datasets.get(&id).map(|dataset| {
-                let trajectories = text::count(dataset.trajectories);
-                format!("{trajectories} trajectories, {}", text::size(dataset.bytes))
+                let trajectories = text::counted(dataset.trajectories, "trajectory");
+                format!("{trajectories}, {}", text::size(dataset.bytes))
             }),
             Source::Metric(run) => recorded.get(&run).map(|latest| {
                 let rmse_deg = latest.value.unwrap_or(f64::NAN);

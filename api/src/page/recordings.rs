@@ -30,17 +30,19 @@ impl Imported {
 
 pub fn facts(counts: &ImportCounts) -> Vec<Fact> {
     let too_short = match counts.dropped_recordings {
-        0 => format!("in {} rows", text::count(counts.rows)),
+        0 => format!("in {}", text::counted(counts.rows, "row")),
         dropped => format!("{} of them too short", text::count(dropped)),
     };
     let left_over = text::count(counts.dropped_samples);
+    let samples = if counts.dropped_samples == 1 { "sample" } else { "samples" };
     let mut facts = vec![
         Fact::new("Recordings", text::count(counts.recordings), too_short),
-        Fact::new("Left over", left_over, "samples in no trajectory"),
+        Fact::new("Left over", left_over, format!("{samples} in no trajectory")),
     ];
     if counts.filtered_recordings > 0 {
-        let filtered = text::count(counts.filtered_recordings);
-        facts.push(Fact::new("Filtered", filtered, "recordings, before samples were left out"));
+        let recordings = if counts.filtered_recordings == 1 { "recording" } else { "recordings" };
+        let note = format!("{recordings}, before samples were left out");
+        facts.push(Fact::new("Filtered", text::count(counts.filtered_recordings), note));
     }
     facts
 }

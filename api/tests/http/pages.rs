@@ -517,3 +517,15 @@ async fn the_api_is_shown_by_files_of_this_server_alone() {
         server.get(&format!("/docs/{file}")).await.problem(404);
     }
 }
+
+#[tokio::test]
+async fn a_dataset_has_the_same_state_in_the_list_and_on_its_page() {
+    let server = Server::start().await;
+    server.submitted(&small_simulation(1)).await;
+    assert!(page(&server, "/datasets/1").await.contains("<span class=\"badge queued\">queued<"));
+    server.work().await;
+    for path in ["/datasets", "/datasets/1"] {
+        let page = page(&server, path).await;
+        assert!(page.contains("<span class=\"badge succeeded\">complete<"), "{path}: {page}");
+    }
+}
