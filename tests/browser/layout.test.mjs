@@ -173,6 +173,64 @@ test("on a phone the columns of the first page stay apart", async () => {
   await page.close();
 });
 
+test("on a phone no value of a list, a pipeline or a trash lies over another or out of sight", async () => {
+  const page = await browser.newPage({ viewport: { width: 390, height: 844 } });
+  const { id } = await (await fetch(`${product.url}/v1/jobs?name=to%20be%20deleted`, {
+    method: "POST",
+    headers: { "content-type": "application/json" },
+    body: JSON.stringify({ preset: "D1-multisine", trajectories: 2, seed: 91 }),
+  })).json();
+  await fetch(`${product.url}/v1/jobs/${id}/cancel`, { method: "POST" });
+  while (!["cancelled", "succeeded"].includes((await product.get(`/v1/jobs/${id}`)).state)) {
+    await new Promise((resolve) => setTimeout(resolve, 100));
+  }
+  await fetch(`${product.url}/v1/jobs/${id}?force=true`, { method: "DELETE" });
+  const columns = "?columns=train/seconds_per_step,train/samples_per_second,optimizer.final_learning_rate_ratio";
+  const all = ["checkpoints", "runs", "datasets", "evaluations", "experiments", "pipeline", "run", "trash", "logged runs"];
+  const looked = [...all.map((name) => pages[name]), pages.runs + columns, pages["logged runs"] + columns];
+  for (const path of looked) {
+    await page.goto(product.url + path);
+    const { rows, trouble } = await page.evaluate(() => {
+      const trouble = [];
+      const rows = [...document.querySelectorAll("table.list tbody tr, .experiment tr")];
+      for (const row of rows) {
+        const cells = [...row.cells].filter((cell) => cell.getClientRects().length > 0);
+        const boxes = cells.map((cell) => ({ cell, box: cell.getBoundingClientRect() }));
+        for (const [k, { cell, box }] of boxes.entries()) {
+          if (box.left < 0 || box.right > innerWidth || cell.scrollWidth > cell.clientWidth + 1) {
+            trouble.push(`${cell.innerText} is cut`);
+          }
+          for (const { cell: other, box: theirs } of boxes.slice(0, k)) {
+            const apart = theirs.right <= box.left + 1 || theirs.left >= box.right - 1
+              || theirs.bottom <= box.top + 1 || theirs.top >= box.bottom - 1;
+            if (!apart) trouble.push(`${cell.innerText} lies over ${other.innerText}`);
+          }
+        }
+      }
+      return { rows: rows.length, trouble };
+    });
+    assert.ok(rows > 0, path);
+    assert.deepEqual(trouble, [], path);
+  }
+  await page.goto(product.url + pages.trash);
+  await page.getByRole("button", { name: "Restore" }).first().click({ timeout: 5000 });
+  await page.waitForURL(`**/jobs/${id}`);
+  await page.close();
+});
+
+test("on a phone the buttons of a figure leave its title in sight", async () => {
+  const page = await browser.newPage({ viewport: { width: 390, height: 844 } });
+  for (const path of [pages.run, pages.evaluation]) {
+    await page.goto(product.url + path);
+    const figure = page.locator("figure").first();
+    await figure.scrollIntoViewIfNeeded();
+    const drawing = await figure.locator(".chart.narrow > svg").boundingBox();
+    const tools = await figure.locator(".tools").boundingBox();
+    assert.ok(tools.y >= drawing.y + drawing.height - 1, `${path}: ${tools.y}`);
+  }
+  await page.close();
+});
+
 test("figures follow the dark theme", async () => {
   for (const [colorScheme, isLight] of [["light", true], ["dark", false]]) {
     const context = await browser.newContext({ colorScheme, viewport: { width: 1440, height: 900 } });

@@ -6,7 +6,6 @@ const AXIS = 44; // Tick labels and the heading below a plot.
 const ROW = 20;
 const GAP = 16;
 const SMALLEST_TITLE = 10; // CSS pixels.
-const TOOLS = 52; // The width of the buttons in the upper right corner.
 
 /** The widest region, in pixels, in which a figure is drawn anew. */
 export const NARROW = 600;
@@ -47,7 +46,7 @@ export function narrow(svg, plots, width) {
   let top = 0;
   for (const plot of plots) {
     plot.fit(width - MARGIN - 4);
-    fitTitle(plot, width - 2 * MARGIN - (top === 0 ? TOOLS : 0));
+    fitTitle(plot, width - 2 * MARGIN);
     const height = placeKeys(plot, width) + MARGIN;
     plot.svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
     for (const ground of own(plot, ":scope > rect")) {
