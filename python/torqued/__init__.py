@@ -9,7 +9,7 @@
     model = torqued.load("checkpoint/")          # model.safetensors and config.json
     y = model.predict(u, y_context)              # [batch, horizon, joint], rad
     model.network                                # a torch.nn.Module
-    torqued.save(model, "checkpoint/")           # for torqued to predict with
+    torqued.save(model, "checkpoint/")           # for `load`
 
     torqued.find_binary()                        # the program, as `python -m torqued` runs it
 

@@ -1,5 +1,6 @@
 """Loads a checkpoint, `config.json` and `model.safetensors`, as a model that predicts."""
 
+import hashlib
 import inspect
 import json
 import pkgutil
@@ -35,6 +36,8 @@ class TrainedModel:
     def __init__(self, network: torch.nn.Module, config: dict):
         self.network = network.eval()
         self.config = config
+        self._digest = _digest(network)
+        """The digest of the weights that `config` describes."""
 
     def predict(
         self,
@@ -59,7 +62,10 @@ class TrainedModel:
             context, samples = config["context"], config["samples"]
         expected = (len(u), samples, joints), (len(u), context, joints)
         if (u.shape, y_context.shape) != expected:
-            raise ValueError(f"u and y_context have shapes {u.shape} and {y_context.shape}, expected {expected}")
+            raise ValueError(
+                f"u and y_context have the shapes {u.shape} and {y_context.shape}, allowed: [batch, {samples}, {joints}] "
+                f"and [batch, {context}, {joints}] of one batch; one robot is a batch of 1: u[None], y_context[None]"
+            )
         u = torch.as_tensor(u, dtype=torch.float32)
         y = torch.as_tensor(y_context, dtype=torch.float32)
         u_mean, u_std, y_mean, y_std = self._statistics(u[:, :context], y)
@@ -113,7 +119,10 @@ class TrainedModel:
 
 
 def load(directory: str | Path) -> TrainedModel:
-    """Loads the checkpoint in `directory`, of any architecture."""
+    """Loads the checkpoint in `directory`, of any architecture.
+
+    Raises NotImplementedError for a `lagrangian` with a field of `Lagrangian.LACKS`, such as one that is told its arm.
+    """
     directory = Path(directory)
     config = json.loads((directory / "config.json").read_text())
     if config["format_version"] != FORMAT_VERSION:
@@ -127,7 +136,11 @@ def load(directory: str | Path) -> TrainedModel:
 
 
 def save(model: TrainedModel, directory: str | Path) -> None:
-    """Writes the files that `load` and torqued read. Weights are written in single precision."""
+    """Writes the files that `load` reads. Weights are written in single precision.
+
+    If the weights have changed since `load`, config.json describes a fine-tuning: `init` names the training of the
+    loaded weights, and the metrics and the device of that training are left out.
+    """
     directory = Path(directory)
     directory.mkdir(parents=True, exist_ok=True)
     weights = {
@@ -135,7 +148,16 @@ def save(model: TrainedModel, directory: str | Path) -> None:
         for name, tensor in model.network.state_dict().items()
     }
     save_file(weights, directory / "model.safetensors", {"format": "pt"})
-    (directory / "config.json").write_text(json.dumps(model.config, indent=2) + "\n")
+    is_changed = _digest(model.network) != model._digest
+    config = fine_tuned(model.config) if is_changed else model.config
+    (directory / "config.json").write_text(json.dumps(config, indent=2) + "\n")
+
+
+def fine_tuned(config: dict) -> dict:
+    """The config of weights that were changed in PyTorch after the training that `config` describes."""
+    kept = {name: value for name, value in config.items() if name not in ("metrics", "device", "ema")}
+    origin = {name: config[name] for name in ("spec_digest", "step")}
+    return kept | {"spec_digest": "pytorch", "step": 0, "init": origin}
 
 
 def wanted(function: Callable, known: dict) -> dict:
@@ -154,6 +176,12 @@ def network_of(config: dict) -> torch.nn.Module:
     if architecture not in networks:
         raise ValueError(f"architecture {architecture!r} has no twin here, only {', '.join(networks)}")
     network = networks[architecture]
+    lacking = [name for name in getattr(network, "LACKS", ()) if config["model"].get(name) not in (None, False)]
+    if lacking:
+        raise NotImplementedError(
+            f"the PyTorch twin has no {architecture} with {' and '.join(lacking)}; ask torqued for its predictions: "
+            "Client.predict, `torqued predict` or POST /v1/checkpoints/ID/predict"
+        )
     sizes = {name: config[name] for name in ("context", "horizon", "samples", "rate_hz")}
     sizes |= {"joints": joints_of(config), "series_per_joint": known_series_per_joint(config)} | config["model"]
     return network(**wanted(network, sizes))
@@ -165,3 +193,12 @@ def _mean_and_deviation(series: Tensor) -> tuple[Tensor, Tensor]:
     series = series.double()
     deviation = series.std(dim=1, keepdim=True, correction=0).clamp(min=SMALLEST_STANDARD_DEVIATION)
     return series.mean(dim=1, keepdim=True).float(), deviation.float()
+
+
+def _digest(network: torch.nn.Module) -> bytes:
+    """A digest of the network's weights in single precision."""
+    digest = hashlib.sha256()
+    for name, tensor in sorted(network.state_dict().items()):
+        digest.update(name.encode())
+        digest.update(tensor.detach().to("cpu", torch.float32).contiguous().numpy().tobytes())
+    return digest.digest()

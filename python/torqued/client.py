@@ -13,21 +13,25 @@ import uuid
 DEFAULT_SERVER = "http://127.0.0.1:7070"
 FINAL_STATES = ("succeeded", "failed", "cancelled")
 _CHUNK_BYTES = 1 << 20
+# The field with the files of each kind of thing.
+_FILES = {"datasets": "files", "checkpoints": "files", "runs": "artifacts", "evaluations": "artifacts"}
 
 
 class ServerError(Exception):
     """A refusal of the server. `status` is the HTTP status. `problem` is the answer (RFC 9457), if it is one."""
 
-    def __init__(self, status, problem):
+    def __init__(self, status, problem, advice=None):
         self.status = status
         self.problem = problem
-        violations = [
-            f"{it['field']}: {it['value']}; allowed: {it['allowed']}"
-            for it in problem.get("violations", ())
-        ]
+        lines = [problem.get("detail", f"status {status}")]
+        if problem.get("violations"):
+            # The detail has all violations in one line.
+            lines = [problem.get("title", f"status {status}"), *map(_violation, problem["violations"])]
         if problem.get("more_violations"):
-            violations.append(f"and {problem['more_violations']} more")
-        super().__init__("\n".join([problem.get("detail", f"status {status}"), *violations]))
+            lines.append(f"and {problem['more_violations']} more")
+        if advice:
+            lines.append(advice)
+        super().__init__("\n".join(lines))
 
 
 class JobEnded(Exception):
@@ -68,10 +72,16 @@ class Client:
         """The answer to POST with `body` as JSON."""
         return self._json("POST", path, parameters, body)
 
-    def submit(self, spec, force=False):
+    def submit(self, spec, force=False, *, name=None, note=None, tags=()):
         """Submits a job and returns it. A job that was done before, or that is queued or running, is reused unless
-        `force`."""
-        return self.post("/v1/jobs", spec, force=json.dumps(force))
+        `force`.
+
+        `name`, `note` (Markdown) and `tags` label the job. They do not belong to its spec.
+        """
+        tags = [tags] if isinstance(tags, str) else list(tags)
+        labels = {"name": name, "note": note, "tag": tags or None}
+        labels = {label: value for label, value in labels.items() if value is not None}
+        return self.post("/v1/jobs", spec, force=json.dumps(force), **labels)
 
     def wait(self, job, every_s=0.5, timeout_s=None):
         """Waits until `job`, an id or a result of `submit`, has succeeded, and returns it.
@@ -171,16 +181,20 @@ class Client:
         return self.post(f"/v1/checkpoints/{checkpoint}/predict", body)
 
     def download(self, kind, item, folder):
-        """Downloads all files of a dataset or a checkpoint into `folder` and returns their paths.
+        """Downloads all files of a dataset, a checkpoint, a run or an evaluation into `folder` and returns their
+        paths.
 
-        `kind` is "datasets" or "checkpoints". Files that exist with the right SHA-256 are kept. Raises ValueError
-        if bytes have another SHA-256 than the server's list.
+        `kind` is "dataset", "checkpoint", "run" or "evaluation", or its plural. Files that exist with the right
+        SHA-256 are kept. Raises ValueError if bytes have another SHA-256 than the server's list.
         """
-        if kind not in ("datasets", "checkpoints"):
-            raise ValueError(f"kind {kind!r}, allowed: 'datasets' or 'checkpoints'")
+        plural = kind if kind in _FILES else f"{kind}s"
+        if plural not in _FILES:
+            allowed = ", ".join(repr(known.removesuffix("s")) for known in _FILES)
+            raise ValueError(f"kind {kind!r}, allowed: {allowed}")
+        files = self.get(f"/v1/{plural}/{item}")[_FILES[plural]]
         folder = pathlib.Path(folder)
         folder.mkdir(parents=True, exist_ok=True)
-        return [self._fetch(file, folder) for file in self.get(f"/v1/{kind}/{item}")["files"]]
+        return [self._fetch(file, folder) for file in files]
 
     def _fetch(self, file, folder):
         if pathlib.PurePath(file["name"]).name != file["name"]:
@@ -233,8 +247,10 @@ class Client:
             message = f"no answer from {self.server}: {reason}; is `torqued serve` running there?"
             raise ConnectionError(message) from reason
         if answer.status >= 400:
+            needs_token = answer.status == 401 and not self._token
+            advice = "set TORQUED_TOKEN, or pass token to Client" if needs_token else None
             with answer:
-                raise ServerError(answer.status, _problem(answer))
+                raise ServerError(answer.status, _problem(answer), advice)
         return answer
 
     def _connection(self):
@@ -257,6 +273,14 @@ class _SocketConnection(http.client.HTTPConnection):
         self.sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
         self.sock.settimeout(self.timeout)
         self.sock.connect(self._path)
+
+
+def _violation(violation):
+    """A violation in one line, as the command line prints it."""
+    field = violation["field"] or "the spec"
+    if not violation["value"]:
+        return f"{field}: {violation['allowed']}"
+    return f"{field} is {violation['value']}, allowed: {violation['allowed']}"
 
 
 def _problem(answer):

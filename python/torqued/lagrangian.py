@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -87,6 +86,8 @@ class Lagrangian(nn.Module):
     """Inputs are in N·m and rad, and answers in rad."""
     pace = 10.0
     """The factor of the scalar parameters."""
+    LACKS = ("robot", "chain", "rotor_inertia", "torque_offset", "disturbance")
+    """Fields of torqued's model that this one lacks."""
 
     def __init__(
         self,
@@ -100,13 +101,8 @@ class Lagrangian(nn.Module):
         context: int,
         rate_hz: float,
         joints: int = 7,
-        **options: Any,
     ):
         super().__init__()
-        if options:
-            raise NotImplementedError(
-                f"this twin has no {', '.join(sorted(options))}; ask torqued for the predictions of such a model"
-            )
         self.joints = joints
         self.rate_hz = rate_hz
         self.points = min(points, context - 2)

@@ -91,7 +91,7 @@ class Wheel(unittest.TestCase):
         data, weights = self.folder / "data", self.folder / "weights"
         notebook = (self.python, "-c", NOTEBOOK, json.dumps(SPEC), str(data), str(weights))
         found = json.loads(told(*notebook, env={**os.environ, "TORQUED_SERVER": server.url}))
-        self.assertIn("trajectories: 0; allowed:", found["refused"])
+        self.assertIn("trajectories is 0, allowed:", found["refused"])
         self.assertIn("dataset.json", found["files"])
         self.assertTrue(found["again"])
         self.assertEqual(found["samples"], 400)

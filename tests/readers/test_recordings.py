@@ -53,7 +53,7 @@ class Recordings(unittest.TestCase):
     def test_what_is_refused_says_why_also_before_a_large_file_is_sent(self):
         large = self.folder / "large.npz"
         large.write_bytes(bytes(64 << 20))
-        with self.assertRaisesRegex(torqued.ServerError, "samples: 1; allowed: 2 to 10000"):
+        with self.assertRaisesRegex(torqued.ServerError, "samples is 1, allowed: 2 to 10000"):
             self.client.import_recordings(large, mapping={**MAPPING, "samples": 1})
         log = self.log("twice.npz", 60)
         with self.assertRaisesRegex(torqued.ServerError, "files.name"):
