@@ -13,9 +13,17 @@ pub fn table(predictions: &TrajectoryPredictions) -> Table {
         value.map_or(Cell::Missing, |value| Cell::Number(value, Unit::Degrees))
     };
     let step = |seconds: f64| step_at(seconds, predictions.rate_hz);
+    let is_sampled = predictions.predictions.iter().any(|it| !it.samples.is_empty());
+    let (rmse, of_samples) = match is_sampled {
+        true => ("RMSE of the mean, °", " Errors of a model with samples are those of their mean."),
+        false => ("RMSE, °", ""),
+    };
+    let note = format!(
+        "RMSE over the horizon is the mean over joints; errors at a time are roots of means over joints.{of_samples}"
+    );
     let table = TableOf::new(&predictions.predictions)
         .text("predictor", |prediction| prediction.name.as_str())
-        .number("RMSE, °", |prediction| degrees(Some(prediction.rmse_deg)));
+        .number(rmse, |prediction| degrees(Some(prediction.rmse_deg)));
     let table = TIMES_S.into_iter().fold(table, |table, seconds| {
         let heading = format!("at {seconds} s, °");
         table.number(&heading, move |prediction| {
@@ -36,7 +44,7 @@ pub fn table(predictions: &TrajectoryPredictions) -> Table {
             Some(milliseconds) => Cell::Number(milliseconds, Unit::Milliseconds),
             None => Cell::Missing,
         })
-        .titled("Errors", "RMSE over the horizon is the mean over joints; errors at a time are roots of means over joints.")
+        .titled("Errors", &note)
         .without_empty_columns()
 }
 
@@ -69,7 +77,7 @@ mod tests {
             step_rmse_deg: (1..=60).map(f64::from).collect(),
             ..TrajectoryPrediction::default()
         };
-        let predictions = TrajectoryPredictions {
+        let mut predictions = TrajectoryPredictions {
             rate_hz: 100.0,
             predictions: vec![prediction],
             ..TrajectoryPredictions::default()
@@ -81,5 +89,9 @@ mod tests {
         assert!(!heading.contains("sampler") && !heading.contains("computed"), "{heading}");
         let row: Vec<&str> = lines.next().unwrap().split_whitespace().collect();
         assert_eq!(row, ["lagrangian", "5", "0.25", "10.00", "50.00", "0.40", "2"]);
+
+        predictions.predictions[0].samples = vec![vec![vec![0.0; 2]]];
+        let text = table(&predictions).render();
+        assert!(text.contains("RMSE of the mean, °"), "{text}");
     }
 }

@@ -1,13 +1,14 @@
 //! Validation of values: collects every violation instead of stopping at the first.
 
 use std::collections::HashSet;
-use std::fmt::{Debug, Display};
+use std::fmt::Display;
 use std::hash::Hash;
 use std::ops::RangeInclusive;
 
 use serde::Serialize;
 use serde_json::Value;
 
+use crate::shorten::shorten;
 use crate::{Range, SpecError, Violation};
 
 /// A spec, or a part of one, that can check its own values.
@@ -158,9 +159,10 @@ impl Violations {
     }
 
     /// Checks that a list has no repetitions.
-    pub fn no_duplicates<T: Eq + Hash + Debug>(&mut self, field: &str, items: &[T]) {
-        if let Some(twice) = first_repeated(items) {
-            self.add(field, format!("{twice:?} twice"), "each once");
+    pub fn no_duplicates<T: Eq + Hash + Serialize>(&mut self, field: &str, items: &[T]) {
+        if let Some(repeated) = first_repeated(items) {
+            let value = serde_json::to_value(repeated).unwrap_or_default();
+            self.add(field, format!("{} twice", shorten(&value)), "each once");
         }
     }
 

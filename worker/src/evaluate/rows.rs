@@ -20,7 +20,11 @@ pub(super) fn columns(joints: usize, horizons_s: &[f64]) -> Vec<Column> {
     let nullable = |column: Column| Column { nullable: true, ..column };
     let about = [
         Column::new("cell", ColumnType::Int32, "number of the cell, from 0"),
-        nullable(Column::new("family", ColumnType::Text, "chirp, multisine or steps")),
+        nullable(Column::new(
+            "family",
+            ColumnType::Text,
+            "of the torques, such as chirp, or of the references, such as fourier",
+        )),
         nullable(
             Column::new("frequency_hz", ColumnType::Float64, "master frequency of the cell")
                 .unit("Hz"),

@@ -6,6 +6,7 @@ use std::fmt::Write;
 use serde_json::{Map, Value};
 
 use super::nearest::{listed, nearest};
+use super::nested::paths_to;
 use super::words::{Components, allowed, only_field, range_of, referred};
 use crate::error::FIELD_BYTES;
 use crate::shorten::shorten;
@@ -139,7 +140,10 @@ impl<'a> Walk<'a> {
         for (field, value) in fields {
             self.in_field(field, |walk| match known.get(field) {
                 Some(schema) => walk.value(schema, value),
-                None => walk.refuse(|| (String::new(), unknown(known, field))),
+                None => {
+                    let components = walk.components;
+                    walk.refuse(|| (String::new(), unknown(components, known, field)));
+                }
             });
         }
         for field in schema["required"].as_array().into_iter().flatten() {
@@ -247,14 +251,41 @@ impl<'a> Walk<'a> {
     }
 }
 
-fn unknown(known: &Map<String, Value>, field: &str) -> String {
-    match nearest(field, known.keys().map(String::as_str)) {
-        Some(meant) => format!("unknown field; did you mean `{meant}`?"),
-        None => {
+/// Names that others give to fields.
+const OTHER_NAMES: [(&str, &str); 4] =
+    [("lr", "learning_rate"), ("wd", "weight_decay"), ("q", "y"), ("tau", "u")];
+
+/// Labels of a job, and the parameters that have them.
+const LABELS: [(&str, &str); 4] =
+    [("name", "name"), ("note", "note"), ("tag", "tag"), ("tags", "tag")];
+
+fn unknown(components: &Components, known: &Map<String, Value>, field: &str) -> String {
+    let label = LABELS.iter().find(|(label, _)| *label == field);
+    if let Some((_, parameter)) = label.filter(|_| is_job(known)) {
+        return format!(
+            "unknown field; it is a label, which is not part of a spec: submit with \
+             `?{parameter}=...` or `--{parameter} ...`"
+        );
+    }
+    let other = OTHER_NAMES.iter().find(|(other, _)| *other == field);
+    let name = other.map_or(field, |(_, name)| name);
+    if let Some(meant) = nearest(name, known.keys().map(String::as_str)) {
+        return format!("unknown field; did you mean `{meant}`?");
+    }
+    match paths_to(components, known, name).as_slice() {
+        paths @ ([_] | [_, _] | [_, _, _]) => {
+            format!("unknown field; did you mean `{}`?", paths.join("` or `"))
+        }
+        _ => {
             let names: Vec<&str> = known.keys().map(String::as_str).collect();
             format!("unknown field; known here: {}", names.join(", "))
         }
     }
+}
+
+/// Whether these are the fields of a job that can be submitted.
+fn is_job(known: &Map<String, Value>) -> bool {
+    known.contains_key("execution")
 }
 
 /// The field that all choices have, each with one value of its own.

@@ -7,6 +7,7 @@
 mod bounds;
 mod explain;
 mod nearest;
+mod nested;
 mod resolved;
 mod submitted;
 mod words;

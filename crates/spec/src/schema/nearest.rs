@@ -16,10 +16,12 @@ pub fn nearest<'a>(name: &str, names: impl Iterator<Item = &'a str>) -> Option<&
         let is_begun = name.len() >= 3 && known.starts_with(name);
         if is_begun { 0 } else { damerau_levenshtein(name, known) }
     };
+    let letters = name.chars().count();
     let near = names
         .filter(|known| known.len() <= LONGEST)
         .map(|known| (distance(known), known))
-        .filter(|(far, _)| *far <= most);
+        // Every name is as near to a single letter as any other.
+        .filter(|(far, _)| *far <= most && *far < letters);
     near.min_by_key(|(far, _)| *far).map(|(_, known)| known)
 }
 
@@ -43,6 +45,7 @@ mod tests {
         assert_eq!(nearest("traj", names()), Some("trajectories"));
         assert_eq!(nearest("sede", names()), Some("seed"));
         assert_eq!(nearest("robot", names()), None);
+        assert_eq!(nearest("q", ["u", "y"].into_iter()), None);
     }
 
     #[test]

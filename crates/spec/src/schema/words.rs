@@ -115,12 +115,17 @@ fn list(components: &Components, schema: &Value) -> String {
     let each = schema.get("items").map(|items| allowed(components, items)).unwrap_or_default();
     let count = |keyword: &str| schema.get(keyword).and_then(Value::as_u64);
     match (count("minItems"), count("maxItems")) {
-        (Some(2), Some(2)) if schema["items"]["type"] == "number" => {
-            format!("[min, max], each {each}")
-        }
+        (Some(2), Some(2)) if is_interval(schema) => format!("[min, max], each {each}"),
         (Some(least), Some(most)) if least == most => format!("a list of {most}, each {each}"),
         _ => format!("a list, each item {each}"),
     }
+}
+
+/// Whether a list of two numbers is an interval. The numbers of other lists have the format of
+/// their type.
+fn is_interval(schema: &Value) -> bool {
+    let items = &schema["items"];
+    items["type"] == "number" && items.get("format").is_none()
 }
 
 fn object(schema: &Value) -> String {

@@ -518,7 +518,10 @@ fn a_path_that_is_none_is_refused() {
 fn a_planner_that_cannot_plan_is_refused() {
     let expected = ["planner.replan_every is 31", "1 to 30", "planner.samples is 1", "2 to 1024"];
     check_refused(control(), "/planner", json!({"replan_every": 31, "samples": 1}), &expected);
-    check_refused(control(), "/baselines", json!(["oracle", "oracle"]), &["Oracle twice"]);
+    check_refused(control(), "/baselines", json!(["oracle", "oracle"]), &["\"oracle\" twice"]);
+    let twice = json!([{"checkpoint": 6}, {"checkpoint": 6}]);
+    let expected = "checkpoints is {\"checkpoint\":6} twice, allowed: each once";
+    check_refused(control(), "/checkpoints", twice, &[expected]);
     check_refused(control(), "/robots", json!(0), &["robots is 0", "1 to 100"]);
 }
 

@@ -31,6 +31,39 @@ fn typing_errors_and_wrong_types_are_reported_with_numbers_out_of_range() {
 }
 
 #[test]
+fn a_field_that_belongs_into_an_object_is_told_its_path() {
+    for (field, path) in [
+        ("learning_rate", "optimizer.learning_rate"),
+        ("lr", "optimizer.learning_rate"),
+        ("betas", "optimizer.betas"),
+    ] {
+        let expected = format!("{field}: unknown field; did you mean `{path}`?");
+        assert_eq!(error_of(train(), &format!("/{field}"), json!(1)), expected);
+    }
+    let mut pipeline = json!({"kind": "pipeline", "name": "p", "jobs": {"train": train()}});
+    pipeline["jobs"]["train"]["learning_rate"] = json!(1e-3);
+    let expected =
+        "jobs.train.learning_rate: unknown field; did you mean `optimizer.learning_rate`?";
+    assert_eq!(violations_of(&pipeline), [expected]);
+    check_refused(simulate(), "/mass_fraction", json!(0.1), &["`robot.mass_fraction`"]);
+}
+
+#[test]
+fn a_label_in_a_spec_is_told_the_parameter_that_takes_it() {
+    for spec in [train(), simulate()] {
+        check_refused(spec.clone(), "/name", json!("a"), &["`?name=...` or `--name ...`"]);
+        check_refused(spec, "/tags", json!(["a"]), &["`?tag=...` or `--tag ...`"]);
+    }
+}
+
+#[test]
+fn two_numbers_that_are_no_interval_are_not_called_one() {
+    let each = "each a number from 0 to 0.999999";
+    let expected = format!("optimizer.betas is [0.9], allowed: a list of 2, {each}");
+    assert_eq!(error_of(train(), "/optimizer", json!({"betas": [0.9]})), expected);
+}
+
+#[test]
 fn a_preset_at_the_wrong_place_is_told_where_it_belongs() {
     let found = violations_of(&json!({"preset": "robomorph-tiny"}));
     assert!(
