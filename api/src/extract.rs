@@ -50,9 +50,36 @@ where
             axum::extract::Query::from_request_parts(parts, state).await;
         match query {
             Ok(axum::extract::Query(query)) => Ok(Self(query)),
-            Err(rejection) => Err(ApiError::Query { reason: rejection.body_text() }),
+            Err(rejection) => {
+                Err(unreadable_query(parts.uri.query().unwrap_or_default(), &rejection.body_text()))
+            }
         }
     }
+}
+
+/// The error for a query that could not be read. `rejection` is axum's text, which ends with the
+/// parameter and the reason.
+fn unreadable_query(query: &str, rejection: &str) -> ApiError {
+    let reason = rejection.split_once(": ").map_or(rejection, |(_, reason)| reason);
+    let mut pairs = form_urlencoded::parse(query.as_bytes());
+    let found = reason.split_once(": ").and_then(|(field, reason)| {
+        let (_, value) = pairs.find(|(name, _)| name == field)?;
+        Some((field, value, reason))
+    });
+    let Some((field, value, reason)) = found else {
+        return ApiError::Query { reason: reason.to_owned() };
+    };
+    let allowed = if reason.contains("`true` or `false`") {
+        "true or false".to_owned()
+    } else if reason.contains("digit") || reason.contains("integer") || reason.contains("number") {
+        "a whole number in its range".to_owned()
+    } else {
+        match reason.split_once("expected ") {
+            Some((_, allowed)) => allowed.replace('`', ""),
+            None => reason.to_owned(),
+        }
+    };
+    ApiError::parameter(field, value, allowed)
 }
 
 /// The parameters of a query, in order. A name may come several times.
@@ -251,5 +278,50 @@ impl<S: Send + Sync> FromRequestParts<S> for IdempotencyKey {
             ));
         }
         Ok(Self(Some(key.to_owned())))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde::Deserialize;
+
+    use super::*;
+
+    #[derive(Debug, Deserialize)]
+    #[expect(dead_code, reason = "only the errors are looked at")]
+    struct Parameters {
+        force: Option<bool>,
+        limit: Option<u32>,
+        form: Option<Form>,
+    }
+
+    #[derive(Debug, Deserialize)]
+    #[serde(rename_all = "lowercase")]
+    enum Form {
+        Json,
+        Arrow,
+    }
+
+    async fn refused(query: &str) -> String {
+        let uri = format!("/v1/jobs?{query}");
+        let (mut parts, ()) = axum::http::Request::get(uri).body(()).unwrap().into_parts();
+        let read = Query::<Parameters>::from_request_parts(&mut parts, &()).await;
+        read.err().unwrap().to_string()
+    }
+
+    #[tokio::test]
+    async fn a_parameter_that_cannot_be_read_is_named_with_its_value_and_what_is_allowed() {
+        let whole = "allowed: a whole number in its range";
+        for (query, message) in [
+            ("force=yes", "force is \"yes\", allowed: true or false"),
+            ("force=true&limit=x", &format!("limit is \"x\", {whole}")),
+            ("limit=-1", &format!("limit is \"-1\", {whole}")),
+            ("limit=", &format!("limit is \"\", {whole}")),
+            ("limit=99999999999", &format!("limit is \"99999999999\", {whole}")),
+            ("form=csv", "form is \"csv\", allowed: json or arrow"),
+        ] {
+            assert_eq!(refused(query).await, message);
+        }
+        assert!(refused("force=true&force=true").await.contains("duplicate field `force`"));
     }
 }

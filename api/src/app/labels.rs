@@ -71,16 +71,25 @@ pub fn submitted(
 ) -> Result<Labels, ApiError> {
     let set = |text: &Option<String>| text.clone().map_or(TextChange::Nothing, TextChange::Set);
     let tags: BTreeSet<String> = tags.into_iter().collect();
-    check(
-        ItemKind::Job,
-        &LabelChange {
-            name: set(&name),
-            note: set(&note),
-            add_tags: tags.iter().cloned().collect(),
-            ..LabelChange::default()
-        },
-    )?;
+    let change = LabelChange {
+        name: set(&name),
+        note: set(&note),
+        add_tags: tags.iter().cloned().collect(),
+        ..LabelChange::default()
+    };
+    check(ItemKind::Job, &change).map_err(of_query)?;
     Ok(Labels { name, note, tags })
+}
+
+/// The same error with the field that a query has for each tag.
+fn of_query(error: ApiError) -> ApiError {
+    let ApiError::Labels(mut error) = error else { return error };
+    for violation in &mut error.violations {
+        if violation.field.starts_with("add_tags") {
+            violation.field = "tag".to_owned();
+        }
+    }
+    ApiError::Labels(error)
 }
 
 fn check(kind: ItemKind, change: &LabelChange) -> Result<(), ApiError> {
@@ -127,7 +136,7 @@ fn check(kind: ItemKind, change: &LabelChange) -> Result<(), ApiError> {
             violations.add(field, format!("{} aliases", aliases.len()), format!("{TAGS} at most"));
         }
     }
-    violations.finish()
+    violations.finish_as(ApiError::Labels)
 }
 
 #[cfg(test)]
@@ -152,6 +161,16 @@ mod tests {
         assert!(check(ItemKind::Checkpoint, &change).is_ok());
         let change = LabelChange { remove_aliases: vec!["7".to_owned()], ..LabelChange::default() };
         assert!(check(ItemKind::Checkpoint, &change).is_err());
+    }
+
+    #[test]
+    fn a_label_in_a_query_is_refused_as_the_parameter_that_has_it() {
+        let name = Some("a\nb".to_owned());
+        let error = submitted(name, None, vec!["a b".to_owned()]).unwrap_err();
+        let problem = error.to_problem();
+        let fields: Vec<&str> = problem.violations.iter().map(|it| it.field.as_str()).collect();
+        assert_eq!(fields, ["name", "tag"]);
+        assert_eq!(problem.title, "The name, note, tags or aliases are not allowed");
     }
 
     #[test]

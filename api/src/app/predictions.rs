@@ -57,7 +57,7 @@ impl App {
     /// request.
     pub(crate) async fn predict(&self, checkpoint: i64, body: Bytes) -> Result<Vec<u8>, ApiError> {
         let bytes = body.len();
-        let request: PredictionRequest = self.read_body(body).await?;
+        let request: PredictionRequest = self.read_body(body, ApiError::Question).await?;
         let asked = Instant::now();
         let HeldModel { resource, model } = self.held_model(checkpoint).await?;
         let load = milliseconds(asked.elapsed());

@@ -19,20 +19,23 @@ use crate::live::{AboutModel, Question};
 
 impl App {
     /// Reads the body of a request like [`read`], without keeping other requests waiting.
-    pub(crate) async fn read_body<T>(&self, body: Bytes) -> Result<T, ApiError>
+    pub(crate) async fn read_body<T>(&self, body: Bytes, refusal: Refusal) -> Result<T, ApiError>
     where
         T: DeserializeOwned + ToSchema + Send + 'static,
     {
-        self.checks.run(body.len(), move || read(&body)).await
+        self.checks.run(body.len(), move || read(&body, refusal)).await
     }
 }
+
+/// The error for a body with these violations, such as [`ApiError::Question`].
+pub type Refusal = fn(SpecError) -> ApiError;
 
 /// Reads a value of this type from JSON. An error names the fields, and in a body of more than
 /// [`BODY_BYTES`] the first one.
 ///
 /// # Errors
-/// [`ApiError::Json`] for invalid JSON, and [`ApiError::Question`] for JSON of another type.
-pub fn read<T: DeserializeOwned + ToSchema>(bytes: &[u8]) -> Result<T, ApiError> {
+/// [`ApiError::Json`] for invalid JSON, and `refusal` for JSON of another type.
+pub fn read<T: DeserializeOwned + ToSchema>(bytes: &[u8], refusal: Refusal) -> Result<T, ApiError> {
     // serde would accept a list in place of an object with named fields.
     let is_object = bytes.trim_ascii_start().starts_with(b"{");
     let reason = match serde_json::from_slice(bytes) {
@@ -42,7 +45,7 @@ pub fn read<T: DeserializeOwned + ToSchema>(bytes: &[u8]) -> Result<T, ApiError>
     };
     if bytes.len() > BODY_BYTES {
         read_json::<IgnoredAny>(bytes).map_err(ApiError::Json)?;
-        return Err(first_fault::<T>(bytes, reason));
+        return Err(refusal(first_fault::<T>(bytes, reason)));
     }
     // The second pass finds all violations. Valid requests do not pay for it. The parsed message
     // takes up to a hundred times its bytes.
@@ -54,18 +57,18 @@ pub fn read<T: DeserializeOwned + ToSchema>(bytes: &[u8]) -> Result<T, ApiError>
     for violation in error.violations.iter_mut().filter(|violation| violation.field.is_empty()) {
         violation.field = WHOLE.to_owned();
     }
-    Err(ApiError::Question(error))
+    Err(refusal(error))
 }
 
 /// The field of an error about a message as a whole.
 const WHOLE: &str = "the message";
 
 /// The first fault of a message that is too large to be searched for all of them.
-fn first_fault<T: DeserializeOwned>(bytes: &[u8], reason: String) -> ApiError {
+fn first_fault<T: DeserializeOwned>(bytes: &[u8], reason: String) -> SpecError {
     let mut reader = serde_json::Deserializer::from_slice(bytes);
     let read = serde_path_to_error::deserialize::<_, T>(&mut reader);
     let path = read.err().map(|error| error.path().to_string()).filter(|path| path != ".");
-    ApiError::Question(SpecError::one(path.as_deref().unwrap_or(WHOLE), "", reason))
+    SpecError::one(path.as_deref().unwrap_or(WHOLE), "", reason)
 }
 
 /// Everything that is wrong with a request.
@@ -78,13 +81,18 @@ impl RequestViolations {
     }
 
     pub fn finish(self) -> Result<(), ApiError> {
-        self.0.into_result().map_err(ApiError::Question)
+        self.finish_as(ApiError::Question)
+    }
+
+    /// Like [`Self::finish`], for another request than one for a prediction.
+    pub fn finish_as(self, refusal: Refusal) -> Result<(), ApiError> {
+        self.0.into_result().map_err(refusal)
     }
 
     /// Checks the number of rows.
     pub fn rows(&mut self, field: &str, rows: &[Vec<f32>], expected: usize, why: &str) {
         if rows.len() != expected {
-            self.add(field, format!("{} rows", rows.len()), format!("{expected} rows, {why}"));
+            self.add(field, counted(rows.len(), "row"), format!("{expected} rows, {why}"));
         }
     }
 
@@ -94,7 +102,7 @@ impl RequestViolations {
         let allowed = -QUESTION_MAGNITUDE..=QUESTION_MAGNITUDE;
         for (index, row) in rows.iter().enumerate() {
             if row.len() != joints {
-                let found = format!("{} values", row.len());
+                let found = counted(row.len(), "value");
                 let allowed = format!("{joints} values, one per joint");
                 return self.add(format!("{field}[{index}]"), found, allowed);
             }
@@ -157,6 +165,11 @@ impl RequestViolations {
             self.add("sampling.seed", sampling.seed, format!("0 to {most}"));
         }
     }
+}
+
+fn counted(number: usize, noun: &str) -> String {
+    let plural = if number == 1 { "" } else { "s" };
+    format!("{number} {noun}{plural}")
 }
 
 /// Number of answers to a request: one for each future of each scenario.
@@ -258,5 +271,28 @@ pub fn asked(sampling: &PredictionSampling, scenarios: Series) -> Question {
         sampler: sampling.sampler,
         seed: sampling.seed,
         previous: None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn positions_that_are_called_q_are_told_their_name_here() {
+        let body = br#"{"scenarios": [{"u": [[0.0]], "q": [[0.0]], "future_u": [[0.0]]}]}"#;
+        let error = read::<PredictionRequest>(body, ApiError::Question).err().unwrap();
+        let message = error.to_string();
+        assert!(message.contains("q: unknown field; did you mean `y`?"), "{message}");
+    }
+
+    #[test]
+    fn one_row_is_no_plural() {
+        let mut violations = RequestViolations::default();
+        violations.rows("u", &[vec![0.0]], 320, "the checkpoint's context");
+        violations.values("u", &[vec![0.0]], 7);
+        let message = violations.finish().unwrap_err().to_string();
+        let expected = "u is 1 row, allowed: 320 rows, the checkpoint's context; u[0] is 1 value, allowed: 7 values, one per joint";
+        assert_eq!(message, expected);
     }
 }

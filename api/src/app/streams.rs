@@ -103,7 +103,7 @@ impl PredictionStream {
         let (is_open, filled) = (self.settings.is_some(), self.window.u.len());
         let (about, bytes) = (self.held.model.about().clone(), message.len());
         let read = move || {
-            let read = read(&message)?;
+            let read = read(&message, ApiError::Question)?;
             match &read {
                 StreamMessage::Step(step) if is_open => check(step, filled, &about)?,
                 StreamMessage::Motion(motion) => {

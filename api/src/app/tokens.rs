@@ -76,7 +76,7 @@ fn check(asked: &NewToken) -> Result<(), ApiError> {
     {
         violations.add("expires_in_s", seconds, format!("{shortest} to {longest}, or left out"));
     }
-    violations.finish()
+    violations.finish_as(ApiError::NewToken)
 }
 
 fn about(token: store::Token) -> Token {

@@ -26,7 +26,7 @@ impl App {
         body: Bytes,
     ) -> Result<Vec<u8>, ApiError> {
         let bytes = body.len();
-        let request: TorqueRequest = self.read_body(body).await?;
+        let request: TorqueRequest = self.read_body(body, ApiError::Question).await?;
         let asked = Instant::now();
         let HeldModel { resource, model } = self.held_model(checkpoint).await?;
         let load = milliseconds(asked.elapsed());

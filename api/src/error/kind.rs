@@ -55,6 +55,12 @@ impl ApiError {
             Self::Question(_) => {
                 (S::UNPROCESSABLE_ENTITY, "question", "The prediction request is not allowed")
             }
+            Self::Labels(_) => (
+                S::UNPROCESSABLE_ENTITY,
+                "labels",
+                "The name, note, tags or aliases are not allowed",
+            ),
+            Self::NewToken(_) => (S::UNPROCESSABLE_ENTITY, "new-token", "The token is not allowed"),
             Self::Live(error) => of_live(error),
             Self::NoModels => {
                 (S::NOT_IMPLEMENTED, "no-models", "The server has no models for predictions")

@@ -102,6 +102,13 @@ pub enum ApiError {
     #[error("{0}")]
     Question(SpecError),
 
+    #[error("{0}")]
+    Labels(SpecError),
+
+    /// A token to be created was refused.
+    #[error("{0}")]
+    NewToken(SpecError),
+
     #[error("{}", live_message(.0))]
     Live(LiveError),
 
@@ -261,6 +268,8 @@ impl ApiError {
         let (violations, more_violations) = match self {
             Self::Spec(error)
             | Self::Question(error)
+            | Self::Labels(error)
+            | Self::NewToken(error)
             | Self::Urdf(UrdfError::Description(error)) => (error.violations.clone(), error.more),
             _ => (Vec::new(), 0),
         };

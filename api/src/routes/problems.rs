@@ -100,9 +100,7 @@ fn meaning(status: u16) -> &'static str {
         413 => "The body is too large",
         415 => "The body has the wrong media type",
         421 => "The server does not have this name",
-        422 => {
-            "The spec, robot or prediction request is not allowed; `violations` names every field"
-        }
+        422 => "The body or the labels are not allowed; `violations` names every field",
         426 => "The path needs a WebSocket",
         429 => {
             "Too many requests per second, or too many wrong tokens; `Retry-After` says when to try again"

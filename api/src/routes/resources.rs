@@ -160,7 +160,8 @@ async fn label_and_show<T: Resource>(
     Path(id): Path<i64>,
     PatchBytes(body): PatchBytes,
 ) -> Result<Json<T>, ApiError> {
-    app.label(kind, id, &app.read_body(body).await?).await?;
+    let change = app.read_body(body, ApiError::Labels).await?;
+    app.label(kind, id, &change).await?;
     Ok(Json(T::find(&app, id).await?))
 }
 

@@ -36,7 +36,7 @@ pub async fn create(
     State(app): State<App>,
     JsonBytes(body): JsonBytes,
 ) -> Result<(StatusCode, Json<CreatedToken>), ApiError> {
-    let asked: NewToken = app.read_body(body).await?;
+    let asked: NewToken = app.read_body(body, ApiError::NewToken).await?;
     Ok((StatusCode::CREATED, Json(app.create_token(&asked).await?)))
 }
 

@@ -98,6 +98,12 @@ async fn labels_that_cannot_be_are_refused_with_every_reason() {
     assert_eq!(fields, ["name", "note", "tags[0]", "add_tags"]);
     let typo = patch(&server, "/v1/jobs/1", &json!({"tag": ["a"]})).await.problem(422);
     assert!(typo["detail"].as_str().unwrap().contains("tag"), "{typo}");
+    for refused in [&problem, &typo] {
+        assert_eq!(refused["title"], "The name, note, tags or aliases are not allowed");
+    }
+    let spaced =
+        server.submit_to("/v1/jobs?tag=a%20b", &small_simulation(1), &[]).await.problem(422);
+    assert_eq!(spaced["violations"][0]["field"], "tag");
     patch(&server, "/v1/jobs/1", &json!(["a"])).await.problem(422);
     let many: Vec<String> = (0..32).map(|i| format!("t{i}")).collect();
     assert_eq!(patch(&server, "/v1/jobs/1", &json!({"tags": many})).await.status, 200);
