@@ -3,8 +3,11 @@
 import hashlib
 import io
 import json
+import os
 import pathlib
+import re
 import subprocess
+import sys
 import tarfile
 import tempfile
 import unittest
@@ -18,7 +21,7 @@ import pyarrow.dataset
 import pyarrow.parquet
 import safetensors.numpy
 
-from product import REPOSITORY, TORQUED, Product
+from product import REPOSITORY, TORQUED, Product, Server
 
 CHANNELS = [f"u{k}" for k in range(1, 8)] + [f"q{k}" for k in range(1, 8)]
 
@@ -197,6 +200,25 @@ class ArmOfSix(unittest.TestCase):
         self.assertEqual(frame.height, 4 * 60)
         self.assertTrue(numpy.isfinite(frame.select(channels).to_numpy()).all())
         self.assertEqual(robots.num_rows, 4)
+
+
+class FilesBehindAToken(unittest.TestCase):
+    def test_polars_reads_shards_in_place_with_the_token(self):
+        token = "0123456789abcdef0123"
+        server = Server("--token", token)
+        self.addCleanup(server.stop)
+        environment = {**os.environ, "TORQUED_SERVER": server.url, "TORQUED_TOKEN": token}
+        spec = json.dumps({"preset": "D1-chirp", "trajectories": 8, "shard_trajectories": 2})
+        submit = [TORQUED, "submit", "-", "--watch"]
+        subprocess.run(submit, input=spec, text=True, check=True, capture_output=True, env=environment)
+        document = (REPOSITORY / "docs/downloads.md").read_text()
+        (snippet,) = (it for it in re.findall(r"```python\n(.*?)```", document, re.DOTALL) if "TORQUED_TOKEN" in it)
+        snippet = snippet.replace("http://127.0.0.1:7070", server.url).replace("datasets/3", "datasets/1")
+        *lines, last = snippet.replace("== 1200", "== 5").splitlines()
+        code = "\n".join([*lines, f"print(({last}).shape)"])
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertEqual(done.stdout, "(400, 2)\n")
 
 
 if __name__ == "__main__":
