@@ -95,6 +95,16 @@ impl ClientError {
     }
 }
 
+impl ClientError {
+    /// The same refusal with what to do next.
+    pub(super) fn with_advice(mut self, advice: &str) -> Self {
+        if let Self::Refused { message, .. } = &mut self {
+            let _ = write!(message, "; {advice}");
+        }
+        self
+    }
+}
+
 /// The title, followed by its detail or by one line per violation.
 fn message(problem: &Problem) -> String {
     let mut message = problem.title.clone();

@@ -345,7 +345,9 @@ impl Client {
             return Ok(response);
         }
         let problem = response.text().await.map_err(self.unreachable())?;
-        Err(ClientError::refused(status, &problem))
+        let error = ClientError::refused(status, &problem);
+        let needs_token = status == StatusCode::UNAUTHORIZED && self.token.is_none();
+        Err(if needs_token { error.with_advice("set TORQUED_TOKEN or --token") } else { error })
     }
 
     /// Like [`Client::answer`], for an answer whose body may take long. Its head may take

@@ -238,6 +238,7 @@ fn the_first_token_is_made_beside_the_server_and_closes_it() {
         std::thread::sleep(Duration::from_millis(200));
     };
     assert!(errors.contains("this server requires a token"), "{errors}");
+    assert!(errors.contains("set TORQUED_TOKEN or --token"), "{errors}");
 
     let (_, reader, _) =
         ask(&["token", "create", "ben", "--scope", "read", "--expires", "1h"], token);
