@@ -12,6 +12,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use anyhow::ensure;
 use clap::{ArgGroup, Args};
+use serde_json::Value;
 
 use self::run::{Exported, Exporter, Outcome};
 use self::server::{Login, MlflowServer};
@@ -97,6 +98,7 @@ pub async fn export(
     let files = if arguments.without_files { files::Choice::LeftOut } else { files::Choice::Sent };
     let (done, total) = (AtomicU64::new(0), AtomicU64::new(1));
     let work = async {
+        refuse_itself(client, &server).await?;
         let experiment = server.experiment(&arguments.experiment).await?;
         let exporter = Exporter { client, server: &server, experiment: &experiment, files };
         let ids = source::selected(client, selection).await?;
@@ -132,6 +134,22 @@ pub async fn export(
         println!("{}", said(&exported, &arguments.experiment, &server.shown()));
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// Refuses to export runs to the torqued server that has them: it answers as an MLflow server does,
+/// and would keep each run twice. Its experiment of own runs is as old as its database.
+async fn refuse_itself(client: &Client, server: &MlflowServer) -> anyhow::Result<()> {
+    let identity = |experiment: &Value| {
+        ["experiment_id", "creation_time", "artifact_location"].map(|key| experiment[key].clone())
+    };
+    let (here, there) =
+        (source::experiment(client).await?, server.find_experiment(source::EXPERIMENT).await?);
+    ensure!(
+        identity(&here) != identity(&there),
+        "--mlflow is {}, the torqued server that has these runs already; allowed: another server",
+        server.shown()
+    );
+    Ok(())
 }
 
 fn said(runs: &[Exported], experiment: &str, server: &str) -> String {

@@ -118,6 +118,16 @@ impl MlflowServer {
         }
     }
 
+    /// The experiment with this name; `null` if it is missing.
+    pub async fn find_experiment(&self, name: &str) -> Result<Value, MlflowError> {
+        let query = [("experiment_name", name)];
+        match self.get::<Value>("experiments/get-by-name", &query).await {
+            Ok(mut found) => Ok(found["experiment"].take()),
+            Err(error) if error.is_absent() => Ok(Value::Null),
+            Err(error) => Err(error),
+        }
+    }
+
     /// The first run with these tags, deleted or not.
     pub async fn find_run(
         &self,

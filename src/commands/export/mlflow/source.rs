@@ -10,7 +10,7 @@ use super::entities::{Point, Run};
 use crate::client::{Client, ClientError};
 
 /// The experiment that has torqued's own runs, and what their ids begin with.
-const EXPERIMENT: &str = "torqued";
+pub const EXPERIMENT: &str = "torqued";
 const OWN: &str = "torqued-";
 
 /// Runs of a page of a search.
@@ -44,10 +44,7 @@ pub async fn selected(client: &Client, selection: Selection) -> anyhow::Result<V
         Selection::All => String::new(),
         Selection::Filter(filter) => filter,
     };
-    let experiment: Value = client
-        .get(&address("experiments/get-by-name", &[("experiment_name", EXPERIMENT)])?)
-        .await?;
-    let experiment = &experiment["experiment"]["experiment_id"];
+    let experiment = &experiment(client).await?["experiment_id"];
     let mut ids = Vec::new();
     let mut token: Option<String> = None;
     loop {
@@ -65,6 +62,12 @@ pub async fn selected(client: &Client, selection: Selection) -> anyhow::Result<V
             return Ok(ids);
         }
     }
+}
+
+/// The experiment of torqued's own runs.
+pub async fn experiment(client: &Client) -> anyhow::Result<Value> {
+    let path = address("experiments/get-by-name", &[("experiment_name", EXPERIMENT)])?;
+    Ok(client.get::<Value>(&path).await?["experiment"].take())
 }
 
 /// A run as MLflow's clients see it.
