@@ -110,6 +110,12 @@ async fn files(
         Resource::Checkpoint => client.get::<Checkpoint>(&path).await?.files,
         Resource::Run => {
             let run: Run = client.get(&path).await?;
+            ensure!(
+                !(run.artifacts.is_empty() && run.state.is_final()),
+                "run {id} is {} and left no files of its own; `torqued show job {}` names its checkpoints",
+                run.state,
+                run.job
+            );
             run.artifacts.into_iter().map(artifact).collect()
         }
         Resource::Evaluation => {
