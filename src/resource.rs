@@ -44,7 +44,7 @@ pub enum Deletable {
 
 impl Deletable {
     /// Its address in the API.
-    pub fn api_path(self, id: i64) -> String {
+    pub fn api_path(self, id: impl Display) -> String {
         let resource = match self {
             Self::Job => Resource::Job,
             Self::Run => Resource::Run,

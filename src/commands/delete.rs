@@ -6,7 +6,7 @@ use wire::{Deleted, Dependent, Dependents};
 use crate::arguments::{OutputArguments, ServerArguments};
 use crate::output::write_json;
 use crate::progress::measure;
-use crate::resource::Deletable;
+use crate::resource::{Deletable, Reference};
 
 /// Moves things into the trash; `torqued undelete` restores them. A job is deleted with its logs
 /// and all its results, and a run with its checkpoints. Jobs that have not ended prevent the
@@ -17,9 +17,9 @@ pub struct Arguments {
     #[arg(value_name = "KIND")]
     kind: Deletable,
 
-    /// Their ids
+    /// Their ids, or aliases of checkpoints
     #[arg(value_name = "ID", required = true)]
-    ids: Vec<i64>,
+    ids: Vec<Reference>,
 
     /// Delete even if ended jobs depend on them; those jobs stay as they are
     #[arg(long)]
@@ -56,7 +56,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
             write_json(&deleted)?;
         } else {
             let along = in_words(&deleted.along);
-            let Deleted { kind, purge_at, .. } = deleted;
+            let Deleted { kind, id, purge_at, .. } = deleted;
             println!("{kind} {id} is in the trash until {purge_at}{along}");
         }
     }

@@ -168,7 +168,27 @@ async fn everything_that_a_pipeline_leaves_is_listed_shown_and_downloaded() {
     assert_eq!(asking.output(&["health", "--ready"]), "ready\n");
     let opened = asking.output(&["open", "run", &run, "--print"]);
     assert_eq!(opened, format!("{}/runs/{run}\n", product.url));
+    let (code, _, errors) = asking.ask(&["download", "run", &run]);
+    assert!(code == Some(1) && errors.contains("left no files of its own"), "{errors}");
+    let (code, _, errors) = asking.ask(&["submit", "D1-chirp", "--tag", "a b"]);
+    assert!(code == Some(1) && errors.contains("tags or aliases are not allowed"), "{errors}");
+    assert!(errors.contains("\n  tag is a b, allowed: "), "{errors}");
+    let (code, _, errors) = asking.ask(&["export", "--mlflow", &product.url, "--all"]);
+    assert!(code == Some(1) && errors.contains("has these runs already"), "{errors}");
+    export_and_delete_an_alias(&asking, &checkpoint, folder.path());
     download_and_go_on(&asking, &dataset, folder.path());
+}
+
+fn export_and_delete_an_alias(asking: &Asking<'_>, checkpoint: &str, folder: &Path) {
+    asking.output(&["label", "checkpoint", checkpoint, "--alias", "champion"]);
+    let model = folder.join("model");
+    asking.output(&["export", "--hugging-face", "champion", model.to_str().unwrap()]);
+    assert!(model.join("model.safetensors").is_file());
+    let foretold = asking.output(&["delete", "checkpoint", "champion", "--dry-run"]);
+    assert!(foretold.starts_with(&format!("checkpoint {checkpoint}: ")), "{foretold}");
+    let deleted = asking.output(&["delete", "checkpoint", "champion", "--force"]);
+    assert!(deleted.starts_with(&format!("checkpoint {checkpoint} is in the trash")), "{deleted}");
+    asking.output(&["undelete", "checkpoint", checkpoint]);
 }
 
 /// Downloads a dataset, leaves a part of a file as after an interruption, and downloads it again.

@@ -10,12 +10,18 @@ use wire::Checkpoint;
 
 use super::Done;
 use crate::client::Client;
+use crate::resource::Reference;
 
 /// The files of a checkpoint that a prediction needs. The optimizer is only for further training.
 const FILES: [&str; 2] = ["model.safetensors", "config.json"];
 
 /// Returns the checkpoint in the API's form.
-pub async fn export(client: &Client, id: i64, out: &Path, done: &Done) -> anyhow::Result<Value> {
+pub async fn export(
+    client: &Client,
+    id: &Reference,
+    out: &Path,
+    done: &Done,
+) -> anyhow::Result<Value> {
     let checkpoint: Checkpoint = client.get(&format!("/v1/checkpoints/{id}")).await?;
     let files: Vec<_> =
         checkpoint.files.iter().filter(|file| FILES.contains(&file.name.as_str())).collect();
@@ -32,9 +38,27 @@ pub async fn export(client: &Client, id: i64, out: &Path, done: &Done) -> anyhow
     Ok(json!(checkpoint))
 }
 
+/// Fields of models that PyTorch has no twin for, as `LACKS` of python/torqued/lagrangian.py.
+const WITHOUT_TWIN: [&str; 5] = ["robot", "chain", "rotor_inertia", "torque_offset", "disturbance"];
+
+fn is_set(value: &Value) -> bool {
+    !matches!(value, Value::Null | Value::Bool(false))
+}
+
 fn card(checkpoint: &Checkpoint, config: &Value) -> String {
-    let Checkpoint { architecture, step, digest, .. } = checkpoint;
+    let Checkpoint { id, architecture, step, digest, .. } = checkpoint;
     let number = |name: &str| config[name].to_string();
+    let lacking: Vec<&str> =
+        WITHOUT_TWIN.into_iter().filter(|field| is_set(&config["model"][field])).collect();
+    let usage = match lacking.as_slice() {
+        [] => "```python\nimport torqued\n\nmodel = torqued.load(\".\")    # this folder\n```"
+            .to_owned(),
+        fields => format!(
+            "`torqued.load` has no {architecture} with `{}` in PyTorch. Ask the torqued server that trained it for predictions: \
+             `torqued predict {id}`, or `POST /v1/checkpoints/{id}/predict`.",
+            fields.join("`, `")
+        ),
+    };
     let mut text = format!(
         "---\nlibrary_name: torqued\npipeline_tag: robotics\ntags:\n- robotics\n- dynamics\n\
          - in-context-learning\n- {architecture}\n---\n\n\
@@ -42,7 +66,7 @@ fn card(checkpoint: &Checkpoint, config: &Value) -> String {
          Predicts where the joints of a robot arm will be: it is given {} samples of torques (N·m) and \
          positions (rad) of an arm that it has not seen, and the torques of the next {} samples. \
          {} samples a second.\n\n\
-         ```python\nimport torqued\n\nmodel = torqued.load(\".\")    # this folder\n```\n\n",
+         {usage}\n\n",
         number("context"),
         number("horizon"),
         number("rate_hz"),
@@ -86,14 +110,25 @@ mod tests {
             files: Vec::new(),
             created_at: String::new(),
         };
-        let config = json!({
+        let mut config = json!({
             "context": 40, "horizon": 20, "rate_hz": 60, "parameters": 7,
             "versions": {"torqued": "0.1.0"},
         });
-        let card = card(&checkpoint, &config);
-        assert!(card.starts_with("---\nlibrary_name: torqued\n"), "{card}");
-        for words in ["given 40 samples", "next 20 samples", "| `validation/rmse_deg` | 4.5 |"] {
-            assert!(card.contains(words), "no {words:?} in {card}");
+        let text = card(&checkpoint, &config);
+        assert!(text.starts_with("---\nlibrary_name: torqued\n"), "{text}");
+        for words in [
+            "given 40 samples",
+            "next 20 samples",
+            "| `validation/rmse_deg` | 4.5 |",
+            "torqued.load(\".\")",
+        ] {
+            assert!(text.contains(words), "no {words:?} in {text}");
         }
+
+        // PyTorch has no law that is told its arm.
+        config["model"] = json!({"robot": {"model": "panda"}, "disturbance": false});
+        let text = card(&checkpoint, &config);
+        assert!(!text.contains("import torqued") && text.contains("torqued predict 1"), "{text}");
+        assert!(text.contains("with `robot` in PyTorch"), "{text}");
     }
 }

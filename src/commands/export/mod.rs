@@ -16,6 +16,7 @@ use crate::arguments::{OutputArguments, ServerArguments};
 use crate::exit::INTERRUPTED;
 use crate::output::write_json;
 use crate::progress::{Part, follow_parts};
+use crate::resource::Reference;
 
 pub use mlflow::MlflowError;
 
@@ -28,9 +29,9 @@ pub struct Arguments {
     #[arg(long, value_name = "DATASET", group = "what")]
     lerobot: Option<i64>,
 
-    /// Write this checkpoint as a model of the Hugging Face hub, with a model card
+    /// Write this checkpoint, by its id or an alias, as a model of the Hugging Face hub, with a model card
     #[arg(long, value_name = "CHECKPOINT", group = "what")]
-    hugging_face: Option<i64>,
+    hugging_face: Option<Reference>,
 
     /// Write runs to this MLflow server (http://HOST:PORT); select them with --run, --filter or --all
     #[arg(long, value_name = "URL", group = "what")]
@@ -67,7 +68,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
                 Ok((format!("dataset {dataset}"), info))
             }
             (None, Some(checkpoint)) => {
-                let card = hugging_face::export(&client, checkpoint, &part, &done).await?;
+                let card = hugging_face::export(&client, &checkpoint, &part, &done).await?;
                 Ok((format!("checkpoint {checkpoint}"), card))
             }
             (None, None) => bail!("expected --lerobot or --hugging-face"),
