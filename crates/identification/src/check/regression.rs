@@ -1,6 +1,6 @@
 //! The regression of a channel of torques on the torques of an arm.
 
-use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn, SMatrix, SVector};
 
 use wire::Measurement;
 
@@ -27,8 +27,8 @@ pub struct Regression {
 pub struct Fit {
     /// Of the columns.
     pub coefficients: DVector<f64>,
-    /// Their covariance.
-    pub covariance: DMatrix<f64>,
+    /// The covariance of the first ones, which are no deviations of links.
+    covariance: SMatrix<f64, OWN, OWN>,
     /// Σ of the squares that are left.
     pub left: f64,
     /// ½ Σ of the squared deviations of the links.
@@ -119,12 +119,12 @@ impl Regression {
         let [_, _, viscous] = FRICTION;
         let speed = self.sizes[viscous];
         let [slow, fast] = FRICTION_SPEEDS_RAD_S.map(|bend| (speed / bend).tanh());
-        let mut at_speed = DVector::zeros(fit.coefficients.len());
+        let mut at_speed = SVector::<f64, OWN>::zeros();
         for (column, value) in FRICTION.into_iter().zip([slow, fast, speed]) {
             at_speed[column] = value;
         }
-        let value = at_speed.dot(&fit.coefficients);
-        Measurement { value, deviation: at_speed.dot(&(&fit.covariance * &at_speed)).sqrt() }
+        let value = at_speed.dot(&fit.coefficients.fixed_rows::<OWN>(0));
+        Measurement { value, deviation: at_speed.dot(&(fit.covariance * at_speed)).sqrt() }
     }
 
     /// Solves (P G P w + 1) x = P m w for the coefficients P x.
@@ -138,10 +138,13 @@ impl Regression {
         let factor = matrix.cholesky()?;
         let unit = factor.solve(&(moments.of_columns.component_mul(&deviations) * weight));
         let coefficients = unit.component_mul(&deviations);
-        let mut covariance = factor.inverse();
-        for row in 0..covariance.nrows() {
-            for column in 0..covariance.ncols() {
-                covariance[(row, column)] *= deviations[row] * deviations[column];
+        let mut covariance = SMatrix::zeros();
+        for column in 0..OWN {
+            let mut of_column = DVector::zeros(deviations.len());
+            of_column[column] = deviations[column];
+            factor.solve_mut(&mut of_column);
+            for row in 0..OWN {
+                covariance[(row, column)] = of_column[row] * deviations[row];
             }
         }
         let left = moments.square - 2.0 * coefficients.dot(&moments.of_columns)
