@@ -1,5 +1,7 @@
 use thiserror::Error;
 
+use crate::wording::rounded;
+
 /// Why recordings give no parameters.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum IdentificationError {
@@ -51,7 +53,9 @@ pub enum IdentificationError {
     },
     /// The low-pass cannot have this edge at the recording's rate.
     #[error(
-        "low_pass_hz is {low_pass_hz} Hz, allowed for recording {recording:?} at {rate_hz} Hz: above 0 and below {below_hz} Hz"
+        "low_pass_hz is {low_pass_hz} Hz, allowed for recording {recording:?} at {} Hz: above 0 and below {} Hz",
+        rounded(*rate_hz),
+        rounded(*below_hz)
     )]
     LowPass {
         /// The recording's name.

@@ -2,10 +2,9 @@
 
 use dynamics::{LINK_PARAMETERS, RigidBody};
 use nalgebra::{DMatrix, DVector};
-use wire::{ArmReport, Correlation, Directions, ParameterEstimate};
+use wire::{Correlation, Directions, ParameterEstimate};
 
-use crate::arm::{Arm, DESCRIBED, JointParameter, Parameter, Prior};
-use crate::horizons::HORIZONS_S;
+use crate::arm::{Arm, JointParameter, Parameter, Prior};
 use crate::normal_equations::inverse;
 use crate::torques::Torques;
 
@@ -183,36 +182,4 @@ pub(crate) fn named(parameter: Parameter) -> (String, &'static str) {
         Parameter::Joint(JointParameter::Rotor) => ("rotor".to_owned(), "kg·m²"),
         Parameter::Joint(JointParameter::Gain) => ("gain".to_owned(), "1"),
     }
-}
-
-/// Sentences about what the numbers themselves give reason to doubt.
-pub(crate) fn doubts(report: &ArmReport) -> Vec<String> {
-    const UNSEEN: f64 = 0.1;
-
-    let mut doubts = Vec::new();
-    let unknown = || report.parameters.iter().filter_map(|parameter| parameter.seen);
-    let unseen = unknown().filter(|seen| *seen < UNSEEN).count();
-    if unseen > 0 {
-        doubts.push(format!(
-            "{unseen} of {} parameters are hardly seen in these motions: they keep the description's values",
-            unknown().count()
-        ));
-    }
-    let of = |name: &str| {
-        let mut errors = report.validation_errors.iter();
-        errors.find(|errors| errors.predictor == name).map(|errors| &errors.rmse_deg)
-    };
-    if let (Some(identified), Some(described)) = (of(IDENTIFIED), of(DESCRIBED)) {
-        for ((horizon, identified), described) in HORIZONS_S.iter().zip(identified).zip(described) {
-            let (Some(described), error) = (described, identified.unwrap_or(f64::INFINITY)) else {
-                continue;
-            };
-            if error > *described {
-                doubts.push(format!(
-                    "over {horizon} s of the validation the identified arm is off by {error:.3}°, the description by {described:.3}°"
-                ));
-            }
-        }
-    }
-    doubts
 }

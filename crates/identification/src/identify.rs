@@ -7,7 +7,9 @@ use wire::{ArmReport, HorizonErrors, TorqueResidual};
 use crate::IdentificationError;
 use crate::arm::{Arm, Prior, described_friction_speeds};
 use crate::arx::Arx;
-use crate::estimates::{Estimates, IDENTIFIED, doubts};
+use crate::check::doubts_before_fit;
+use crate::doubts::doubts;
+use crate::estimates::{Estimates, IDENTIFIED};
 use crate::figure::Curves;
 use crate::horizons::HORIZONS_S;
 use crate::motion::{Motion, Recording};
@@ -89,7 +91,11 @@ pub fn identify(
         .into_iter()
         .map(|speeds| Prior::of(description, speeds, settings.gain_deviation))
         .collect::<Result<Vec<_>, _>>()?;
-    search(priors, recordings, validation, settings, progress)
+    let mut found = search(priors, recordings, validation, settings, progress)?;
+    let Settings { gain_deviation, most_delay_s, .. } = *settings;
+    let doubts = doubts_before_fit(description, recordings, gain_deviation, most_delay_s)?;
+    found.report.warnings.splice(0..0, doubts);
+    Ok(found)
 }
 
 /// Identifies the load in the hand of an arm that [`identify`] found. All recordings have the same

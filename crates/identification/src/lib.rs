@@ -22,6 +22,7 @@ mod arm;
 mod arx;
 mod body;
 mod check;
+mod doubts;
 mod error;
 mod estimates;
 mod excitation;
@@ -36,6 +37,7 @@ mod rollouts;
 mod torque_fit;
 mod torques;
 mod trace;
+mod wording;
 
 pub use arm::{Arm, JointParameter, Parameter};
 pub use check::{MOST_CHECKED_S, check_log};

@@ -30,9 +30,14 @@ pub struct Channel {
     pub delay_s: Option<Measurement>,
     pub sign: Option<i8>,
     pub scale: Option<Measurement>,
+    /// Recorded torque per torque of the arm against gravity, and per the rest of it.
+    pub of_weight: Option<Measurement>,
+    pub of_rest: Option<Measurement>,
     pub carries_weight: Option<bool>,
     pub gravity: Option<Measurement>,
     pub explained: Option<f64>,
+    /// Standard deviation of the torque.
+    pub deviation_nm: f64,
     pub is_constant: bool,
     unseen: Vec<String>,
 }
@@ -43,7 +48,9 @@ struct Compared {
     fit: Fit,
     /// How much more the other one costs. Above 0 if the torques carry the weight.
     in_favour_of_weight: f64,
-    /// The share of the torque's variance that is left.
+    /// Standard deviation of the torque.
+    deviation_nm: f64,
+    /// The share of its variance that is left.
     left: f64,
 }
 
@@ -72,6 +79,12 @@ impl Channel {
         channels
     }
 
+    /// Recorded torque per torque of the arm without its weight, if that is clearly above 0.
+    pub fn clear_rest(&self) -> Option<f64> {
+        let rest = self.of_rest.filter(is_clear)?;
+        Some(rest.value).filter(|value| *value > 0.0)
+    }
+
     pub fn report(&self) -> ChannelCheck {
         let Self { delay_s, sign, scale, carries_weight, gravity, explained, .. } = *self;
         let joint = u32::try_from(self.column + 1).unwrap_or(u32::MAX);
@@ -85,9 +98,12 @@ impl Channel {
             delay_s: None,
             sign: None,
             scale: None,
+            of_weight: None,
+            of_rest: None,
             carries_weight: None,
             gravity: None,
             explained: None,
+            deviation_nm: 0.0,
             is_constant: false,
             unseen: vec![why],
         }
@@ -139,7 +155,8 @@ impl Compared {
         let in_favour_of_weight = of_without - of_with;
         let (regression, fit, _) = if in_favour_of_weight >= 0.0 { with } else { without };
         let left = fit.left / (torques.variance() * torques.len() as f64);
-        Some(Self { regression, fit, in_favour_of_weight, left })
+        let deviation_nm = torques.variance().sqrt();
+        Some(Self { regression, fit, in_favour_of_weight, deviation_nm, left })
     }
 
     /// The findings of the regression about the channel.
@@ -210,8 +227,11 @@ impl Compared {
             delay_s: delay.ok(),
             sign,
             scale,
+            of_weight: Some(weight),
+            of_rest: Some(rest),
             carries_weight,
             gravity,
+            deviation_nm: self.deviation_nm,
             explained: Some((1.0 - self.left).clamp(0.0, 1.0)),
             is_constant: false,
             unseen,

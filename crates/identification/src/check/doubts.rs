@@ -2,8 +2,9 @@
 
 use wire::Measurement;
 
+use super::Comparison;
 use super::channel::Channel;
-use super::layout::Layout;
+use crate::wording::{digits, joints, range};
 
 /// A description is rarely further off. A scale that is off more than this is doubtful.
 const USUAL_SCALE: f64 = 1.5;
@@ -11,26 +12,78 @@ const USUAL_SCALE: f64 = 1.5;
 /// How far a scale must be from 1 or from a unit's, in standard deviations.
 const CLEAR: f64 = 3.0;
 
-/// A channel that the arm explains less is doubtful.
+/// A channel that the arm explains less is doubtful, if more than noise is left: a hundredth of the
+/// largest channel. Real arms explain 95 % and more.
+const USUALLY_EXPLAINED: f64 = 0.8;
+const NOISE: f64 = 0.01;
+
+/// A channel that the arm explains less is doubtful, noise or not.
 const LEAST_EXPLAINED: f64 = 0.5;
 
 /// Units that torques are often in, and how many make one N·m.
 const UNITS: [(&str, f64); 3] = [("mN·m", 1e3), ("N·cm", 1e2), ("kN·m", 1e-3)];
 
-/// `period_s` is that of the recordings.
-pub fn of(layout: &Layout, channels: &[Channel], period_s: f64) -> Vec<String> {
+/// The use of a recording.
+#[derive(Clone, Copy)]
+pub enum Purpose {
+    Import,
+    /// Gains have this standard deviation around 1, and a delay of the torques is found up to this, s.
+    Identification {
+        gain_deviation: f64,
+        most_delay_s: f64,
+    },
+}
+
+impl Purpose {
+    /// Whether a scale of the torques is found later.
+    fn finds_scale(self, size: f64) -> bool {
+        match self {
+            Self::Import => false,
+            Self::Identification { gain_deviation, .. } => size.ln().abs() < CLEAR * gain_deviation,
+        }
+    }
+
+    /// Whether a delay is found later.
+    fn finds_delay(self, delay: &Measurement) -> bool {
+        match self {
+            Self::Import => false,
+            Self::Identification { most_delay_s, .. } => delay.value.abs() < most_delay_s,
+        }
+    }
+
+    /// The name of the field with gains.
+    const fn gains(self) -> &'static str {
+        match self {
+            Self::Import => "columns.gains",
+            Self::Identification { .. } => "gains",
+        }
+    }
+}
+
+pub fn of(found: &Comparison, purpose: Purpose) -> Vec<String> {
+    let channels = found.channels.as_slice();
     let mut doubts = Vec::new();
-    of_layout(layout, &mut doubts);
-    of_signs(layout, channels, &mut doubts);
-    of_scales(channels, &mut doubts);
-    of_gravity(channels, &mut doubts);
-    of_delays(channels, period_s, &mut doubts);
-    let constant = joints(channels.iter().filter(|channel| channel.is_constant));
+    of_layout(found, &mut doubts);
+    of_signs(found, &mut doubts);
+    let other_rates = of_rates(channels, &mut doubts);
+    of_scales(channels, &other_rates, purpose, &mut doubts);
+    of_gravity(channels, &other_rates, purpose, &mut doubts);
+    of_delays(channels, found.period_s, purpose, &mut doubts);
+    let constant = named(channels.iter().filter(|channel| channel.is_constant));
     if let Some(joints) = constant {
         doubts.push(format!("u of {joints} is constant"));
     }
+    of_unexplained(channels, &mut doubts);
+    doubts
+}
+
+fn of_unexplained(channels: &[Channel], doubts: &mut Vec<String>) {
+    let largest = channels.iter().map(|channel| channel.deviation_nm).fold(0.0, f64::max);
     for channel in channels {
-        if let Some(explained) = channel.explained.filter(|share| *share < LEAST_EXPLAINED) {
+        let Some(explained) = channel.explained else { continue };
+        let left_nm = channel.deviation_nm * (1.0 - explained).sqrt();
+        let is_noise = left_nm < NOISE * largest;
+        if explained < LEAST_EXPLAINED || (explained < USUALLY_EXPLAINED && !is_noise) {
             let (joint, percent) = (channel.column + 1, 100.0 * explained);
             doubts.push(format!(
                 "the arm explains {percent:.0} % of the variance of u of joint {joint}: are the columns, the units of \
@@ -38,22 +91,25 @@ pub fn of(layout: &Layout, channels: &[Channel], period_s: f64) -> Vec<String> {
             ));
         }
     }
-    doubts
 }
 
-fn of_layout(layout: &Layout, doubts: &mut Vec<String>) {
+fn of_layout(found: &Comparison, doubts: &mut Vec<String>) {
+    let layout = &found.layout;
     let positions: Vec<usize> = layout.positions.iter().map(|(column, _)| *column).collect();
     if positions == layout.torques {
         doubts.extend(
             moved(&positions).map(|order| format!("joints look exchanged: {order} of q and u")),
         );
-    } else {
-        for (name, columns) in [("q", &positions), ("u", &layout.torques)] {
-            let order = moved(columns);
-            doubts.extend(
-                order.map(|order| format!("columns of {name} look exchanged: {order} of {name}")),
-            );
-        }
+        return;
+    }
+    for (name, other, columns) in [("q", "u", &positions), ("u", "q", &layout.torques)] {
+        let Some(order) = moved(columns) else { continue };
+        doubts.push(match found.ties.is_exchange_tied {
+            true => format!(
+                "columns of {name} or of {other} look exchanged: {order}. The torques do not tell of which"
+            ),
+            false => format!("columns of {name} look exchanged: {order} of {name}"),
+        });
     }
 }
 
@@ -66,42 +122,105 @@ fn moved(columns: &[usize]) -> Option<String> {
     (!parts.is_empty()).then(|| parts.join(", "))
 }
 
-fn of_signs(layout: &Layout, channels: &[Channel], doubts: &mut Vec<String>) {
-    for (joint, (position, torque)) in layout.positions.iter().zip(&layout.torques).enumerate() {
+fn of_signs(found: &Comparison, doubts: &mut Vec<String>) {
+    let Comparison { layout, channels, ties, .. } = found;
+    for (joint, torque) in layout.torques.iter().enumerate() {
         let sign = channels.iter().find(|channel| channel.column == *torque);
         let is_turned = sign.and_then(|channel| channel.sign) == Some(-1);
-        let joint = joint + 1;
-        match (position.1 < 0.0, is_turned) {
-            (true, true) => doubts.push(format!(
-                "joint {joint} seems to turn the other way than in the robot's description: q and u have the other sign"
+        let is_tied = ties.signs.contains(&joint);
+        let number = joint + 1;
+        match (layout.has_declared_sign(joint), is_turned) {
+            (false, true) => doubts.push(format!(
+                "joint {number} seems to turn the other way than in the robot's description: q and u have the other sign"
             )),
-            (true, false) => {
-                doubts.push(format!("q of joint {joint} seems to have the other sign"));
+            (false, false) => {
+                doubts.push(format!("q of joint {number} seems to have the other sign"));
             }
-            (false, true) => {
-                doubts.push(format!("u of joint {joint} seems to have the other sign"));
+            (true, true) if is_tied => doubts.push(format!(
+                "u or q of joint {number} seems to have the other sign. The torques do not tell which"
+            )),
+            (true, true) => {
+                doubts.push(format!("u of joint {number} seems to have the other sign"));
             }
-            (false, false) => {}
+            (true, false) => {}
         }
     }
 }
 
-fn of_scales(channels: &[Channel], doubts: &mut Vec<String>) {
+/// Whether a scale is that of a usual description times `unit`.
+fn is_near(size: f64, unit: f64) -> bool {
+    (size / unit).ln().abs() < USUAL_SCALE.ln()
+}
+
+/// Whether a channel has too much torque of accelerations, beside weight that fits, or too little.
+fn too_much(channel: &Channel) -> Option<bool> {
+    let (weight, rest) = (channel.of_weight?, channel.of_rest?);
+    if weight.value < CLEAR * weight.deviation || !is_near(weight.value, 1.0) {
+        return None;
+    }
+    let margin = CLEAR * rest.deviation;
+    if rest.value - margin > USUAL_SCALE {
+        Some(true)
+    } else if rest.value > 0.0 && rest.value + margin < 1.0 / USUAL_SCALE {
+        Some(false)
+    } else {
+        None
+    }
+}
+
+/// The columns whose weight fits and whose other torques do not, as those of a recording whose rows
+/// follow at another rate: at half of it, accelerations are a quarter.
+fn of_rates(channels: &[Channel], doubts: &mut Vec<String>) -> Vec<usize> {
+    let Some(more) = channels.iter().find_map(too_much) else {
+        return Vec::new();
+    };
+    // Joints that carry no weight have the same scale.
+    let has_it = |channel: &&Channel| {
+        let of_scale = channel.scale.is_some_and(|scale| {
+            let distance =
+                if more { scale.value - USUAL_SCALE } else { 1.0 / USUAL_SCALE - scale.value };
+            distance > CLEAR * scale.deviation
+        });
+        too_much(channel) == Some(more) || of_scale
+    };
+    let found: Vec<&Channel> = channels.iter().filter(has_it).collect();
+    // Accelerations must show how far they are off.
+    let factors = found.iter().filter_map(|channel| channel.clear_rest()).map(f64::sqrt);
+    let (Some(joints), Some(_)) = (named(found.iter().copied()), factors.clone().next()) else {
+        return Vec::new();
+    };
+    let rate = range(factors);
+    doubts.push(format!(
+        "u of {joints} fits the arm's weight but not its accelerations: with {rate} times the rate of the rows it \
+         would. Look at columns.time, units.time and rate_hz"
+    ));
+    found.iter().map(|channel| channel.column).collect()
+}
+
+/// `other_rates` are columns whose scale is that of another rate.
+fn of_scales(
+    channels: &[Channel],
+    other_rates: &[usize],
+    purpose: Purpose,
+    doubts: &mut Vec<String>,
+) {
     // The unit that fits each channel; none for a scale without a name.
     let mut odd: Vec<(Option<&str>, &Channel, f64)> = Vec::new();
-    for channel in channels {
+    for channel in channels.iter().filter(|channel| !other_rates.contains(&channel.column)) {
         let Some(scale) = channel.scale else { continue };
         let size = scale.value.abs();
-        let is_near = |unit: f64| (size / unit).ln().abs() < USUAL_SCALE.ln();
-        if is_near(1.0) || (size - 1.0).abs() < CLEAR * scale.deviation {
+        if is_near(size, 1.0)
+            || (size - 1.0).abs() < CLEAR * scale.deviation
+            || purpose.finds_scale(size)
+        {
             continue;
         }
-        let unit = UNITS.into_iter().find(|(_, per_nm)| is_near(*per_nm));
+        let unit = UNITS.into_iter().find(|(_, per_nm)| is_near(size, *per_nm));
         odd.push((unit.map(|(name, _)| name), channel, size));
     }
     for (name, _) in UNITS {
         let found = || odd.iter().filter(|(unit, ..)| *unit == Some(name));
-        if let Some(joints) = joints(found().map(|(_, channel, _)| *channel)) {
+        if let Some(joints) = named(found().map(|(_, channel, _)| *channel)) {
             let sizes = found().map(|(.., size)| *size);
             let range = range(sizes);
             doubts
@@ -109,24 +228,61 @@ fn of_scales(channels: &[Channel], doubts: &mut Vec<String>) {
         }
     }
     let unnamed = || odd.iter().filter(|(unit, ..)| unit.is_none());
-    if let Some(joints) = joints(unnamed().map(|(_, channel, _)| *channel)) {
+    if let Some(joints) = named(unnamed().map(|(_, channel, _)| *channel)) {
         let (times, gains) = (range(unnamed().map(|(.., size)| *size)), unnamed());
         let gains: Vec<String> = gains.map(|(.., size)| digits(1.0 / size)).collect();
-        doubts.push(format!(
-            "u of {joints} is {times} times the arm's torque: a motor's current or another unit? columns.gains of {} would fit",
-            gains.join(", ")
-        ));
+        let (field, gains) = (purpose.gains(), gains.join(", "));
+        doubts.push(if looks_like_a_load(channels) {
+            format!(
+                "u of {joints} is {times} times the arm's torque, and more so towards the hand: does it carry a load \
+                 that the robot's description lacks? Otherwise {field} of {gains} would fit"
+            )
+        } else {
+            format!(
+                "u of {joints} is {times} times the arm's torque: a motor's current, another unit, a load, or a wrong \
+                 rate of the rows? If it is a current, {field} of {gains} would fit"
+            )
+        });
     }
 }
 
-fn of_gravity(channels: &[Channel], doubts: &mut Vec<String>) {
-    let of = |carries: bool| {
-        joints(channels.iter().filter(|channel| channel.carries_weight == Some(carries)))
-    };
-    if let (Some(with), Some(without)) = (of(true), of(false)) {
-        doubts.push(format!("u of {with} carries the arm's weight, and u of {without} does not"));
+/// Whether torques exceed the arm's, and the more the nearer to the hand, as those of a load do.
+fn looks_like_a_load(channels: &[Channel]) -> bool {
+    /// Scales are this uncertain.
+    const ALIKE: f64 = 1.2;
+
+    let scales: Vec<f64> =
+        channels.iter().filter_map(|channel| channel.scale).map(|scale| scale.value).collect();
+    let (Some(first), Some(last)) = (scales.first(), scales.last()) else { return false };
+    let is_rising = scales.windows(2).all(|pair| pair[1] * ALIKE > pair[0]);
+    let carries_weight = channels.iter().any(|channel| channel.carries_weight == Some(true));
+    carries_weight
+        && is_rising
+        && *last > ALIKE * first
+        && scales.iter().all(|scale| *scale > 1.0 / ALIKE)
+}
+
+/// `other_rates` are columns whose accelerations are those of another rate.
+fn of_gravity(
+    channels: &[Channel],
+    other_rates: &[usize],
+    purpose: Purpose,
+    doubts: &mut Vec<String>,
+) {
+    let known = || channels.iter().filter(|channel| !other_rates.contains(&channel.column));
+    let of =
+        |carries: bool| named(known().filter(|channel| channel.carries_weight == Some(carries)));
+    match (of(true), of(false)) {
+        (Some(with), Some(without)) => doubts
+            .push(format!("u of {with} carries the arm's weight, and u of {without} does not")),
+        (None, Some(joints)) if matches!(purpose, Purpose::Identification { .. }) => {
+            doubts.push(format!(
+                "u of {joints} comes without the arm's weight: an identification needs torques that carry it"
+            ));
+        }
+        _ => {}
     }
-    for channel in channels {
+    for channel in known() {
         let is_part = |share: &Measurement| {
             let distance = share.value.abs().min((share.value - 1.0).abs());
             distance > 0.3 && distance > CLEAR * share.deviation
@@ -143,10 +299,10 @@ fn of_gravity(channels: &[Channel], doubts: &mut Vec<String>) {
 }
 
 /// A torque that is held until the next sample acts half a sample later than its own time.
-fn of_delays(channels: &[Channel], period_s: f64, doubts: &mut Vec<String>) {
+fn of_delays(channels: &[Channel], period_s: f64, purpose: Purpose, doubts: &mut Vec<String>) {
     let is_doubtful = |delay: &Measurement| {
         let allowed = 0.6 * period_s + CLEAR * delay.deviation;
-        delay.value.abs() > allowed
+        delay.value.abs() > allowed && !purpose.finds_delay(delay)
     };
     let late = || {
         let delayed = |channel: &Channel| channel.delay_s.filter(is_doubtful);
@@ -154,7 +310,7 @@ fn of_delays(channels: &[Channel], period_s: f64, doubts: &mut Vec<String>) {
     };
     for (word, sign) in [("later", 1.0), ("earlier", -1.0)] {
         let found = || late().filter(|(_, delay)| delay.value * sign > 0.0);
-        if let Some(joints) = joints(found().map(|(channel, _)| channel)) {
+        if let Some(joints) = named(found().map(|(channel, _)| channel)) {
             let range = range(found().map(|(_, delay)| 1e3 * delay.value.abs()));
             doubts.push(format!("u of {joints} seems to be recorded {range} ms {word} than q"));
         }
@@ -162,25 +318,6 @@ fn of_delays(channels: &[Channel], period_s: f64, doubts: &mut Vec<String>) {
 }
 
 /// `joints 1, 2 and 5`. `None` without any.
-fn joints<'a>(channels: impl Iterator<Item = &'a Channel>) -> Option<String> {
-    let mut names: Vec<String> = channels.map(|channel| (channel.column + 1).to_string()).collect();
-    let last = names.pop()?;
-    Some(if names.is_empty() {
-        format!("joint {last}")
-    } else {
-        format!("joints {} and {last}", names.join(", "))
-    })
-}
-
-/// The least and the largest number, or one if they look the same.
-fn range(numbers: impl Iterator<Item = f64> + Clone) -> String {
-    let least = digits(numbers.clone().fold(f64::INFINITY, f64::min));
-    let largest = digits(numbers.fold(f64::NEG_INFINITY, f64::max));
-    if least == largest { least } else { format!("{least} to {largest}") }
-}
-
-/// The number with three significant digits.
-fn digits(number: f64) -> String {
-    let rounded: f64 = format!("{number:.2e}").parse().unwrap_or(number);
-    rounded.to_string()
+fn named<'a>(channels: impl Iterator<Item = &'a Channel>) -> Option<String> {
+    joints(channels.map(|channel| channel.column + 1))
 }

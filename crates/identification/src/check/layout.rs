@@ -9,13 +9,15 @@ use super::rows::States;
 use crate::arm::Prior;
 
 /// Rows that a layout is judged by.
-const ROWS: usize = 500;
+pub const ROWS: usize = 500;
 
 /// This many consecutive rows count as one, as is usual for motions of a robot.
 const ALIKE: f64 = 4.0;
 
-/// A channel that is explained up to this share of its variance is explained.
-const EXPLAINED: f64 = 0.01;
+/// A channel that is explained up to this share of its variance is explained. Two layouts that are
+/// as usual are told apart further.
+const EXPLAINED: f64 = 1e-3;
+const BEST_EXPLAINED: f64 = 1e-4;
 
 /// What a layout costs for each joint whose positions have the other sign, for each joint with
 /// positions of another one, and for each joint whose torques are not those of the same joint as
@@ -24,6 +26,9 @@ const EXPLAINED: f64 = 0.01;
 const FLIPPED: f64 = 1.0;
 const MOVED: f64 = 0.5;
 const PARTED: f64 = 0.5;
+
+/// One of two layouts that are as usual explains torques clearly better by so much.
+const CLEARLY: f64 = 0.5;
 
 /// The columns of each joint.
 #[derive(Clone, Debug, PartialEq)]
@@ -47,9 +52,7 @@ impl Layout {
         if !states.are_enough() {
             return declared;
         }
-        let states = states.thinned(ROWS);
-        let (cost, mut best) = declared.with_torques(arm, &states);
-        let mut cost = cost;
+        let (mut cost, mut best) = declared.with_torques(arm, states);
         // A joint that is far from its place needs some exchanges.
         for _ in 0..joints {
             // Even a perfect explanation would not pay for a change.
@@ -59,7 +62,7 @@ impl Layout {
             let changed: Vec<(f64, Self)> = best
                 .changes()
                 .into_par_iter()
-                .map(|changed| changed.with_torques(arm, &states))
+                .map(|changed| changed.with_torques(arm, states))
                 .collect();
             match changed.into_iter().min_by(|a, b| a.0.total_cmp(&b.0)) {
                 Some((lower, changed)) if lower < cost => (cost, best) = (lower, changed),
@@ -79,9 +82,7 @@ impl Layout {
         let joints = self.positions.len();
         let mut changes = Vec::new();
         for joint in 0..joints {
-            let mut flipped = self.clone();
-            flipped.positions[joint].1 *= -1.0;
-            changes.push(flipped);
+            changes.push(self.flipped(joint));
             for other in joint + 1..joints {
                 let mut exchanged = self.clone();
                 exchanged.positions.swap(joint, other);
@@ -91,8 +92,81 @@ impl Layout {
         changes
     }
 
+    pub fn has_declared_sign(&self, joint: usize) -> bool {
+        self.positions[joint].1 > 0.0
+    }
+
+    /// The layout whose positions of a joint have the other sign.
+    pub fn flipped(&self, joint: usize) -> Self {
+        let mut flipped = self.clone();
+        flipped.positions[joint].1 *= -1.0;
+        flipped
+    }
+
+    /// The layout that blames columns of q where this one blames columns of u, or the reverse. Each
+    /// column of q keeps its column of u. `None` if columns of both are exchanged, or none.
+    fn twin(&self) -> Option<Self> {
+        let of_q = self.positions.iter().enumerate().all(|(joint, (column, _))| joint == *column);
+        let of_u = self.torques.iter().enumerate().all(|(joint, column)| joint == *column);
+        if of_q == of_u {
+            return None;
+        }
+        let mut twin = self.clone();
+        for (&position, &torque) in self.positions.iter().zip(&self.torques) {
+            // The column that stays in its place.
+            let joint = if of_q { torque } else { position.0 };
+            twin.positions[joint] = position;
+            twin.torques[joint] = torque;
+        }
+        Some(twin)
+    }
+
+    /// Takes its place if `other`, which is as usual, explains the torques clearly better. True if
+    /// neither does.
+    fn is_tied_with(&mut self, other: Self, arm: &Prior, states: &States<'_>) -> bool {
+        let gain = self.misfit(arm, states) - other.misfit(arm, states);
+        if gain > CLEARLY {
+            *self = other;
+        }
+        gain.abs() <= CLEARLY
+    }
+
+    /// Blames columns of q for an exchange, or columns of u, whichever explains the torques better.
+    /// True if both do about as well.
+    pub fn settle_exchange(&mut self, arm: &Prior, states: &States<'_>) -> bool {
+        self.twin().is_some_and(|twin| self.is_tied_with(twin, arm, states))
+    }
+
+    /// Blames q of a joint whose torques have the other sign, or its u, whichever explains the torques
+    /// better. True if both do about as well.
+    pub fn settle_sign(&mut self, joint: usize, arm: &Prior, states: &States<'_>) -> bool {
+        self.is_tied_with(self.flipped(joint), arm, states)
+    }
+
+    /// Σ over joints of the logarithms of what is left.
+    fn misfit(&self, arm: &Prior, states: &States<'_>) -> f64 {
+        let costs = self.costs(arm, states, BEST_EXPLAINED);
+        costs.iter().zip(&self.torques).map(|(costs, column)| costs[*column]).sum()
+    }
+
     /// The same positions with the torques that fit best, and what that costs.
     fn with_torques(&self, arm: &Prior, states: &States<'_>) -> (f64, Self) {
+        let mut costs = self.costs(arm, states, EXPLAINED);
+        for (joint, costs) in costs.iter_mut().enumerate() {
+            for (column, cost) in costs.iter_mut().enumerate() {
+                if column != self.positions[joint].0 {
+                    *cost += PARTED;
+                }
+            }
+        }
+        let (cost, torques) = assignment(&costs);
+        let layout = Self { positions: self.positions.clone(), torques };
+        (cost + layout.penalty_of_positions(), layout)
+    }
+
+    /// Logarithms of what each joint leaves of each column of torques, `[joint][column]`. 0 where that
+    /// is not more than a share of `explained`.
+    fn costs(&self, arm: &Prior, states: &States<'_>, explained: f64) -> Vec<Vec<f64>> {
         let joints = self.positions.len();
         let torques: Vec<_> = (0..joints).map(|column| states.torques(column, 0.0)).collect();
         // Logarithms of what joint and column leave, at most that of everything.
@@ -105,21 +179,14 @@ impl Layout {
                     let Some(fit) = regression.fit(&moments, ALIKE) else { continue };
                     let share = fit.left / (moments.variance() * states.count() as f64);
                     if share.is_finite() {
-                        let cost = 0.5 * (share.max(EXPLAINED) / EXPLAINED).ln();
+                        let cost = 0.5 * (share.max(explained) / explained).ln();
                         let known = &mut costs[joint][column];
                         *known = if gravity > 0.5 { cost } else { known.min(cost) };
                     }
                 }
             }
-            for (column, cost) in costs[joint].iter_mut().enumerate() {
-                if column != self.positions[joint].0 {
-                    *cost += PARTED;
-                }
-            }
         }
-        let (cost, torques) = assignment(&costs);
-        let layout = Self { positions: self.positions.clone(), torques };
-        (cost + layout.penalty_of_positions(), layout)
+        costs
     }
 
     fn penalty_of_positions(&self) -> f64 {

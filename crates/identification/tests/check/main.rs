@@ -5,6 +5,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+mod fit;
 mod generated;
 mod real;
 
@@ -115,6 +116,64 @@ fn other_signs_are_named() {
         let said = format!("q of joint {} seems to have the other sign", joint + 1);
         assert_eq!(position.doubts, [said]);
     }
+}
+
+#[test]
+fn a_joint_that_turns_the_other_way_is_named() {
+    for joint in [1, 3] {
+        let check = after(6, joint as u64, |log| {
+            log.q_factors[joint] = -1.0;
+            log.u_factors[joint] = -1.0;
+        });
+        let said = format!("joint {} seems to turn the other way", joint + 1);
+        assert!(check.doubts.iter().any(|doubt| doubt.starts_with(&said)), "{:?}", check.doubts);
+    }
+}
+
+#[test]
+fn a_sign_that_q_and_u_explain_alike_is_left_open() {
+    // A joint about the vertical, alone.
+    let check = after(1, 1, |log| log.q_factors[0] = -1.0);
+    assert_eq!(
+        check.doubts,
+        ["u or q of joint 1 seems to have the other sign. The torques do not tell which"]
+    );
+}
+
+#[test]
+fn a_load_is_told_from_gains() {
+    let described = arm(6);
+    let mut loaded = described.clone();
+    loaded.joints[5].link.mass_kg += 6.0;
+    let check = checked(&described, Log::of(&loaded, 3).recording());
+    let [doubt] = check.doubts.as_slice() else { panic!("{:#?}", check.doubts) };
+    assert!(doubt.contains("more so towards the hand: does it carry a load"), "{doubt}");
+}
+
+#[test]
+fn rows_at_another_rate_are_named() {
+    for (declared_hz, factor) in [(62.5, 2.0), (375.0, 1.0 / 3.0)] {
+        let mut recording = Log::of(&drawn(&arm(6), 2), 2).recording();
+        recording.rate_hz = declared_hz;
+        let check = checked(&arm(6), recording);
+        let doubt = check.doubts.iter().find(|doubt| doubt.contains("times the rate of the rows"));
+        let doubt = doubt.unwrap_or_else(|| panic!("{factor}: {:#?}", check.doubts));
+        assert!(doubt.contains("columns.time, units.time and rate_hz"), "{doubt}");
+        assert!(!check.doubts.iter().any(|doubt| doubt.contains("columns.gains")), "{doubt}");
+    }
+}
+
+#[test]
+fn torques_that_the_arm_explains_badly_are_named() {
+    let described = arm(6);
+    let mut recording = Log::of(&drawn(&described, 2), 2).recording();
+    recording.q.iter_mut().for_each(|row| row[1] += std::f64::consts::FRAC_PI_2);
+    let check = checked(&described, recording);
+    assert!(
+        check.doubts.iter().any(|doubt| doubt.contains("% of the variance of u of joint 2")),
+        "{:#?}",
+        check.doubts
+    );
 }
 
 #[test]
