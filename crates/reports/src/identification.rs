@@ -45,10 +45,15 @@ pub fn setting(report: &IdentificationReport) -> String {
         value(directions.condition),
     );
     if let Some(delay) = parameters.iter().find(|parameter| parameter.name == "delay") {
-        let [late_ms, deviation_ms] = [delay.value, delay.deviation].map(|seconds| 1e3 * seconds);
-        setting += &format!(" Torques are recorded {late_ms:.1} ± {deviation_ms:.1} ms late.");
+        setting += &timing(1e3 * delay.value, 1e3 * delay.deviation);
     }
     setting
+}
+
+/// A sentence about a delay of the torques and its standard deviation.
+fn timing(late_ms: f64, deviation_ms: f64) -> String {
+    let word = if late_ms < 0.0 { "early" } else { "late" };
+    format!(" Torques are recorded {:.1} ± {deviation_ms:.1} ms {word}.", late_ms.abs())
 }
 
 /// Warnings about the arm and its load, one sentence each.
@@ -209,4 +214,15 @@ fn correlations(pairs: &[Correlation]) -> Table {
             "Parameters that are hard to tell apart",
             "The ten worst pairs whose coefficient of correlation is above 0.9.",
         )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn torques_are_late_or_early() {
+        assert_eq!(timing(11.76, 0.22), " Torques are recorded 11.8 ± 0.2 ms late.");
+        assert_eq!(timing(-2.4, 0.1), " Torques are recorded 2.4 ± 0.1 ms early.");
+    }
 }
