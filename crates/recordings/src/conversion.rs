@@ -129,11 +129,17 @@ where
         let ImportCounts { rows, recordings, dropped_samples, repeated_rows, .. } = counts;
         let repeated = match repeated_rows {
             0 => String::new(),
+            1 => " (1 row repeats the time of the row before)".to_owned(),
             rows => format!(" ({rows} rows repeat the time of the row before)"),
         };
+        let rows = match rows {
+            1 => "its only row is".to_owned(),
+            rows => format!("its {rows} rows are"),
+        };
         Err(ImportError::file(format!(
-            "it gives no trajectory: its {rows} rows are {recordings} recordings with \
-             {dropped_samples} samples together{repeated}, and a trajectory needs {}",
+            "it gives no trajectory: {rows} {} with {} together{repeated}, and a trajectory needs {}",
+            counted(recordings, "recording"),
+            counted(dropped_samples, "sample"),
             self.spec.samples
         )))
     }
@@ -312,4 +318,9 @@ impl Folded {
 #[expect(clippy::needless_pass_by_value, reason = "for map_err")]
 fn unarranged(error: arrow_schema::ArrowError) -> ImportError {
     ImportError::file(error.to_string())
+}
+
+/// A count with its noun: `1 recording`, `3 recordings`.
+fn counted(count: u64, noun: &str) -> String {
+    if count == 1 { format!("1 {noun}") } else { format!("{count} {noun}s") }
 }

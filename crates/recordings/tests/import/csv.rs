@@ -44,6 +44,16 @@ fn a_missing_column_is_named_beside_those_there_are() {
 }
 
 #[test]
+fn a_file_without_trajectories_counts_what_it_has() {
+    let spec = spec("csv", &json!({"split": {"kind": "windows", "stride": 40}}));
+    let lines: Vec<String> = good().lines().map(str::to_owned).collect();
+    let one = "its only row is 1 recording with 1 sample together, and a trajectory needs";
+    check_refused(lines[..2].join("\n"), &spec, &[one]);
+    let two = "its 2 rows are 1 recording with 2 samples together";
+    check_refused(lines[..3].join("\n"), &spec, &[two]);
+}
+
+#[test]
 fn a_file_without_a_header_is_told_so() {
     let spec = spec("csv", &json!({}));
     let rows = good().split_once('\n').unwrap().1.to_owned();
