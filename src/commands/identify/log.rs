@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, bail, ensure};
+use anyhow::{Context, anyhow, bail, ensure};
 use clap::Args;
 use identification::Log;
 use recordings::DecoderProgram;
@@ -14,8 +14,11 @@ use spec::{
 };
 use worker::RehearsedFile;
 
+use super::hints::hint;
 use crate::commands::import::format_of;
 use crate::commands::worker::decoder;
+use crate::exit::message;
+use crate::progress::measure::counted;
 
 /// Flags for the columns of logs.
 #[derive(Clone, Debug, Args)]
@@ -124,8 +127,9 @@ impl LogReader<'_> {
         let spec = self.spec(fields, format).with_context(place)?;
         let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
         let file = RehearsedFile { recording: None, name, content };
-        let (mut logs, warnings) =
-            worker::read_logs(&self.decoder, file, &spec).with_context(place)?;
+        let (mut logs, warnings) = worker::read_logs(&self.decoder, file, &spec)
+            .map_err(|error| self.with_hint(error.into()))
+            .with_context(place)?;
         for log in &mut logs {
             log.name = match log.name.as_str() {
                 "" => place(),
@@ -134,6 +138,15 @@ impl LogReader<'_> {
         }
         let notes = warnings.iter().map(|warning| format!("{}: {warning}", place())).collect();
         Ok(LogFile { logs, notes })
+    }
+
+    /// An error with the flags for the fields that it names.
+    fn with_hint(&self, error: anyhow::Error) -> anyhow::Error {
+        let text = message(&error);
+        match hint(&text) {
+            Some(hint) if self.mapping.is_none() => anyhow!("{text}\n{hint}"),
+            _ => error,
+        }
     }
 
     /// The spec of an import whose rows are kept as they are.
@@ -182,6 +195,10 @@ impl LogReader<'_> {
             _ => Header::Unknown,
         };
         let columns = |flag: &str, given: &Option<String>, default: Vec<String>, allowed: usize| {
+            // The decoder refuses a file that is no text.
+            if format == FileFormat::Csv && matches!(header, Header::Unknown) {
+                return Ok(default);
+            }
             let given = given.clone().unwrap_or_else(|| default.join(","));
             let columns =
                 listed(&given, &header).with_context(|| format!("{flag} is {given:?}"))?;
@@ -205,7 +222,7 @@ impl LogReader<'_> {
             "unwrap": unwrap,
         });
         if format == FileFormat::Csv {
-            let header = matches!(header, Header::Names(_));
+            let header = !matches!(header, Header::Numbered(_));
             fields["csv"] =
                 json!({"header": header, "separator": separator, "decimal_comma": decimal_comma});
         }
@@ -217,8 +234,10 @@ impl LogReader<'_> {
 
     /// The columns that the first line of a text names.
     fn header(&self, path: &Path) -> anyhow::Result<Header> {
-        let mut first = String::new();
-        BufReader::new(File::open(path)?).take(MAX_LINE_BYTES).read_line(&mut first)?;
+        let mut first = Vec::new();
+        BufReader::new(File::open(path)?).take(MAX_LINE_BYTES).read_until(b'\n', &mut first)?;
+        // The decoder says what other bytes are.
+        let Ok(first) = String::from_utf8(first) else { return Ok(Header::Unknown) };
         let fields = self.fields(first.trim_start_matches('\u{feff}'))?;
         ensure!(!fields.is_empty(), "it is empty, allowed: rows of numbers");
         let is_number = |field: &String| {
@@ -228,7 +247,10 @@ impl LogReader<'_> {
             };
             number.is_ok()
         };
-        Ok(if fields.iter().all(is_number) { Header::None } else { Header::Names(fields) })
+        Ok(match fields.iter().all(is_number) {
+            true => Header::Numbered(fields.len()),
+            false => Header::Names(fields),
+        })
     }
 
     /// The fields of a line.
@@ -254,8 +276,8 @@ impl LogReader<'_> {
 enum Header {
     /// The first line of a text names its columns.
     Names(Vec<String>),
-    /// The first line of a text has numbers.
-    None,
+    /// The first line of a text has so many numbers.
+    Numbered(usize),
     /// A file of another format says itself what it has.
     Unknown,
 }
@@ -281,17 +303,48 @@ fn listed(text: &str, header: &Header) -> anyhow::Result<Vec<String>> {
             (Header::Names(names), Some(numbers)) if *numbers.end() <= names.len() => {
                 found.extend(numbers.map(|number| names[number - 1].clone()));
             }
-            (Header::Names(names), _) => {
-                bail!("there is no column {item:?}, only {}", names.join(", "));
+            (Header::Names(names), Some(numbers)) => {
+                bail!(
+                    "there is no column {}, the log has {}: {}",
+                    numbers.end(),
+                    counted(names.len(), "column"),
+                    names.join(", ")
+                );
             }
-            (Header::None, Some(numbers)) => found.extend(numbers.map(|number| number.to_string())),
-            (Header::None, None) => {
+            (Header::Names(names), None) => {
+                bail!(
+                    "there is no column {item:?}, only {}{}",
+                    names.join(", "),
+                    other_separator(names)
+                );
+            }
+            (Header::Numbered(columns), Some(numbers)) if numbers.end() > columns => {
+                bail!(
+                    "there is no column {}, the log has {}",
+                    numbers.end(),
+                    counted(*columns, "column")
+                );
+            }
+            (Header::Numbered(_), Some(numbers)) => {
+                found.extend(numbers.map(|number| number.to_string()));
+            }
+            (Header::Numbered(_), None) => {
                 bail!("the log has no header, so columns have numbers from 1 on, such as 2-7");
             }
             (Header::Unknown, _) => found.push(item.to_owned()),
         }
     }
     Ok(found)
+}
+
+/// A hint if the only column of a text looks like several.
+fn other_separator(names: &[String]) -> String {
+    let [only] = names else { return String::new() };
+    let separators = [(';', "';'"), ('\t', "$'\\t'"), ('|', "'|'"), (' ', "' '")];
+    let other = separators.into_iter().find(|(separator, _)| only.contains(*separator));
+    other.map_or_else(String::new, |(_, flag)| {
+        format!("\nhint: if columns have another separator, say --separator {flag}")
+    })
 }
 
 #[cfg(test)]
@@ -371,5 +424,32 @@ mod tests {
         assert!(three.ends_with("--q names 3 columns, allowed: 2, one per joint"), "{three}");
         assert!(refusal(&["--gains", "1"], head).contains("allowed: 2 numbers that are not 0"));
         assert!(refusal(&[], "0,1,2,3,4\n").contains("the log has no header"));
+        let beyond = refusal(&["--u", "5-6"], head);
+        assert!(
+            beyond.ends_with("there is no column 6, the log has 5 columns: t, q1, q2, u1, u2"),
+            "{beyond}"
+        );
+        let numbers = ["--time", "1", "--q", "2-3", "--u", "5-6"];
+        let beyond = refusal(&numbers, "0,1,2,3,4\n");
+        assert!(beyond.ends_with("there is no column 6, the log has 5 columns"), "{beyond}");
+    }
+
+    #[test]
+    fn a_text_with_another_separator_says_so() {
+        for (separator, flag) in [(";", "--separator ';'"), ("\t", "--separator $'\\t'")] {
+            let other = refusal(&[], &"t,q1,q2,u1,u2\n".replace(',', separator));
+            assert!(other.ends_with(flag), "{other}");
+        }
+    }
+
+    #[test]
+    fn the_decoder_is_left_to_say_what_a_file_without_text_is() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("log.csv");
+        std::fs::write(&path, b"\x1f\x8b\x08\xff").unwrap();
+        let Command { log } = Command::parse_from(["identify"]);
+        let robot = RobotModel::panda().description().clone();
+        let fields = log.reader(&robot).unwrap().of_flags(&path, FileFormat::Csv).unwrap();
+        assert_eq!(fields["csv"]["header"], true);
     }
 }

@@ -1,5 +1,6 @@
 //! From a URDF and logs to an identified arm, without a server.
 
+mod hints;
 mod log;
 
 use std::fs;
