@@ -23,6 +23,7 @@ pub mod predict;
 pub mod presets;
 pub mod queue;
 pub mod reindex;
+pub mod result_folder;
 pub mod robot;
 pub mod serve;
 pub mod show;

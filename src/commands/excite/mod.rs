@@ -14,7 +14,7 @@ use identification::{Excitation, ExcitationSettings, MotionState, excite};
 use serde::Serialize;
 use serde_json::json;
 
-use crate::commands::identify::check_folder;
+use crate::commands::result_folder::ResultFolder;
 use crate::output::write_json;
 use crate::robots::RobotArguments;
 
@@ -79,7 +79,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     for doubt in robot.doubts() {
         eprintln!("warning: {doubt}");
     }
-    check_folder(&arguments.out)?;
+    let _folder = ResultFolder::prepare(&arguments.out)?;
     let found = excite(robot.description(), &settings)?;
     write(&arguments.out, arguments.rate_hz, &found)?;
     if arguments.json {

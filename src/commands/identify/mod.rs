@@ -5,7 +5,7 @@ mod log;
 
 use std::fs;
 use std::ops::ControlFlow;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
 use anyhow::{Context, ensure};
@@ -15,6 +15,7 @@ use log::{LogArguments, LogFile};
 use spec::IdentifySpec;
 use worker::{ArmFile, FoundLoad, IdentifiedArm};
 
+use crate::commands::result_folder::ResultFolder;
 use crate::output::write_json;
 use crate::robots::{RobotArguments, Urdf};
 
@@ -77,7 +78,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     for doubt in robot.doubts() {
         eprintln!("warning: {doubt}");
     }
-    check_folder(&arguments.out)?;
+    let _folder = ResultFolder::prepare(&arguments.out)?;
     let description = robot.description();
     let read = |paths: &[PathBuf]| -> anyhow::Result<Vec<LogFile>> {
         paths.iter().map(|path| reader.read(path)).collect()
@@ -134,8 +135,8 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         );
     }
     println!(
-        "\nThe identified arm is in {}: use it as `robot.model`, and look at parameters.csv.",
-        arguments.out.display()
+        "\nThe identified arm is {}, which jobs take as `robot.model`. Look at parameters.csv beside it.",
+        arguments.out.join("description.json").display()
     );
     Ok(ExitCode::SUCCESS)
 }
@@ -162,15 +163,4 @@ fn settings(arguments: &Arguments, has_gains: bool) -> anyhow::Result<Settings> 
     );
     let low_pass_hz = arguments.low_pass_hz;
     Ok(Settings { low_pass_hz, motion_steps, gain_deviation, most_delay_s })
-}
-
-/// Checks before the work that the results will have a place.
-pub fn check_folder(folder: &Path) -> anyhow::Result<()> {
-    let place = || folder.display().to_string();
-    if !folder.exists() {
-        return fs::create_dir_all(folder).with_context(place);
-    }
-    let is_empty = fs::read_dir(folder).with_context(place)?.next().is_none();
-    ensure!(is_empty, "{} has files, allowed: a folder that is empty or does not exist", place());
-    Ok(())
 }
