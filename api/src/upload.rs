@@ -30,10 +30,10 @@ struct Texts {
     required: Option<&'static str>,
 }
 
-/// Those of a program.
+/// The parts of a program's form.
 const OF_PROGRAM: Texts = Texts { allowed: &["spec"], required: Some("spec") };
 
-/// Those of the page's forms.
+/// The parts of the page's forms.
 const OF_PAGE: Texts = Texts {
     allowed: &["spec", "robot", "name", "tags", "base", "tip", "lock", "mount", "nearest_physical"],
     required: None,

@@ -48,7 +48,7 @@ struct Now {
     /// Sentences about why experiments wait.
     obstacles: Vec<Note>,
     running: Vec<Experiment>,
-    /// Those of the newest experiments that wait, and how many these are.
+    /// The waiting ones among the newest experiments, and their number in words.
     waiting: Vec<Experiment>,
     wait: String,
 }

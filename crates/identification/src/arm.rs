@@ -208,6 +208,7 @@ fn offset_deviation_nm(rated_nm: f64) -> f64 {
 const COULOMB: usize = 0;
 const VISCOUS: usize = 1;
 const OFFSET: usize = 2;
+const ROTOR: usize = 3;
 const GAIN: usize = 4;
 
 impl Arm {
@@ -285,13 +286,13 @@ impl Arm {
     pub fn robot(&self) -> Robot {
         let joints = self.joints();
         let exp = |number: usize| Joints::from_fn(joints, |joint| self.joint(joint)[number].exp());
-        let coulomb = exp(0);
+        let coulomb = exp(COULOMB);
         Robot {
             links: Joints::from_fn(joints, |joint| {
                 RigidBody::from_parameters(&self.link_parameters(joint))
             }),
-            damping: exp(1),
-            armature: exp(3),
+            damping: exp(VISCOUS),
+            armature: exp(ROTOR),
             // τ_c tanh(x) = 2 τ_c / (1 + exp(−2x)) − τ_c.
             friction: Some(Friction {
                 phi1_nm: coulomb.map(|coulomb| 2.0 * coulomb),

@@ -47,8 +47,8 @@ impl TorqueFit {
             };
             let cost =
                 |numbers: &DVector<f64>| torques.cost(&of(numbers)) + prior.distance(numbers);
-            let unseen = || ControlFlow::Continue(());
-            arm = of(&minimize(arm.numbers.clone(), STEPS, at, cost, unseen)?);
+            let no_progress = || ControlFlow::Continue(());
+            arm = of(&minimize(arm.numbers.clone(), STEPS, at, cost, no_progress)?);
         }
         let mut equations = torques.normal_equations(&arm);
         equations.add_prior(&arm.numbers, &prior.arm.numbers, &prior.deviations);
@@ -58,7 +58,7 @@ impl TorqueFit {
     }
 
     /// Minus the logarithm of the likelihood of the torques, with weights of another fit.
-    fn surprise(&self, weights: &[f64]) -> f64 {
+    fn negative_log_likelihood(&self, weights: &[f64]) -> f64 {
         let residuals = self.torques.residuals_nm(&self.arm);
         residuals.iter().zip(weights).map(|(residual, weight)| weight * residual.ln()).sum()
     }
@@ -136,8 +136,8 @@ pub(crate) fn fit_delay(
         if progress().is_break() {
             return Err(IdentificationError::Stopped);
         }
-        let surprise = fit.surprise(&weights);
-        Ok((delay_s, surprise, fit))
+        let cost = fit.negative_log_likelihood(&weights);
+        Ok((delay_s, cost, fit))
     };
     let (mut low_s, mut high_s) = (-most_s, most_s);
     let mut early = try_delay(high_s - GOLDEN * (high_s - low_s))?;

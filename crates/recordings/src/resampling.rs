@@ -28,7 +28,7 @@ const NEARLY_AS_FAST: f64 = 1.1;
 /// The largest number of rows per sample that can be filtered: a second of 60 kHz, for one sample.
 const MAX_ROWS_PER_SAMPLE: f64 = 1024.0;
 
-/// What the low-pass remembers, in periods of its edge. The slowest pole of a Butterworth filter of
+/// The memory of the low-pass, in periods of its edge frequency. The slowest pole of a Butterworth filter of
 /// order 4 decays by exp(-2.4) in one period, so e^-24 is left.
 const REMEMBERED_PERIODS: f64 = 10.0;
 

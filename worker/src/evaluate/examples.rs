@@ -26,8 +26,8 @@ pub(super) struct ExampleInputs<'a> {
     pub predictors: &'a [PredictorInfo],
 }
 
-/// The worst, the median and the best scenario of the best model: a figure with its table for each, and `predictions.json`.
-/// Nothing where no predictor has an answer.
+/// Writes a figure with its table of the worst, the median and the best scenario of the best model, and
+/// `predictions.json`. Writes nothing if no predictor has an answer.
 pub(super) fn put(
     attempt: &Attempt,
     asked: &ExampleInputs,

@@ -1,4 +1,4 @@
-//! Whether the torques of a file can be those of the robot that its import names.
+//! Checks whether the torques of a file can be those of the robot that its import names.
 
 use std::fs::File;
 use std::ops::ControlFlow;
@@ -13,10 +13,10 @@ use wire::{ImportCounts, LogCheck};
 use super::convert;
 use crate::error::{ImportRehearsalError, TaskError};
 
-/// What an import would give.
+/// The result that an import would have.
 #[derive(Debug, Serialize)]
 pub struct Rehearsal {
-    /// What was read, and what looks wrong in it.
+    /// The counts and the warnings.
     pub import: ImportCounts,
     /// The torques beside those of the robot, if the spec names one.
     #[serde(skip_serializing_if = "Option::is_none")]

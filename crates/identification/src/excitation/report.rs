@@ -105,7 +105,7 @@ pub struct ExcitationReport {
     pub joints: Vec<JointExcitation>,
     /// The parameters of all links and joints.
     pub parameters: Vec<ParameterPrediction>,
-    /// What was not given, and is assumed; one sentence each.
+    /// The assumptions in place of settings that were not given, one sentence each.
     pub assumptions: Vec<String>,
 }
 

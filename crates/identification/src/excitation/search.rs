@@ -204,7 +204,7 @@ fn maximized(
             continue;
         };
         let Some((_, next)) = slopes(&moved) else { return variables };
-        // Of the function's negative, which is convex near a maximum.
+        // The pairs describe the negated function, which is convex near a maximum.
         let (step, change) = (&moved - &variables, &gradient - &next);
         let product = step.dot(&change);
         if product > 1e-10 * step.norm() * change.norm() {

@@ -61,8 +61,8 @@ const fn select_item(kind: ItemKind) -> &'static str {
 }
 
 impl Reading<'_> {
-    /// By id, those after `after`: checkpoints of trainings that have ended and have `keep` newer ones. The final one, the best and
-    /// those with a name, a note, a tag or an alias are left out.
+    /// Reads old checkpoints by id, from the one after `after`: those of trainings that have ended and have `keep` newer ones.
+    /// The final one, the best and those with a name, a note, a tag or an alias are left out.
     pub async fn old_checkpoints(
         &mut self,
         keep: u32,
