@@ -436,6 +436,18 @@ async fn an_identification_names_what_does_not_fit() {
     refused(nobody, "the id of a dataset").await;
     let stream = json!({"kind": "identify", "data": {"stream": {"preset": "D1-chirp"}}});
     refused(stream, "a stream").await;
+
+    // Two simulated arms are no one arm.
+    let mut two_arms = simulate("on", 300);
+    two_arms["trajectories"] = json!(2);
+    let mut spec = identify(two_arms);
+    spec["jobs"]["arm"]["motion_steps"] = json!(0);
+    let job = product.submit(&spec).await;
+    let arm = crate::product::member(&product.succeeded(job).await, "arm");
+    let arm = product.get(&format!("/v1/jobs/{arm}")).await;
+    let report = product.get(&format!("/v1/runs/{}/artifacts/report.json", arm["run"])).await;
+    let warnings = report["arm"]["warnings"].to_string();
+    assert!(warnings.contains("data is a simulation whose arms differ"), "{warnings}");
 }
 
 /// Runs on the recordings of a real UR10e, which are not part of the repository.

@@ -7,6 +7,7 @@ mod files;
 
 use std::ops::ControlFlow;
 
+use dynamics::Scenarios;
 use identification::{Recording, Settings, identify, identify_load};
 use spec::{DataSource, DataSources, IdentifySpec, RobotDescription, SpecError};
 use store::{NewRobot, RobotSource};
@@ -42,7 +43,8 @@ fn run(attempt: &Attempt) -> Result<(), TaskError> {
         attempt.show((99 * done / steps).min(99))
     };
     attempt.progress.say("fits the arm".to_owned());
-    let found = identify(described, &fit, &validation, &settings, &mut progress)?;
+    let mut found = identify(described, &fit, &validation, &settings, &mut progress)?;
+    found.report.warnings.extend(about_several_arms(attempt, &spec)?);
     let fields = spec.load.iter().flat_map(|load| load.in_field("load"));
     let mut loads = Vec::new();
     for ((field, _), recordings) in fields.zip(&loaded) {
@@ -89,6 +91,25 @@ fn source(
     let options: urdf::Options = serde_json::from_value(source.options.clone())?;
     let arm = urdf::read(&source.urdf, &options).map_err(ArmFileError::from)?;
     Ok(Some((source, arm)))
+}
+
+/// A warning if the data are simulated and their arms differ.
+fn about_several_arms(attempt: &Attempt, spec: &IdentifySpec) -> Result<Option<String>, TaskError> {
+    for (path, source) in spec.data.in_field("data") {
+        let dataset = DatasetReader::open(attempt, source)?;
+        let Some(simulation) = dataset.spec.simulation().filter(|_| spec.used(dataset.count()) > 1)
+        else {
+            continue;
+        };
+        let scenarios = Scenarios::new(simulation);
+        if scenarios.draw(0, 1).robot != scenarios.draw(1, 1).robot {
+            return Ok(Some(format!(
+                "{path} is a simulation whose arms differ, one for each trajectory: the identified arm is none of \
+                 them. Use one trajectory, or recordings of one arm"
+            )));
+        }
+    }
+    Ok(None)
 }
 
 /// Submission has filled in the arm that the data name.
