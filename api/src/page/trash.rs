@@ -15,6 +15,7 @@ use crate::extract::{Path, Query};
 use crate::limits::PAGE_DEFAULT;
 use crate::page::answer::{InPage, PageError, html};
 use crate::page::instant::Instant;
+use crate::page::lists::Paged as _;
 use crate::page::text;
 
 #[derive(Template)]
@@ -37,6 +38,8 @@ struct DeletePage {
 /// The name of an item, and more words about it.
 #[derive(Default)]
 struct Called {
+    /// The address of its page; empty for an item in the trash.
+    href: String,
     name: String,
     aliases: Vec<String>,
     /// What it is, such as `training` or `lagrangian, step 360`.
@@ -45,7 +48,6 @@ struct Called {
 
 /// An item that is deleted along with another.
 struct Along {
-    href: String,
     words: String,
     called: Called,
 }
@@ -136,6 +138,7 @@ impl Called {
     }
 
     async fn of_kept(app: &App, kind: ItemKind, id: i64) -> Result<Self, ApiError> {
+        let href = format!("/{kind}s/{id}");
         Ok(match kind {
             ItemKind::Job => {
                 let job = app.job(id).await?;
@@ -143,16 +146,17 @@ impl Called {
                     0 => job.kind.to_string(),
                     members => format!("{} of {}", job.kind, text::counted(members, "job")),
                 };
-                Self { name: job.name, about, aliases: Vec::new() }
+                Self { href, name: job.name, about, aliases: Vec::new() }
             }
             ItemKind::Run => {
                 let run = app.run(id).await?;
-                Self { name: run.name, about: run.kind.to_string(), aliases: Vec::new() }
+                let about = run.kind.to_string();
+                Self { href: run.href(), name: run.name, about, aliases: Vec::new() }
             }
             ItemKind::Dataset => {
                 let dataset = app.dataset(id).await?;
                 let about = text::counted(dataset.trajectories, "trajectory");
-                Self { name: dataset.name, about, aliases: Vec::new() }
+                Self { href, name: dataset.name, about, aliases: Vec::new() }
             }
             ItemKind::Checkpoint => {
                 let Checkpoint { name, aliases, architecture, step, metrics, .. } =
@@ -161,7 +165,7 @@ impl Called {
                 let rmse = rmse_deg.map(|rmse| format!(", {}°", text::degrees(*rmse)));
                 let step = text::count(step);
                 let about = format!("{architecture}, step {step}{}", rmse.unwrap_or_default());
-                Self { name: name.unwrap_or_default(), aliases, about }
+                Self { href, name: name.unwrap_or_default(), aliases, about }
             }
         })
     }
@@ -171,7 +175,6 @@ async fn page(app: &App, found: &Dependents, days: u64) -> Result<DeletePage, Ap
     let mut along = Vec::new();
     for item in found.along.iter().take(ALONG) {
         along.push(Along {
-            href: format!("/{}s/{}", item.kind, item.id),
             words: format!("{} {}", item.kind, item.id),
             called: Called::of(app, item.kind, item.id).await?,
         });
