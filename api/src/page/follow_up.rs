@@ -35,13 +35,16 @@ const BASELINES: [&str; 5] =
 
 /// The links of a dataset that is complete.
 pub fn of_dataset(dataset: &Dataset) -> Vec<Link> {
-    links("dataset", dataset.id, |word| word != "identify" || carries_weight(dataset))
+    links("dataset", dataset.id, |word| word != "identify" || shows_an_arm(dataset))
 }
 
-/// Whether its torques carry the arm's weight. Others identify nothing.
-fn carries_weight(dataset: &Dataset) -> bool {
+/// Whether its torques are those of one arm, with its weight. Others identify nothing. In a simulation
+/// each trajectory has an arm of its own.
+fn shows_an_arm(dataset: &Dataset) -> bool {
     data_spec(&dataset.spec).is_some_and(|data| match data {
-        DataSpec::Simulation(spec) => spec.robot.gravity == Gravity::On,
+        DataSpec::Simulation(spec) => {
+            spec.robot.gravity == Gravity::On && dataset.trajectories == 1
+        }
         DataSpec::Import(spec) => spec.robot().gravity == Gravity::On,
     })
 }
@@ -99,7 +102,7 @@ pub async fn starts(app: &App) -> Result<Vec<Start>, ApiError> {
         ),
         (None, None) => Start::from("new:evaluate", "Evaluate", "The baselines on simulated arms."),
     };
-    let identify = match datasets.iter().find(|dataset| carries_weight(dataset)) {
+    let identify = match datasets.iter().find(|dataset| shows_an_arm(dataset)) {
         Some(dataset) => Start::from(
             &format!("dataset:{}:identify", dataset.id),
             "Identify",

@@ -43,6 +43,7 @@ async fn results_lead_to_forms_of_jobs_that_go_on_from_them() {
     let mut simulation = small_simulation(7);
     simulation["robot"]["gravity"] = json!("on");
     simulation["samples"] = json!(400);
+    simulation["trajectories"] = json!(1);
     server.submitted(&simulation).await;
     server.work().await;
     let jobs = server.json("/v1/jobs").await["jobs"].as_array().unwrap().len();
