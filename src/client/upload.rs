@@ -210,6 +210,9 @@ mod tests {
         assert_eq!(names(&["/logs/monday.csv", "tue.v2.csv"]), ["monday", "tue.v2"]);
         let twins = ["/a/1/log.csv", "/a/2/log.csv", "/b/other.csv"];
         assert_eq!(names(&twins), ["1/log", "2/log", "other"]);
-        assert_eq!(names(&["log.csv", "log.csv"]), ["log", "log"], "the server refuses them");
+        assert_eq!(names(&["a/log.csv", "a/log.txt"]), ["log.csv", "log.txt"]);
+        assert_eq!(names(&["run-0.1", "run-0.2"]), ["run-0.1", "run-0.2"]);
+        let same = ["log.csv", "log.csv"];
+        assert_eq!(names(&same), same, "the server refuses them");
     }
 }

@@ -141,16 +141,14 @@ impl Store {
         self.objects().open_verified(&upload.object)
     }
 
-    /// Makes a published object an upload under its digest. One that is there already keeps its own
-    /// object.
+    /// Makes a published object an upload under its digest, unless there is one.
     async fn commit_upload(&self, name: &str, object: &StoredObject) -> Result<Upload, StoreError> {
         self.objects().verify_published(object).await?;
         let mut tx = self.begin(Scope::Rows, "committing an upload").await?;
         if let Some(known) = tx.known_upload(object.sha256).await?
             && self.objects().verify_published(&known.object).await.is_ok()
         {
-            let known = tx.insert_upload(name, &known.object).await?;
-            tx.commit().await?;
+            drop(tx);
             self.objects().delete(vec![object.path.clone()]).await;
             return Ok(known);
         }
@@ -244,7 +242,7 @@ impl Transaction {
         sql("SELECT * FROM upload WHERE sha256 = $1").bind(sha256.to_string()).optional(self).await
     }
 
-    /// An existing row keeps its name, gets this object, and counts as sent now.
+    /// An existing row has lost its object, so it gets this one.
     pub async fn insert_upload(
         &mut self,
         name: &str,
@@ -252,7 +250,7 @@ impl Transaction {
     ) -> Result<Upload, StoreError> {
         sql("INSERT INTO upload (sha256, name, path, size, created_at) \
              VALUES ($1, $2, $3, $4, {now}) ON CONFLICT (sha256) DO UPDATE \
-             SET path = excluded.path, created_at = excluded.created_at RETURNING *")
+             SET path = excluded.path RETURNING *")
         .bind(object.sha256.to_string())
         .bind(name)
         .bind(&object.path)
