@@ -390,7 +390,8 @@ async fn a_log_with_the_other_sign_is_doubted_before_and_after_its_import() {
     let turned = check(&["--json"]);
     let turned: Value = serde_json::from_str(&turned).unwrap();
     assert_eq!(turned["check"]["channels"][0]["sign"], -1, "{turned:#}");
-    let said = "u of joint 1 seems to have the other sign";
+    // The torques of a single joint do not tell whether it is u or q.
+    let said = "u or q of joint 1 seems to have the other sign. The torques do not tell which";
     assert_eq!(turned["check"]["doubts"][0], said, "{turned:#}");
     assert_eq!(product.get("/v1/jobs").await["jobs"].as_array().unwrap().len(), 3);
 
@@ -438,9 +439,7 @@ async fn an_identification_names_what_does_not_fit() {
     refused(stream, "a stream").await;
 
     // Two simulated arms are no one arm.
-    let mut two_arms = simulate("on", 300);
-    two_arms["trajectories"] = json!(2);
-    let mut spec = identify(two_arms);
+    let mut spec = identify(json!({"preset": "panda-real", "trajectories": 2, "samples": 300}));
     spec["jobs"]["arm"]["motion_steps"] = json!(0);
     let job = product.submit(&spec).await;
     let arm = crate::product::member(&product.succeeded(job).await, "arm");
