@@ -40,7 +40,7 @@ struct JobPage {
     warnings: Vec<String>,
     /// Its outcome in words.
     outcome: String,
-    /// What was typed for it if somebody has just submitted it again.
+    /// The name and the tags that somebody typed who has just submitted it again.
     again: Option<Again>,
     digest: String,
     short_digest: String,

@@ -23,7 +23,7 @@ use crate::page::text;
 struct DeletePage {
     kind: ItemKind,
     id: i64,
-    /// What people know it by.
+    /// The names that people know it by.
     called: Called,
     size: String,
     along: Vec<Along>,
@@ -42,7 +42,7 @@ struct Called {
     href: String,
     name: String,
     aliases: Vec<String>,
-    /// What it is, such as `training` or `lagrangian, step 360`.
+    /// The kind of thing, such as `training` or `lagrangian, step 360`.
     about: String,
 }
 

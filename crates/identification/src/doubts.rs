@@ -15,7 +15,7 @@ const MOST_LEFT: f64 = 0.5;
 /// standard deviation of a joint's torque.
 const NOISE: f64 = 0.01;
 
-/// What the numbers of a report themselves give reason to doubt.
+/// The doubts that follow from the numbers of a report.
 pub(crate) fn doubts(report: &ArmReport) -> Vec<String> {
     let mut doubts = Vec::new();
     of_torques(report, &mut doubts);

@@ -1,4 +1,4 @@
-//! What the fields of a mapping, which errors name, are called on the command line.
+//! Names the flags of the command in place of the fields of a mapping, which errors name.
 
 /// Fields of a mapping, and the flag that sets each.
 const FLAGS: [(&str, &str); 7] = [

@@ -1,4 +1,4 @@
-//! What an identification says about logs with mistakes.
+//! Tests the warnings of an identification from logs with mistakes.
 
 use std::ops::ControlFlow;
 
