@@ -182,6 +182,28 @@ mod tests {
     }
 
     #[test]
+    fn an_arm_with_too_little_inertia_gets_as_much_armature_as_it_lacks() {
+        let (arm, scenarios) = light_arms(1);
+        let fit = BaseParameters::new(&arm);
+        let observed = scenarios.observed(320);
+        let nominal = fit.arm.nominal();
+        let poses = || observed.y(0).iter().step_by(10);
+        let least = |robot: &Robot| {
+            let of_pose = |q: &[f32]| {
+                let q: Joints<f64> = q.iter().copied().map(f64::from).collect();
+                least_inertia(robot, q) / least_inertia(nominal, q)
+            };
+            poses().map(of_pose).fold(f64::INFINITY, f64::min)
+        };
+        let armature = nominal.armature.map(|armature| armature - 0.5);
+        let impossible = Robot { armature, ..nominal.clone() };
+        assert!(least(&impossible) < 0.0);
+        let movable = least(&fit.movable(impossible, observed.y(0)));
+        assert!((movable - LEAST_INERTIA).abs() < 1e-6, "{movable}");
+        assert_eq!(fit.movable(nominal.clone(), observed.y(0)), *nominal);
+    }
+
+    #[test]
     fn a_context_that_shows_nothing_has_a_finite_answer() {
         check_finite_answers(&BaseParameters::new(&light_arms(1).0));
     }

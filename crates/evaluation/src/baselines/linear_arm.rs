@@ -410,6 +410,21 @@ mod tests {
     }
 
     #[test]
+    fn friction_that_is_steeper_than_the_nominal_one_is_found() {
+        let nominal = nominal(Some(spec::Friction::default()));
+        let mut truth = nominal.clone();
+        if let Some(friction) = &mut truth.friction {
+            friction.phi2_s_rad[3] = STEEP;
+            friction.phi3_rad_s[3] = 0.0;
+        }
+        let seen = motion(0.0);
+        let acted = torques(&truth, &seen);
+        let record = Record { motion: &seen, torques: &acted, rate_hz: RATE_HZ };
+        let found = LinearArm::new(nominal).fit(&record).unwrap().robot.friction.unwrap();
+        assert_eq!(found.phi2_s_rad, truth.friction.unwrap().phi2_s_rad);
+    }
+
+    #[test]
     fn no_damping_and_no_friction_comes_out_negative() {
         let nominal = nominal(Some(spec::Friction::default()));
         let seen = motion(0.0);
