@@ -32,10 +32,14 @@ use outcome::ComparisonOutcome;
 use verdict::verdicts;
 use wire::{Headline, MeanError, PredictorInfo, PredictorKind, Report, Warning};
 
-/// The report of an evaluation as text: tables of the errors, and a sentence about each model.
+/// The report of an evaluation as text: the answer, tables of the errors, and a sentence about each
+/// model.
 pub fn text(report: &Report) -> String {
     let report = &evaluation::ranked(report);
-    let mut text = format!("\n{}\n\n", evaluation::setting(report));
+    let sentences = [evaluation::answer(report), evaluation::setting(report)];
+    let sentences = sentences.iter().filter(|sentence| !sentence.is_empty());
+    let mut text = "\n".to_owned();
+    text.extend(sentences.map(|sentence| format!("{sentence}\n\n")));
     for failure in evaluation::failures(report) {
         text += &format!("failed: {failure}\n\n");
     }
@@ -57,7 +61,13 @@ pub fn text(report: &Report) -> String {
 
 /// The key result of an evaluation in a line.
 pub fn headline(headline: &Headline) -> String {
-    let error = |error: &MeanError| format!("{} {}°", error.predictor, degrees(error.rmse_deg));
+    let doubt = |error: &MeanError| {
+        ComparisonOutcome::on(headline.scenarios?, error.difference_deg?).doubt()
+    };
+    let error = |error: &MeanError| {
+        let doubt = doubt(error).map_or(String::new(), |doubt| format!(" ({doubt})"));
+        format!("{} {}°{doubt}", error.predictor, degrees(error.rmse_deg))
+    };
     let best: Vec<String> = headline.best.iter().map(error).collect();
     match best.as_slice() {
         [] => String::new(),

@@ -27,9 +27,14 @@ impl ComparisonOutcome {
                 == (pair.group.as_str(), pair.position_noise_rad)
         };
         match report.groups.iter().find(is_of_pair) {
-            Some(group) if group.scenarios < FEWEST_SCENARIOS => Self::TooFew,
-            _ => Self::of_interval(pair.difference_deg),
+            Some(group) => Self::on(group.scenarios, pair.difference_deg),
+            None => Self::of_interval(pair.difference_deg),
         }
+    }
+
+    /// The outcome of a difference of errors on so many scenarios.
+    pub fn on(scenarios: u64, difference: Interval) -> Self {
+        if scenarios < FEWEST_SCENARIOS { Self::TooFew } else { Self::of_interval(difference) }
     }
 
     /// The outcome that follows from a difference of errors. A difference below 0 is better.
@@ -50,6 +55,15 @@ impl ComparisonOutcome {
             Self::Worse => "worse",
             Self::NotClear => "not clear",
             Self::TooFew => "too few scenarios",
+        }
+    }
+
+    /// The words after two errors that may be equal. `None` for a difference that counts.
+    pub const fn doubt(self) -> Option<&'static str> {
+        match self {
+            Self::Better | Self::Worse => None,
+            Self::NotClear => Some("not clearly different"),
+            Self::TooFew => Some("too few scenarios to tell"),
         }
     }
 

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use crate::{PredictorInfo, PredictorKind, PredictorSummary, Report};
+use crate::{Interval, PredictorInfo, PredictorKind, PredictorSummary, Report};
 
 /// The key result of an evaluation: the best checkpoint, the best file of predictions and the best
 /// baseline, in distribution. Predictors that see the future are left out.
@@ -14,6 +14,9 @@ use crate::{PredictorInfo, PredictorKind, PredictorSummary, Report};
 pub struct Headline {
     /// The group of cells that the errors are means over. Empty for an evaluation without cells.
     pub group: String,
+    /// The number of scenarios of that group. Missing in older results.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scenarios: Option<u64>,
     /// The best predictor of each kind: checkpoint, file of predictions, baseline. A kind without
     /// predictors is left out.
     pub best: Vec<MeanError>,
@@ -26,6 +29,10 @@ pub struct MeanError {
     pub predictor: String,
     /// Its RMSE over the horizon, degrees.
     pub rmse_deg: f64,
+    /// Its RMSE minus that of the headline's baseline on the same scenarios, degrees. Missing for the
+    /// baseline itself and in older results.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub difference_deg: Option<Interval>,
 }
 
 /// The result of an evaluation's last task.
@@ -52,10 +59,13 @@ impl Headline {
         };
         let kinds =
             [PredictorKind::Checkpoint, PredictorKind::Predictions, PredictorKind::Baseline];
+        let baseline = best(PredictorKind::Baseline).map(|rmse| rmse.predictor.as_str());
         let best = kinds.into_iter().filter_map(best).map(|rmse| MeanError {
             predictor: rmse.predictor.clone(),
             rmse_deg: rmse.interval.mean,
+            difference_deg: baseline
+                .and_then(|baseline| report.difference(group, &rmse.predictor, baseline)),
         });
-        Self { group: group.name.clone(), best: best.collect() }
+        Self { group: group.name.clone(), scenarios: Some(group.scenarios), best: best.collect() }
     }
 }

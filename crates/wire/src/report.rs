@@ -64,6 +64,22 @@ impl Report {
     pub fn scenarios(&self) -> u64 {
         self.cells.iter().map(|cell| cell.scenarios).sum()
     }
+
+    /// The RMSE of `predictor` minus that of `against` on the scenarios of `group`, degrees. `None`
+    /// where the report has no such pair.
+    pub fn difference(
+        &self,
+        group: &GroupSummary,
+        predictor: &str,
+        against: &str,
+    ) -> Option<Interval> {
+        let is_sought = |pair: &&PairedDifference| {
+            (pair.predictor.as_str(), pair.against.as_str()) == (predictor, against)
+                && pair.group == group.name
+                && pair.position_noise_rad == group.position_noise_rad
+        };
+        self.paired.iter().find(is_sought).map(|pair| pair.difference_deg)
+    }
 }
 
 /// The name of the baseline that is the robot itself.

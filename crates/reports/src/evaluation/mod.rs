@@ -511,7 +511,27 @@ mod tests {
 
     #[test]
     fn the_headline_puts_the_best_checkpoint_beside_the_best_baseline() {
-        let headline = crate::headline(&wire::Headline::of(&example()));
-        assert_eq!(headline, "in distribution: robomorph 2.50° · damped-integrator 2.00°");
+        let mut report = example();
+        let headline = |report: &Report| crate::headline(&wire::Headline::of(report));
+        assert_eq!(
+            headline(&report),
+            "in distribution: robomorph 2.50° (not clearly different) · damped-integrator 2.00°"
+        );
+        report.groups[0].scenarios = 4;
+        assert_eq!(
+            headline(&report),
+            "in distribution: robomorph 2.50° (too few scenarios to tell) · damped-integrator 2.00°"
+        );
+        report.paired.clear();
+        let plain = "in distribution: robomorph 2.50° · damped-integrator 2.00°";
+        assert_eq!(headline(&report), plain);
+    }
+
+    #[test]
+    fn an_older_headline_has_no_differences() {
+        let older = serde_json::json!({"group": "all scenarios", "best": [
+            {"predictor": "cdt", "rmse_deg": 1.0}, {"predictor": "hold-last", "rmse_deg": 2.0}]});
+        let headline: wire::Headline = serde_json::from_value(older).unwrap();
+        assert_eq!(crate::headline(&headline), "all scenarios: cdt 1.00° · hold-last 2.00°");
     }
 }

@@ -3,7 +3,8 @@
 use wire::{GroupSummary, Interval, PredictorInfo, PredictorKind, Report};
 
 use super::label;
-use crate::numbers::degrees;
+use crate::ComparisonOutcome;
+use crate::numbers::{degrees, signed_degrees};
 
 /// Predictors that are equals. The best of each kind is marked, if it has several.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -50,11 +51,13 @@ pub fn ranked(report: &Report) -> Report {
 /// a group that has errors.
 pub fn answer(report: &Report) -> String {
     let Some(group) = report.groups.first() else { return String::new() };
-    let model = best(report, group, Standing::Model).map(|(info, error)| {
+    let best_model = best(report, group, Standing::Model);
+    let model = best_model.map(|(info, error)| {
         let place = place(group);
         format!("{} predicts the horizon{place} with an error of {}.", label(info), shown(error))
     });
-    let sentences = model.into_iter().chain(baselines(report, group));
+    let compared = best_model.map(|(info, _)| info);
+    let sentences = model.into_iter().chain(baselines(report, group, compared));
     sentences.collect::<Vec<_>>().join(" ")
 }
 
@@ -69,7 +72,7 @@ pub fn answer_for(report: &Report, predictor: &str) -> String {
         return String::new();
     };
     let model = format!("{} predicts with an error of {}.", label(info), errors.join(" and "));
-    [model].into_iter().chain(baselines(report, group)).collect::<Vec<_>>().join(" ")
+    [model].into_iter().chain(baselines(report, group, Some(info))).collect::<Vec<_>>().join(" ")
 }
 
 /// The predictor of this standing with the smallest error.
@@ -83,10 +86,22 @@ fn best<'a>(
     errors.min_by(|(_, a), (_, b)| a.mean.total_cmp(&b.mean))
 }
 
-/// A sentence about the best baseline that is told nothing, and one about the best that is told something.
-fn baselines(report: &Report, group: &GroupSummary) -> impl Iterator<Item = String> {
+/// A sentence about the best baseline that is told nothing, and one about the best that is told
+/// something. Each says if `model` is not clearly different.
+fn baselines(
+    report: &Report,
+    group: &GroupSummary,
+    model: Option<&PredictorInfo>,
+) -> impl Iterator<Item = String> {
+    let doubt = |baseline: &PredictorInfo| {
+        let difference = report.difference(group, &model?.name, &baseline.name)?;
+        let doubt = ComparisonOutcome::on(group.scenarios, difference).doubt()?;
+        let [mean, low, high] =
+            [difference.mean, difference.low, difference.high].map(signed_degrees);
+        Some(format!(", {doubt} ({mean}° [{low}, {high}])"))
+    };
     let says = |(info, Interval { mean, .. }): (&PredictorInfo, Interval)| {
-        format!("{}, has {}°", label(info), degrees(mean))
+        format!("{}, has {}°{}", label(info), degrees(mean), doubt(info).unwrap_or_default())
     };
     let untold = best(report, group, Standing::Untold).map(says);
     let told = best(report, group, Standing::Told).map(says);
@@ -128,8 +143,21 @@ mod tests {
             answer(&report),
             "robomorph predicts the horizon in distribution with an error of 2.50° [2.00, 3.00]. The \
              best baseline that is told nothing, hold-last, has 8.00°. The best that is told the arm, \
-             damped-integrator, has 2.00°."
+             damped-integrator, has 2.00°, not clearly different (+0.20° [-0.30, +0.70])."
         );
+    }
+
+    #[test]
+    fn an_answer_says_when_scenarios_are_too_few_and_nothing_when_the_difference_counts() {
+        let mut report = example();
+        report.groups[0].scenarios = 4;
+        let few = "has 2.00°, too few scenarios to tell (+0.20° [-0.30, +0.70]).";
+        assert!(answer(&report).ends_with(few), "{}", answer(&report));
+        report.groups[0].scenarios = 100;
+        report.paired[1].difference_deg = Interval { mean: 0.5, low: 0.1, high: 0.9 };
+        assert!(answer(&report).ends_with("damped-integrator, has 2.00°."), "{}", answer(&report));
+        report.paired.clear();
+        assert!(answer(&report).ends_with("damped-integrator, has 2.00°."), "an older report");
     }
 
     #[test]
@@ -139,7 +167,7 @@ mod tests {
             answer_for(&report, "robomorph"),
             "robomorph predicts with an error of 2.50° [2.00, 3.00] in distribution and 2.50° [2.00, \
              3.00] out of distribution. The best baseline that is told nothing, damped-integrator, \
-             has 2.00°."
+             has 2.00°, not clearly different (+0.20° [-0.30, +0.70])."
         );
         assert_eq!(answer_for(&report, "cdt"), "");
     }
