@@ -11,11 +11,11 @@ use crate::error::ApiError;
 /// Jobs of a lineage. One that begins with more has no others.
 const MOST: usize = 40;
 
-/// Some jobs, the jobs that they need, and the jobs that need them, whatever the distance.
+/// Some jobs, the jobs whose results they use, and the jobs that use theirs, whatever the distance.
 pub(crate) struct Lineage {
     pub jobs: BTreeMap<i64, Job>,
-    /// Pairs of a job and a job that it needs, both among `jobs`.
-    pub needs: Vec<(i64, i64)>,
+    /// Pairs of a job and a job whose results it uses, both among `jobs`.
+    pub uses: Vec<(i64, i64)>,
     /// Whether there are more jobs than a lineage may have. Those furthest away are left out, and
     /// of several users the oldest.
     pub is_cut: bool,
@@ -37,14 +37,14 @@ impl App {
             let mut frontier: Vec<JobId> = roots.iter().copied().map(JobId).collect();
             while !frontier.is_empty() {
                 let pairs = match towards {
-                    Towards::Sources => self.store.needs(&frontier).await?,
+                    Towards::Sources => self.store.sources(&frontier).await?,
                     Towards::Users => self.store.users(&frontier).await?,
                 };
                 let mut next = Vec::new();
-                for (job, need) in pairs {
+                for (user, source) in pairs {
                     let found = match towards {
-                        Towards::Sources => need,
-                        Towards::Users => job,
+                        Towards::Sources => source,
+                        Towards::Users => user,
                     };
                     if known.contains(&found) {
                         continue;
@@ -62,8 +62,11 @@ impl App {
         let known: Vec<JobId> = known.into_iter().collect();
         // A job in the trash is not among them.
         let jobs = self.jobs_by_id(&known.iter().map(|job| job.0).collect::<Vec<_>>()).await?;
-        let needs = jobs.values().flat_map(|job| job.needs.iter().map(|need| (job.id, *need)));
-        let needs = needs.filter(|(_, need)| jobs.contains_key(need)).collect();
-        Ok(Lineage { needs, jobs, is_cut })
+        let among = |(user, source): (JobId, JobId)| {
+            (jobs.contains_key(&user.0) && jobs.contains_key(&source.0))
+                .then_some((user.0, source.0))
+        };
+        let uses = self.store.sources(&known).await?.into_iter().filter_map(among).collect();
+        Ok(Lineage { uses, jobs, is_cut })
     }
 }

@@ -22,7 +22,7 @@ const GAPS: [usize; 2] = [52, 14];
 /// Hundredths of a character per pixel that fit into the two lines of a box.
 const CHARACTERS: [usize; 2] = [13, 14];
 
-/// A picture with the jobs in columns, each one right of those that it needs.
+/// A picture with the jobs in columns, each one right of those whose results it uses.
 pub struct Lineage {
     pub width: usize,
     pub height: usize,
@@ -78,7 +78,7 @@ impl Lineage {
         let headlines = headlines(app, &shown).await?;
         let names = names(app, job, &shown).await?;
         let ids: Vec<i64> = lineage.jobs.keys().copied().collect();
-        let places = places(&ids, &lineage.needs);
+        let places = places(&ids, &lineage.uses);
         let columns = places.values().map(|place| place[0] + 1).max().unwrap_or(1);
         let wide = (PAGE / columns).saturating_sub(GAPS[0]).clamp(WIDTHS[0], WIDTHS[1]);
         let name = |job: &Job| names.get(&job.id).unwrap_or(&job.name).clone();
@@ -112,7 +112,8 @@ impl Lineage {
             }
         };
         let nodes: Vec<Node> = shown.into_iter().zip(places.values().copied()).map(node).collect();
-        let edges = lineage.needs.iter().map(|(job, need)| edge(wide, places[need], places[job]));
+        let edges =
+            lineage.uses.iter().map(|(job, source)| edge(wide, places[source], places[job]));
         let [columns, rows] = [0, 1].map(|axis| places.values().map(|place| place[axis]).max());
         // With a pixel around it, for the outlines.
         let extent = |last: Option<usize>, size, gap| last.unwrap_or(0) * (size + gap) + size + 2;

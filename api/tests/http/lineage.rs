@@ -47,6 +47,25 @@ async fn every_page_of_a_pipeline_leads_to_its_other_results() {
 }
 
 #[tokio::test]
+async fn an_evaluation_of_a_checkpoint_by_its_id_follows_the_training() {
+    let server = Server::with_small_pipeline().await;
+    let later = json!({
+        "kind": "evaluate", "data": {"dataset": 2}, "checkpoints": [{"checkpoint": 1}],
+        "bootstrap": {"seed": 7},
+    });
+    let later = server.submitted(&later).await["id"].clone();
+    let href = format!("evaluations/{later}");
+    for path in ["/runs/1", "/checkpoints/1", "/datasets/1"] {
+        let found = boxes(&server, path).await;
+        assert!(found.iter().any(|(_, to)| to.ends_with(&href)), "{path}: {found:?}");
+    }
+    let found = boxes(&server, &format!("/evaluations/{later}")).await;
+    for href in ["datasets/1", "datasets/2", "runs/1"] {
+        assert!(found.iter().any(|(_, to)| to.ends_with(href)), "{href}: {found:?}");
+    }
+}
+
+#[tokio::test]
 async fn a_job_without_inputs_and_users_has_no_lineage() {
     let server = Server::start().await;
     server.submitted(&small_simulation(1)).await;

@@ -275,18 +275,29 @@ impl Store {
             .await
     }
 
-    /// Pairs of a job and a job of `jobs` that it needs, the newest job first, and at most
-    /// [`USERS`].
+    /// Pairs of a job of `jobs` and a job whose results it uses, sorted by both ids: the jobs that
+    /// it needs, and those that left the checkpoints that it named.
+    ///
+    /// # Errors
+    /// When the database fails.
+    #[boxed]
+    pub async fn sources(&self, jobs: &[JobId]) -> Result<Vec<(JobId, JobId)>, StoreError> {
+        let mut query = sql("SELECT job, needs FROM job_need WHERE job IN {ids $1} UNION ");
+        query.push(SELECT_READ).push("AND input.job IN {ids $1} ORDER BY job, needs");
+        query.bind(json(&jobs)).all(&mut self.read("reading the sources of jobs")).await
+    }
+
+    /// Pairs of a job and a job of `jobs` whose results it uses, like those of [`Store::sources`].
+    /// The newest user comes first, and there are at most [`USERS`].
     ///
     /// # Errors
     /// When the database fails.
     #[boxed]
     pub async fn users(&self, jobs: &[JobId]) -> Result<Vec<(JobId, JobId)>, StoreError> {
-        sql("SELECT job, needs FROM job_need WHERE needs IN {ids $1} ORDER BY job DESC, needs LIMIT $2")
-            .bind(json(&jobs))
-            .bind(USERS)
-            .all(&mut self.read("reading the users of jobs"))
-            .await
+        let mut query = sql("SELECT job, needs FROM job_need WHERE needs IN {ids $1} UNION ");
+        query.push(SELECT_READ);
+        query.push("AND source.id IN {ids $1} ORDER BY job DESC, needs LIMIT $2");
+        query.bind(json(&jobs)).bind(USERS).all(&mut self.read("reading the users of jobs")).await
     }
 }
 
@@ -294,6 +305,16 @@ const READING: &str = "reading jobs";
 
 /// Pairs that [`Store::users`] gives.
 const USERS: i64 = 1000;
+
+/// Pairs of a job and the job with a result that it reads by digest without needing that job, as a
+/// checkpoint that existed when it was submitted. Of several jobs with the digest it is the newest
+/// before the reader. Followed by another condition.
+const SELECT_READ: &str = "SELECT input.job, source.id AS needs FROM job_input AS input \
+     JOIN job AS source ON source.digest = input.digest AND source.id < input.job \
+     WHERE NOT EXISTS (SELECT 1 FROM job_need JOIN job AS needed ON needed.id = job_need.needs \
+     WHERE job_need.job = input.job AND needed.digest = input.digest) \
+     AND NOT EXISTS (SELECT 1 FROM job AS newer WHERE newer.digest = source.digest \
+     AND newer.id > source.id AND newer.id < input.job) ";
 
 /// Followed by a condition.
 pub(crate) const SELECT_JOB: &str = "SELECT job.*, asked.cpus, asked.gpus, asked.memory_mb, asked.tags, {tags job_tag job job.id} \

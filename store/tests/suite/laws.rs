@@ -203,6 +203,7 @@ macro_rules! all_laws {
                 an_evaluation_that_lacks_its_report_alone_begins_with_it,
                 a_job_that_is_being_cancelled_is_not_reused,
                 force_computes_anew_and_needs_point_to_the_new_jobs,
+                a_job_uses_what_it_needs_and_what_it_reads_by_digest,
                 a_pipeline_is_reused_whole_or_job_by_job,
                 a_pipeline_that_can_only_fail_is_not_reused,
                 a_submission_that_is_dropped_halfway_leaves_nothing,

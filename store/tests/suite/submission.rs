@@ -104,6 +104,33 @@ pub async fn force_computes_anew_and_needs_point_to_the_new_jobs(f: Fixture) {
     assert!(f.store.members(&[second.job]).await.unwrap().iter().all(|member| !member.reused));
 }
 
+pub async fn a_job_uses_what_it_needs_and_what_it_reads_by_digest(f: Fixture) {
+    let data = simulate(1);
+    let simulation = f.submit_one(data.clone()).await;
+    let trained = train(&data, vec![Need::Existing(simulation)]);
+    let first = f.submit_one(trained.clone()).await;
+    f.work_off().await;
+    let forced = Submission { reuse: Reuse::Never, ..Submission::of(trained.clone()) };
+    let second = f.submit(forced).await.job;
+    f.work_off().await;
+    // The checkpoint exists, so the evaluation needs the data alone.
+    let asked = f.submit_one(evaluate(&data, &trained, vec![Need::Existing(simulation)])).await;
+    let third = Submission { reuse: Reuse::Never, ..Submission::of(trained.clone()) };
+    let third = f.submit(third).await.job;
+    assert_eq!(f.store.needs(&[asked]).await.unwrap(), [(asked, simulation)]);
+    let sources = f.store.sources(&[asked]).await.unwrap();
+    assert_eq!(sources, [(asked, simulation), (asked, second)]);
+    assert_eq!(f.store.users(&[second]).await.unwrap(), [(asked, second)]);
+    assert_eq!(f.store.users(&[first, third]).await.unwrap(), []);
+    let users = f.store.users(&[simulation]).await.unwrap();
+    assert_eq!(users, [third, asked, second, first].map(|user| (user, simulation)));
+    // A training that is needed is no source twice.
+    let needs = vec![Need::Existing(simulation), Need::Existing(first)];
+    let waiting = f.submit_one(evaluate(&simulate(2), &trained, needs)).await;
+    let sources = f.store.sources(&[waiting]).await.unwrap();
+    assert_eq!(sources, [(waiting, simulation), (waiting, first)]);
+}
+
 pub async fn a_pipeline_is_reused_whole_or_job_by_job(f: Fixture) {
     let simulation = f.submit_one(simulate(1)).await;
     f.work_off().await;
