@@ -15,7 +15,7 @@ use crate::page::filter_query::{FilterQuery, Order};
 use crate::page::labels::TagLink;
 use crate::page::note::Note;
 use crate::page::parts::{Commands, JobHeader};
-use crate::page::rows::Row;
+use crate::page::rows::{Row, comparison};
 use crate::page::text;
 
 /// Number of experiments on a page. Each shows all its jobs.
@@ -69,6 +69,8 @@ struct Experiment {
     tags: Vec<TagLink>,
     /// Whether its only row repeats its heading.
     is_single: bool,
+    /// The page that compares its runs, if it is a sweep.
+    comparison: Option<String>,
     rows: Vec<Row>,
 }
 
@@ -115,6 +117,7 @@ impl Experiment {
             job: JobHeader::of(job),
             tags: TagLink::all(&job.tags),
             is_single: job.kind != JobKind::Pipeline,
+            comparison: comparison(&rows),
             rows,
         };
         Ok(jobs.iter().zip(rows).map(experiment).collect())

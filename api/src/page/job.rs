@@ -23,7 +23,7 @@ use crate::page::kinds::{headlines, own_page};
 use crate::page::labels::Labelled;
 use crate::page::lineage::Lineage;
 use crate::page::parts::{Bar, Commands, FileLink, JobHeader, Link};
-use crate::page::rows::{Row, results};
+use crate::page::rows::{Row, comparison, results};
 use crate::page::spec_text::Specification;
 
 /// Number of tasks shown. A link leads to the others.
@@ -50,6 +50,8 @@ struct JobPage {
     lineage: Option<Lineage>,
     files: Vec<FileLink>,
     rows: Vec<Row>,
+    /// The page that compares its runs, if it is a sweep.
+    comparison: Option<String>,
     tasks: Vec<TaskRow>,
     tasks_left_out: u64,
     /// The id of the last task shown.
@@ -111,7 +113,7 @@ pub async fn show(
             let rows = Row::of_each(&app, slice::from_ref(&job)).await?;
             rows.into_iter().flatten().collect()
         }
-        _ => Vec::new(),
+        _ => Vec::<Row>::new(),
     };
     let FirstTasks { tasks, all } = app.first_tasks(id, TASKS).await?;
     let attempts = app.attempts(id, Paging { limit: ATTEMPTS, before: None }).await?.attempts;
@@ -134,6 +136,7 @@ pub async fn show(
         results: results(&job),
         result,
         files: files.into_iter().map(FileLink::from).collect(),
+        comparison: comparison(&rows),
         rows,
         tasks_left_out: all.saturating_sub(tasks.len() as u64),
         last_task: tasks.last().map_or(0, |task| task.id.0),

@@ -1,12 +1,16 @@
 //! Rows for jobs: their progress, their main result, and links.
 
 use std::collections::BTreeSet;
+use std::iter;
 
+use reports::comparison::swept;
+use serde_json::Value;
 use spec::JobKind;
 use wire::{Job, JobState, Member};
 
 use crate::app::App;
 use crate::error::ApiError;
+use crate::limits::COMPARED_RUNS;
 use crate::page::kinds::{headlines, own_page};
 use crate::page::parts::{Bar, Link};
 use crate::page::text;
@@ -16,6 +20,9 @@ pub struct Row {
     pub href: String,
     pub name: String,
     pub kind: JobKind,
+    /// Its values of the fields that a sweep varies. Empty outside a sweep.
+    pub swept: String,
+    pub run: Option<i64>,
     pub state: JobState,
     pub progress: Option<Bar>,
     /// A text in place of the progress.
@@ -32,6 +39,8 @@ impl Row {
             href: format!("/jobs/{}", job.id),
             name: job.name.clone(),
             kind: job.kind,
+            swept: String::new(),
+            run: job.run,
             state: job.state,
             progress: Bar::of(job.state, &job.progress),
             remark: took.or_else(|| job.waits_for.clone()).unwrap_or_default(),
@@ -59,16 +68,31 @@ impl Row {
         let shown: Vec<&Job> = members.values().chain(single).collect();
         let headlines = headlines(app, &shown).await?;
         let row = |job: &Job| Self::new(job, headlines.get(&job.id));
-        let of_member =
-            |member: &Member| Some(Self::of_member(member, row(members.get(&member.job)?)));
-        let rows = |job: &Job| -> Vec<Self> {
-            match job.kind {
-                JobKind::Pipeline => job.members.iter().filter_map(of_member).collect(),
-                _ => vec![row(job)],
-            }
+        let of_members = |job: &Job| -> Vec<Self> {
+            let known = job.members.iter();
+            let known = known.filter_map(|member| Some((member, members.get(&member.job)?)));
+            let known: Vec<(&Member, &Job)> = known.collect();
+            let specs: Vec<&Value> = known.iter().map(|(_, job)| &job.spec).collect();
+            let values = swept(&specs).into_iter().chain(iter::repeat(String::new()));
+            let rows = known.into_iter().zip(values);
+            rows.map(|((member, job), swept)| Self { swept, ..Self::of_member(member, row(job)) })
+                .collect()
+        };
+        let rows = |job: &Job| match job.kind {
+            JobKind::Pipeline => of_members(job),
+            _ => vec![row(job)],
         };
         Ok(jobs.iter().map(rows).collect())
     }
+}
+
+/// The page that compares the runs of a sweep; `None` for other jobs, and with too few or too many
+/// runs.
+pub fn comparison(rows: &[Row]) -> Option<String> {
+    let swept = rows.iter().filter(|row| !row.swept.is_empty());
+    let runs: BTreeSet<i64> = swept.filter_map(|row| row.run).collect();
+    let runs: Vec<String> = runs.iter().map(i64::to_string).collect();
+    (2..=COMPARED_RUNS).contains(&runs.len()).then(|| format!("/compare?run={}", runs.join(",")))
 }
 
 /// Links to the results of a job so far.

@@ -175,6 +175,30 @@ async fn a_form_of_fields_submits_what_the_same_json_would() {
 }
 
 #[tokio::test]
+async fn a_sweep_shows_the_value_of_each_job_and_compares_its_runs() {
+    let server = Server::with_small_pipeline().await;
+    let training = server.json("/v1/runs/1").await["job"].clone();
+    let from = format!("job:{training}");
+    let sweep = [("from", from.as_str()), ("sweep", "steps"), ("values", "120, 140")];
+    let sweep = post(&server, &sweep).await;
+    assert_eq!(sweep.status, 303, "{sweep:?}");
+    let members = server.json(&format!("/v1{}", sweep.header("location"))).await["members"].clone();
+    let mut runs = Vec::new();
+    for member in members.as_array().unwrap() {
+        runs.push(server.json(&format!("/v1/jobs/{}", member["job"])).await["run"].to_string());
+    }
+    let comparison = format!("compare?run={}", runs.join(","));
+    for path in ["/", sweep.header("location")] {
+        let page = server.get(path).await.text().to_owned();
+        for part in ["<td class=\"col-swept\">steps 120</td>", ">steps 140</td>", &comparison] {
+            assert!(page.contains(part), "{path}: {part}: {page}");
+        }
+    }
+    let pipeline = server.get("/jobs/5").await.text().to_owned();
+    assert!(!pipeline.contains("col-swept") && !pipeline.contains("compare?run="), "{pipeline}");
+}
+
+#[tokio::test]
 async fn what_is_wrong_stands_beside_its_input_which_keeps_its_text() {
     let server = Server::with_small_pipeline().await;
     let fields = [

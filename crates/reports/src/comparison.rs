@@ -10,6 +10,9 @@ use crate::{Align, Cell, Table};
 /// The longest text of a value in a table.
 const LONGEST: usize = 48;
 
+/// The most fields that a sweep varies.
+const SWEPT: usize = 3;
+
 /// A run beside others, of torqued or of a client that logged it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Compared {
@@ -144,6 +147,31 @@ pub fn differing(runs: &[Compared]) -> Vec<String> {
         !is_seed(name) && differ(runs, &values)
     };
     names.into_iter().filter(differs).cloned().collect()
+}
+
+/// For each of the specs of a sweep, its values of the swept fields in words, such as `learning_rate
+/// 0.001`. Empty if the specs make no sweep: with several kinds, or with more than a few fields that
+/// differ.
+pub fn swept(specs: &[&Value]) -> Vec<String> {
+    let all: Vec<BTreeMap<String, &Value>> = specs.iter().map(|spec| fields(spec)).collect();
+    let names: BTreeSet<&String> = all.iter().flat_map(BTreeMap::keys).collect();
+    let differs = |name: &&String| {
+        let first = all[0].get(*name);
+        !name.starts_with("execution.") && all.iter().any(|spec| spec.get(*name) != first)
+    };
+    let names: Vec<&String> = names.into_iter().filter(differs).collect();
+    if !(1..=SWEPT).contains(&names.len()) || names.iter().any(|name| *name == "kind") {
+        return Vec::new();
+    }
+    let value = |spec: &BTreeMap<String, &Value>, name: &str| {
+        let last = name.rsplit('.').next().unwrap_or(name);
+        let value = spec.get(name).map_or("-".to_owned(), |value| words(value));
+        format!("{last} {value}")
+    };
+    let values = |spec: &BTreeMap<String, &Value>| {
+        names.iter().map(|name| value(spec, name)).collect::<Vec<_>>().join(", ")
+    };
+    all.iter().map(values).collect()
 }
 
 /// Whether the runs' values of a field differ. A job of another kind that has no such field makes no
@@ -331,6 +359,28 @@ mod tests {
         assert_eq!(sharing(&runs, "optimizer.learning_rate"), [vec![0, 2], vec![1]]);
         assert_eq!(value(&runs[2], "model").as_deref(), Some("robomorph"));
         assert_eq!(value(&runs[0], "model"), None);
+    }
+
+    #[test]
+    fn a_sweep_is_told_by_the_few_fields_that_differ() {
+        let spec = |rate: f64, steps: u32| {
+            json!({"kind": "train", "steps": steps, "optimizer": {"learning_rate": rate},
+                "execution": {"priority": steps}})
+        };
+        let (first, second) = (spec(0.01, 10), spec(0.02, 10));
+        assert_eq!(swept(&[&first, &second]), ["learning_rate 0.01", "learning_rate 0.02"]);
+        let third = spec(0.01, 20);
+        assert_eq!(
+            swept(&[&first, &second, &third])[2],
+            "learning_rate 0.01, steps 20",
+            "every field that differs is there"
+        );
+        let lacking = json!({"kind": "train", "steps": 10, "optimizer": {}});
+        assert_eq!(swept(&[&first, &lacking])[1], "learning_rate -");
+        let evaluation = json!({"kind": "evaluate", "steps": 10});
+        for specs in [&[&first, &evaluation][..], &[&first, &first], &[&first], &[]] {
+            assert!(swept(specs).is_empty(), "{specs:?}");
+        }
     }
 
     #[test]
