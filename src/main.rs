@@ -12,6 +12,7 @@ mod configuration;
 mod device;
 mod exit;
 mod help;
+mod kept_robot;
 mod lists;
 mod logging;
 mod offers;

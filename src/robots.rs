@@ -1,7 +1,8 @@
 //! The robot that a command is about: a URDF, a description, or a built-in robot.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use anyhow::{Context, bail, ensure};
 use clap::Args;
@@ -45,6 +46,8 @@ pub struct Robot {
     pub model: RobotModel,
     /// The URDF, if the robot came from one.
     pub urdf: Option<Urdf>,
+    /// What its user should know, as sentences.
+    pub doubts: Vec<String>,
 }
 
 /// A URDF that was read.
@@ -52,7 +55,7 @@ pub struct Robot {
 pub struct Urdf {
     /// The text of the file.
     pub text: String,
-    /// The arm in it, with the same description as the [`Robot`].
+    /// The arm in it, with the joints and lengths of the [`Robot`].
     pub arm: urdf::Arm,
 }
 
@@ -65,11 +68,6 @@ impl Robot {
     pub fn arm(&self) -> Option<&urdf::Arm> {
         self.urdf.as_ref().map(|urdf| &urdf.arm)
     }
-
-    /// What is allowed in a URDF, but should be known; none for other sources.
-    pub fn doubts(&self) -> &[urdf::Doubt] {
-        self.arm().map_or(&[], |arm| &arm.doubts)
-    }
 }
 
 impl RobotArguments {
@@ -80,21 +78,23 @@ impl RobotArguments {
     /// the robot in it is not allowed, or an option is given that only a URDF has.
     pub fn read(&self) -> anyhow::Result<Robot> {
         let Some(text) = self.text()? else {
-            let model = built_in(&self.arm)?;
+            let model = self.built_in()?;
             self.no_urdf("a built-in robot")?;
-            return Ok(Robot { model, urdf: None });
+            return Ok(Robot { model, urdf: None, doubts: Vec::new() });
         };
         let place = || self.place();
         match text.trim_start_matches('\u{feff}').trim_start().chars().next() {
             Some('<') => {
                 let arm = urdf::read(&text, &self.options()?).with_context(place)?;
                 let model = RobotModel::Described(Box::new(arm.description.clone()));
-                Ok(Robot { model, urdf: Some(Urdf { text, arm }) })
+                let doubts = arm.doubts.iter().map(ToString::to_string).collect();
+                Ok(Robot { model, urdf: Some(Urdf { text, arm }), doubts })
             }
             Some('{') => {
                 self.no_urdf("a description as JSON")?;
                 let description = described(&text).with_context(place)?;
-                Ok(Robot { model: RobotModel::Described(Box::new(description)), urdf: None })
+                let model = RobotModel::Described(Box::new(description));
+                Ok(Robot { model, urdf: None, doubts: Vec::new() })
             }
             Some(other) => bail!(
                 "{} begins with {other:?}, allowed: a URDF, which begins with <, or a description as JSON, which \
@@ -121,6 +121,12 @@ impl RobotArguments {
             parameters.push(("nearest_physical", "true".to_owned()));
         }
         parameters
+    }
+
+    /// The robot's name on a server, if it is neither in a file nor built in.
+    pub fn name_on_server(&self) -> Option<Cow<'_, str>> {
+        let is_here = self.is_standard_input() || self.arm.exists() || self.built_in().is_ok();
+        (!is_here).then(|| self.arm.to_string_lossy())
     }
 
     /// Whether the robot is on standard input.
@@ -155,6 +161,23 @@ impl RobotArguments {
         }
     }
 
+    /// The built-in robot of this name.
+    pub fn built_in(&self) -> anyhow::Result<RobotModel> {
+        let mut names = Vec::new();
+        for model in RobotModel::built_in() {
+            let RobotModel::BuiltIn(robot) = &model else { continue };
+            if self.arm.as_os_str() == robot.name {
+                return Ok(model);
+            }
+            names.push(robot.name);
+        }
+        bail!(
+            "there is no file {}, and no built-in robot of that name; the built-in robots are {}",
+            self.arm.display(),
+            names.join(", ")
+        )
+    }
+
     fn options(&self) -> anyhow::Result<urdf::Options> {
         let mut locks = BTreeMap::new();
         for (joint, position) in &self.locks {
@@ -171,7 +194,10 @@ impl RobotArguments {
     }
 
     /// Refuses the options that only a URDF has.
-    fn no_urdf(&self, what: &str) -> anyhow::Result<()> {
+    ///
+    /// # Errors
+    /// One of them is given.
+    pub fn no_urdf(&self, what: &str) -> anyhow::Result<()> {
         let given = [
             ("--base", self.base.is_some()),
             ("--tip", self.tip.is_some()),
@@ -194,25 +220,8 @@ impl RobotArguments {
     }
 }
 
-/// The built-in robot of this name.
-fn built_in(name: &Path) -> anyhow::Result<RobotModel> {
-    let mut names = Vec::new();
-    for model in RobotModel::built_in() {
-        let RobotModel::BuiltIn(robot) = &model else { continue };
-        if name.as_os_str() == robot.name {
-            return Ok(model);
-        }
-        names.push(robot.name);
-    }
-    bail!(
-        "there is no file {}, and no built-in robot of that name; the built-in robots are {}",
-        name.display(),
-        names.join(", ")
-    )
-}
-
 /// A description as it stands in a spec, with all its violations.
-fn described(text: &str) -> anyhow::Result<RobotDescription> {
+pub fn described(text: &str) -> anyhow::Result<RobotDescription> {
     let text = text.trim_start_matches('\u{feff}');
     let value: Value = spec::read_json(text.as_bytes())
         .map_err(|fault| SpecError::one("", "", format!("not valid JSON: {fault}")))?;
@@ -280,7 +289,8 @@ mod tests {
         assert_eq!(robot.description(), &urdf.arm.description);
         assert_eq!(robot.description().joints.len(), 1);
         assert_eq!(robot.description().base.position_m[1..], [-0.5, 1.0]);
-        assert_eq!(robot.doubts(), urdf.arm.doubts);
+        let doubts: Vec<String> = urdf.arm.doubts.iter().map(ToString::to_string).collect();
+        assert_eq!(robot.doubts, doubts);
         let shorter = read(URDF, &["--base", "foot", "--tip", "lever"]).unwrap();
         assert_eq!(shorter.urdf.unwrap().arm.tip, "lever");
         // Editors of some systems begin a file with a mark.
@@ -294,7 +304,7 @@ mod tests {
         let text = serde_json::to_string(panda.description()).unwrap();
         let robot = read(&text, &[]).unwrap();
         assert_eq!(robot.description(), panda.description());
-        assert!(robot.urdf.is_none() && robot.doubts().is_empty());
+        assert!(robot.urdf.is_none() && robot.doubts.is_empty());
         assert!(matches!(robot.model, RobotModel::Described(_)));
     }
 
@@ -324,6 +334,8 @@ mod tests {
         assert!(refused("{\"name\": ", &[]).contains("not valid JSON: line 1"));
         let missing = arguments(&["no/such.urdf"]).unwrap().read().unwrap_err().to_string();
         assert!(missing.ends_with("the built-in robots are panda, ur10e"), "{missing}");
+        assert_eq!(arguments(&["no/such.urdf"]).unwrap().name_on_server().unwrap(), "no/such.urdf");
+        assert_eq!(arguments(&["panda"]).unwrap().name_on_server(), None);
         let folder = arguments(&["/"]).unwrap().read().unwrap_err().to_string();
         assert_eq!(folder, "/ is a folder, allowed: a file");
     }

@@ -12,7 +12,7 @@ use reqwest::{Method, RequestBuilder, Response, StatusCode, Url};
 use serde::de::DeserializeOwned;
 use wire::{
     Attempts, Audit, Checkpoint, CreatedToken, Dataset, Evaluation, Job, LabelChange, Logs, Metric,
-    NewToken, Presets, Queue, Robot, Task, Tasks, Token, Tokens, Worker, Workers,
+    NewToken, Presets, Queue, Robot, Robots, Task, Tasks, Token, Tokens, Worker, Workers,
 };
 
 use crate::resource::Reference;
@@ -217,6 +217,20 @@ impl Client {
 
     pub async fn evaluation(&self, id: i64) -> Result<Evaluation, ClientError> {
         self.get(&format!("/v1/evaluations/{id}")).await
+    }
+
+    pub async fn robot(&self, id: i64) -> Result<Robot, ClientError> {
+        self.get(&format!("/v1/robots/{id}")).await
+    }
+
+    /// A page of the robots, newest first; the one after `cursor`, if there is one.
+    pub async fn robots(&self, cursor: Option<&str>) -> Result<Robots, ClientError> {
+        let mut address = self.base.clone();
+        let mut query = address.query_pairs_mut();
+        query.clear().append_pair("limit", &LONGEST_PAGE.to_string());
+        query.extend_pairs(cursor.map(|cursor| ("cursor", cursor)));
+        drop(query);
+        self.get(&format!("/v1/robots?{}", address.query().unwrap_or_default())).await
     }
 
     /// Adds a robot. Returns it, and whether it is new.

@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
+use spec::RobotDescription;
 
 use crate::product::{Product, run_to_end, torqued};
 
@@ -163,6 +164,31 @@ async fn a_server_keeps_an_arm_that_specs_name() {
     assert!(other.starts_with("robot 2: chain, 2 joints\n"), "{other}");
     let listed = with_server(&["list"]);
     assert!(listed.contains("my arm") && listed.contains("URDF, foot to tool"), "{listed}");
+
+    let shown = robot(&["show", file.to_str().unwrap()]);
+    let digest = known["digest"].as_str().unwrap();
+    for name in ["1", "my arm", digest] {
+        assert_eq!(with_server(&["show", name]), shown, "{name}");
+    }
+    let description = |document: &Value| -> RobotDescription {
+        serde_json::from_value(document.clone()).unwrap()
+    };
+    let printed: Value = serde_json::from_str(&with_server(&["show", "1", "--json"])).unwrap();
+    assert_eq!(description(&printed), description(&known["description"]));
+    let checked = with_server(&["check", "my arm", "--trajectories", "5", "--json"]);
+    let checked: Value = serde_json::from_str(&checked).unwrap();
+    let model = &checked["spec"]["robot"]["model"];
+    assert_eq!(description(model), description(&known["description"]));
+    let at_server = |arguments: &[&str]| refused(&[arguments, &server].concat());
+    let message = at_server(&["show", "9"]);
+    assert!(message.contains("9 is neither a file nor a built-in robot: "), "{message}");
+    assert!(message.contains("there is no robot 9"), "{message}");
+    let message = at_server(&["check", "your arm"]);
+    assert!(message.contains("no robot with the name or the digest \"your arm\""), "{message}");
+    let message = at_server(&["show", "1", "--tip", "link1"]);
+    assert!(message.contains("1 is a robot of the server, and --tip is only for"), "{message}");
+    let message = refused(&["show", "1"]);
+    assert!(message.contains("--server URL names a server that keeps it"), "{message}");
 
     let simulation = |model: Value| {
         json!({

@@ -76,7 +76,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let settings = settings(arguments);
     check_rate(arguments, &settings)?;
     let robot = arguments.robot.read()?;
-    for doubt in robot.doubts() {
+    for doubt in &robot.doubts {
         eprintln!("warning: {doubt}");
     }
     let _folder = ResultFolder::prepare(&arguments.out)?;

@@ -75,7 +75,7 @@ pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let robot = arguments.robot.read()?;
     let reader = arguments.columns.reader(robot.description())?;
     let settings = settings(arguments, reader.gains().is_some())?;
-    for doubt in robot.doubts() {
+    for doubt in &robot.doubts {
         eprintln!("warning: {doubt}");
     }
     let _folder = ResultFolder::prepare(&arguments.out)?;

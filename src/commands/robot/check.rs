@@ -9,9 +9,9 @@ use spec::{JobSpec, RobotModel, SimulateSpec};
 
 use super::survey::Survey;
 use crate::exit::INTERRUPTED;
+use crate::kept_robot::AnyRobotArguments;
 use crate::output::write_json;
 use crate::progress::{self, ProgressCallback, measure};
-use crate::robots::RobotArguments;
 
 #[derive(Debug, Args)]
 #[command(
@@ -34,15 +34,14 @@ pub struct Arguments {
     json: bool,
 
     #[command(flatten)]
-    robot: RobotArguments,
+    robot: AnyRobotArguments,
 }
 
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
-    let robot = arguments.robot.read()?;
+    let robot = arguments.robot.read().await?;
     let spec = simulation(&robot.model, arguments.trajectories, arguments.open_loop)?;
-    let doubts: Vec<String> = robot.doubts().iter().map(ToString::to_string).collect();
     let of_spec = spec.doubts().into_iter().map(|doubt| doubt.to_string());
-    let doubts: Vec<String> = doubts.into_iter().chain(of_spec).collect();
+    let doubts: Vec<String> = robot.doubts.iter().cloned().chain(of_spec).collect();
     let simulated = spec.clone();
     let work = move |progress: ProgressCallback<'_>| Survey::new(&simulated, progress);
     let survey = match progress::follow_own("check", spec.trajectories, work).await? {

@@ -1,4 +1,4 @@
-//! Commands about robots. Those that look at one need no server.
+//! Commands about robots. Those that look at one need no server, unless it keeps the robot.
 
 mod check;
 mod dynamics;
@@ -37,7 +37,7 @@ enum Command {
 
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     match arguments.command {
-        Command::Show(arguments) => show::run(&arguments),
+        Command::Show(arguments) => show::run(arguments).await,
         Command::Check(arguments) => check::run(arguments).await,
         Command::Dynamics(arguments) => dynamics::run(&arguments),
         Command::Add(arguments) => keep::add(arguments).await,

@@ -8,9 +8,10 @@ use reports::robot;
 use spec::RobotSpec;
 
 use super::reach::reach;
+use crate::kept_robot::AnyRobotArguments;
 use crate::output::write_json;
 use crate::progress::measure;
-use crate::robots::{Robot, RobotArguments, Urdf};
+use crate::robots::{Robot, Urdf};
 
 /// In pixels.
 const FIGURE_SIZE: Size = Size { width: 860, height: 480 };
@@ -26,18 +27,18 @@ pub struct Arguments {
     figure: Option<PathBuf>,
 
     #[command(flatten)]
-    robot: RobotArguments,
+    robot: AnyRobotArguments,
 }
 
-pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
-    let robot = arguments.robot.read()?;
+pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
+    let robot = arguments.robot.read().await?;
     let nominal = dynamics::Robot::nominal(&RobotSpec::of(robot.model.clone()));
     if let Some(file) = &arguments.figure {
         let svg = urdf::zero_pose(robot.description(), robot.arm()).to_svg(FIGURE_SIZE)?;
         std::fs::write(file, svg).with_context(|| format!("cannot write {}", file.display()))?;
     }
     if arguments.json {
-        for doubt in robot.doubts() {
+        for doubt in &robot.doubts {
             eprintln!("warning: {doubt}");
         }
         write_json(robot.description())?;
@@ -81,9 +82,9 @@ fn text(robot: &Robot, nominal: &dynamics::Robot) -> String {
     };
     text += &format!("\n{}", robot::joints(description).render());
     text += &format!("\n{}", robot::links(&urdf::links(description, robot.arm())).render());
-    if !robot.doubts().is_empty() {
+    if !robot.doubts.is_empty() {
         text.push('\n');
     }
-    text.extend(robot.doubts().iter().map(|doubt| format!("doubt: {doubt}\n")));
+    text.extend(robot.doubts.iter().map(|doubt| format!("doubt: {doubt}\n")));
     text
 }
