@@ -6,6 +6,7 @@ mod events;
 mod stream;
 mod upload;
 
+use std::borrow::Borrow;
 use std::time::Duration;
 
 use reqwest::{Method, RequestBuilder, Response, StatusCode, Url};
@@ -101,10 +102,8 @@ impl Client {
         reuse: Reuse,
         labels: &[(&str, &str)],
     ) -> Result<Submitted, ClientError> {
-        let mut address = self.base.clone();
         let force = (reuse == Reuse::ComputeAnew).then_some(&("force", "true"));
-        address.query_pairs_mut().clear().extend_pairs(force.into_iter().chain(labels));
-        let path = format!("/v1/jobs?{}", address.query().unwrap_or_default());
+        let path = self.with_query("/v1/jobs", force.into_iter().chain(labels));
         let request =
             self.request(Method::POST, &path).header("content-type", "application/json").body(text);
         self.submitted(request).await
@@ -142,10 +141,7 @@ impl Client {
 
     /// A page of the logs of a job's tasks.
     pub async fn logs(&self, job: i64, query: &[(&str, String)]) -> Result<Logs, ClientError> {
-        let mut address = self.base.clone();
-        address.query_pairs_mut().extend_pairs(query);
-        let query = address.query().unwrap_or_default();
-        self.get(&format!("/v1/jobs/{job}/logs?{query}")).await
+        self.get(&self.with_query(&format!("/v1/jobs/{job}/logs"), query)).await
     }
 
     pub async fn queue(&self) -> Result<Queue, ClientError> {
@@ -225,12 +221,9 @@ impl Client {
 
     /// A page of the robots, newest first; the one after `cursor`, if there is one.
     pub async fn robots(&self, cursor: Option<&str>) -> Result<Robots, ClientError> {
-        let mut address = self.base.clone();
-        let mut query = address.query_pairs_mut();
-        query.clear().append_pair("limit", &LONGEST_PAGE.to_string());
-        query.extend_pairs(cursor.map(|cursor| ("cursor", cursor)));
-        drop(query);
-        self.get(&format!("/v1/robots?{}", address.query().unwrap_or_default())).await
+        let limit = ("limit", LONGEST_PAGE.to_string());
+        let cursor = cursor.map(|cursor| ("cursor", cursor.to_owned()));
+        self.get(&self.with_query("/v1/robots", std::iter::once(limit).chain(cursor))).await
     }
 
     /// Adds a robot. Returns it, and whether it is new.
@@ -240,14 +233,26 @@ impl Client {
         text: String,
         parameters: &[(&str, String)],
     ) -> Result<(Robot, bool), ClientError> {
-        let mut address = self.base.clone();
-        address.query_pairs_mut().clear().extend_pairs(parameters);
-        let path = format!("/v1/robots?{}", address.query().unwrap_or_default());
-        let request = self.request(Method::POST, path.trim_end_matches('?'));
+        let path = self.with_query("/v1/robots", parameters);
+        let request = self.request(Method::POST, &path);
         let response = self.answer(request.header("content-type", media_type).body(text)).await?;
         let is_new = response.status() == StatusCode::CREATED;
         let robot = response.text().await.map_err(self.unreachable())?;
         Ok((self.read(&robot)?, is_new))
+    }
+
+    /// A path with these parameters as its query.
+    fn with_query<K: AsRef<str>, V: AsRef<str>>(
+        &self,
+        path: &str,
+        parameters: impl IntoIterator<Item = impl Borrow<(K, V)>>,
+    ) -> String {
+        let mut address = self.base.clone();
+        address.query_pairs_mut().clear().extend_pairs(parameters);
+        match address.query() {
+            None | Some("") => path.to_owned(),
+            Some(query) => format!("{path}?{query}"),
+        }
     }
 
     /// The report of a run, whose type depends on the kind of its job.
