@@ -26,6 +26,8 @@ pub struct ProgressCell {
     began: Instant,
     /// Amount of work done by earlier attempts.
     initial: AtomicU64,
+    /// A rate that is known better than from this attempt.
+    expected: Mutex<Option<f64>>,
 }
 
 impl Default for ProgressCell {
@@ -35,6 +37,7 @@ impl Default for ProgressCell {
             message: Mutex::new(None),
             began: Instant::now(),
             initial: AtomicU64::new(0),
+            expected: Mutex::new(None),
         }
     }
 }
@@ -48,6 +51,11 @@ impl ProgressCell {
     pub fn begin_at(&self, done: u64) {
         self.initial.store(done, Ordering::Relaxed);
         self.set_done(done);
+    }
+
+    /// Sets the rate, in units of work per second, of work that ends in one step.
+    pub fn expect(&self, rate_per_second: f64) {
+        *self.expected.lock().unwrap_or_else(PoisonError::into_inner) = Some(rate_per_second);
     }
 
     /// Seconds since the attempt began.
@@ -65,8 +73,9 @@ impl ProgressCell {
         let seconds = self.seconds();
         #[expect(clippy::cast_precision_loss, reason = "a rate for people to look at")]
         let rate = (new > 0 && seconds > 0.0).then(|| new as f64 / seconds);
+        let expected = *self.expected.lock().unwrap_or_else(PoisonError::into_inner);
         let message = self.message.lock().unwrap_or_else(PoisonError::into_inner).clone();
-        Progress { done, rate_per_second: rate, message }
+        Progress { done, rate_per_second: expected.or(rate), message }
     }
 }
 
@@ -137,5 +146,20 @@ pub async fn keep_alive(
             }
             Err(_) => tracing::warn!(task = %fence.task, "the database does not answer"),
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_expected_rate_is_told_before_anything_is_done() {
+        let progress = ProgressCell::default();
+        assert_eq!(progress.read().rate_per_second, None);
+        progress.expect(2.5);
+        assert_eq!(progress.read().rate_per_second, Some(2.5));
+        progress.set_done(1);
+        assert_eq!(progress.read().rate_per_second, Some(2.5));
     }
 }

@@ -14,6 +14,7 @@ use spec::{Baseline, DataSpec, EvaluateSpec, Given, Observations, ScenarioCell, 
 use wire::Warning;
 
 use super::checkpoints::LoadedCheckpoint;
+use super::pace;
 use super::predictions::PredictionFile;
 use super::predictors::Predictors;
 use super::rows;
@@ -73,8 +74,15 @@ pub(super) fn cell(attempt: &Attempt, spec: &EvaluateSpec, index: usize) -> Resu
         predictors = asked.len(),
         "asks predictors"
     );
-    for (done, predictor) in (1_u64..).zip(asked.chunks(1)) {
+    if let Some(rate) = pace::of(attempt.task.job) {
+        attempt.progress.expect(rate);
+    }
+    for (number, predictor) in (1..).zip(asked.chunks(1)) {
         let began = Instant::now();
+        for asked_now in predictor {
+            let name = asked_now.name();
+            attempt.progress.say(format!("predictor {number} of {}: {name}", asked.len()));
+        }
         let found = attempt.interruptible(|| evaluate_cell(&scenarios, &scoring, predictor))?;
         for PredictorErrors { predictor, rmse_deg, .. } in &found {
             let unanswered = rmse_deg.iter().filter(|rmse| rmse.is_none()).count();
@@ -82,8 +90,10 @@ pub(super) fn cell(attempt: &Attempt, spec: &EvaluateSpec, index: usize) -> Resu
             tracing::info!(predictor, unanswered, seconds, "answered");
         }
         errors.extend(found);
-        attempt.progress.set_done(total * done / asked.len() as u64);
     }
+    // A scenario is done when all predictors have answered.
+    attempt.progress.set_done(total);
+    pace::keep(attempt.task.job, total, attempt.progress.seconds());
     let mut result = CellResult {
         cell: index,
         family: cell.excitation.map(|(family, _)| family),

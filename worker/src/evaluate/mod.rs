@@ -16,6 +16,7 @@ mod checkpoints;
 mod examples;
 mod figures;
 mod latency;
+mod pace;
 mod predictions;
 mod predictors;
 mod recordings;
