@@ -26,8 +26,16 @@ pub struct ProgressCell {
     began: Instant,
     /// Amount of work done by earlier attempts.
     initial: AtomicU64,
-    /// A rate that is known better than from this attempt.
-    expected: Mutex<Option<f64>>,
+    pace: Mutex<Pace>,
+}
+
+/// Where the rate of an attempt comes from.
+#[derive(Debug)]
+enum Pace {
+    /// From the work that it has done.
+    Measured,
+    /// From the work itself, in units per second, if that knows it.
+    Told(Option<f64>),
 }
 
 impl Default for ProgressCell {
@@ -37,7 +45,7 @@ impl Default for ProgressCell {
             message: Mutex::new(None),
             began: Instant::now(),
             initial: AtomicU64::new(0),
-            expected: Mutex::new(None),
+            pace: Mutex::new(Pace::Measured),
         }
     }
 }
@@ -53,9 +61,10 @@ impl ProgressCell {
         self.set_done(done);
     }
 
-    /// Sets the rate, in units of work per second, of work that ends in one step.
-    pub fn expect(&self, rate_per_second: f64) {
-        *self.expected.lock().unwrap_or_else(PoisonError::into_inner) = Some(rate_per_second);
+    /// Tells the rate, in units of work per second, of work whose parts take very different times.
+    /// `None` if it is not known.
+    pub fn expect(&self, rate_per_second: Option<f64>) {
+        *self.pace.lock().unwrap_or_else(PoisonError::into_inner) = Pace::Told(rate_per_second);
     }
 
     /// Seconds since the attempt began.
@@ -73,9 +82,12 @@ impl ProgressCell {
         let seconds = self.seconds();
         #[expect(clippy::cast_precision_loss, reason = "a rate for people to look at")]
         let rate = (new > 0 && seconds > 0.0).then(|| new as f64 / seconds);
-        let expected = *self.expected.lock().unwrap_or_else(PoisonError::into_inner);
+        let rate = match *self.pace.lock().unwrap_or_else(PoisonError::into_inner) {
+            Pace::Measured => rate,
+            Pace::Told(rate) => rate,
+        };
         let message = self.message.lock().unwrap_or_else(PoisonError::into_inner).clone();
-        Progress { done, rate_per_second: expected.or(rate), message }
+        Progress { done, rate_per_second: rate, message }
     }
 }
 
@@ -154,12 +166,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_expected_rate_is_told_before_anything_is_done() {
+    fn a_rate_that_work_tells_stands_before_the_measured_one() {
         let progress = ProgressCell::default();
-        assert_eq!(progress.read().rate_per_second, None);
-        progress.expect(2.5);
-        assert_eq!(progress.read().rate_per_second, Some(2.5));
+        let rate = || progress.read().rate_per_second;
+        assert_eq!(rate(), None);
         progress.set_done(1);
-        assert_eq!(progress.read().rate_per_second, Some(2.5));
+        assert!(rate().is_some());
+        progress.expect(None);
+        assert_eq!(rate(), None);
+        progress.expect(Some(2.5));
+        assert_eq!(rate(), Some(2.5));
     }
 }

@@ -74,10 +74,8 @@ pub(super) fn cell(attempt: &Attempt, spec: &EvaluateSpec, index: usize) -> Resu
         predictors = asked.len(),
         "asks predictors"
     );
-    if let Some(rate) = pace::of(attempt.task.job) {
-        attempt.progress.expect(rate);
-    }
-    for (number, predictor) in (1..).zip(asked.chunks(1)) {
+    attempt.progress.expect(pace::of(attempt.task.job));
+    for (number, predictor) in (1_u64..).zip(asked.chunks(1)) {
         let began = Instant::now();
         for asked_now in predictor {
             let name = asked_now.name();
@@ -90,9 +88,8 @@ pub(super) fn cell(attempt: &Attempt, spec: &EvaluateSpec, index: usize) -> Resu
             tracing::info!(predictor, unanswered, seconds, "answered");
         }
         errors.extend(found);
+        attempt.progress.set_done(total * number / asked.len() as u64);
     }
-    // A scenario is done when all predictors have answered.
-    attempt.progress.set_done(total);
     pace::keep(attempt.task.job, total, attempt.progress.seconds());
     let mut result = CellResult {
         cell: index,
