@@ -186,8 +186,8 @@ test("on a phone no value of a list, a pipeline or a trash lies over another or 
   }
   await fetch(`${product.url}/v1/jobs/${id}?force=true`, { method: "DELETE" });
   const columns = "?columns=train/seconds_per_step,train/samples_per_second,optimizer.final_learning_rate_ratio";
-  const all = ["checkpoints", "runs", "datasets", "evaluations", "experiments", "pipeline", "run", "trash", "logged runs"];
-  const looked = [...all.map((name) => pages[name]), pages.runs + columns, pages["logged runs"] + columns];
+  const all = ["checkpoints", "runs", "datasets", "evaluations", "experiments", "pipeline", "run", "trash", "all runs"];
+  const looked = [...all.map((name) => pages[name]), pages.runs + columns, pages["all runs"] + columns];
   for (const path of looked) {
     await page.goto(product.url + path);
     const { rows, trouble } = await page.evaluate(() => {

@@ -27,7 +27,7 @@ export async function paths(product) {
     "no robots": "/robots?text=no-such-name",
     comparison: `/compare?run=${training.run},${evaluation.run}`,
     "no comparison": "/compare",
-    "logged runs": "/logged",
+    "all runs": "/logged",
     launch: `/launch?job=${training.id}`,
     upload: "/upload",
     workers: "/workers",

@@ -390,7 +390,7 @@ async fn guards_stand_before_these_paths_and_speak_as_mlflow_does() {
 async fn the_page_shows_what_clients_logged() {
     let server = Server::start().await;
     let empty = server.get("/logged").await;
-    assert!(empty.text().contains("Nothing has been logged yet"), "{empty:?}");
+    assert!(empty.text().contains("There are no runs yet"), "{empty:?}");
     posted(&server, "experiments/create", json!({"name": "<b>arms"})).await;
     let create =
         json!({"experiment_id": "2", "run_name": "first <i>", "user_id": "ada", "start_time": 5});
@@ -442,5 +442,5 @@ async fn the_page_shows_what_clients_logged() {
     assert_eq!(server.get(&link).await.text(), "text");
     assert_eq!(server.get("/logged/none").await.status, 404);
     posted(&server, "runs/delete", json!({"run_id": id})).await;
-    assert!(server.get("/logged").await.text().contains("Nothing has been logged yet"));
+    assert!(server.get("/logged").await.text().contains("There are no runs yet"));
 }
