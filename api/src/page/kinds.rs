@@ -115,7 +115,7 @@ pub async fn headlines(app: &App, jobs: &[&Job]) -> Result<BTreeMap<i64, String>
             }),
             Source::Metric(run) => recorded.get(&run).map(|latest| {
                 let rmse_deg = latest.value.unwrap_or(f64::NAN);
-                format!("validation RMSE {}°", text::degrees(rmse_deg))
+                format!("last validation RMSE {}°", text::degrees(rmse_deg))
             }),
             Source::Evaluation(_) => evaluations.get(&job.id).map(reports::headline),
             Source::ClosedLoop => results.get(&job.id).and_then(|result| {

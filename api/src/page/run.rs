@@ -100,7 +100,7 @@ fn answer(checkpoints: &[Checkpoint], state: JobState) -> String {
     };
     let so_far = if state.is_final() { "" } else { " so far" };
     format!(
-        "{} has a validation RMSE of {}°{so_far}, at step {}.",
+        "The best checkpoint of {} has a validation RMSE of {}°{so_far}, at step {}.",
         best.architecture,
         text::degrees(rmse_deg),
         text::count(best.step),

@@ -226,7 +226,7 @@ async fn pages_of_lists_link_to_their_orders() {
         }
     }
     let runs = server.get("/runs?sort=rmse").await;
-    assert!(runs.text().contains("<th class=\"number\">Validation RMSE</th>"), "{runs:?}");
+    assert!(runs.text().contains("<th class=\"number\">Last validation RMSE</th>"), "{runs:?}");
     assert_eq!(server.get("/datasets?sort=rmse").await.status, 400);
 }
 

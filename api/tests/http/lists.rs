@@ -164,7 +164,7 @@ async fn a_list_is_saved_as_csv_with_its_filter_its_order_and_its_columns() {
     assert_eq!(csv.header("content-type"), "text/csv; charset=utf-8");
     assert_eq!(csv.header("content-disposition"), "attachment; filename=\"runs.csv\"");
     let lines: Vec<&str> = csv.text().lines().collect();
-    let heads = "id,name,kind,state,step,validation RMSE,job,created,steps,train/loss,tags";
+    let heads = "id,name,kind,state,step,last validation RMSE,job,created,steps,train/loss,tags";
     assert_eq!((lines[0], lines.len()), (heads, 3), "{lines:?}");
     let listed = server.json("/v1/runs?kind=train&sort=created").await;
     for (line, run) in lines[1..].iter().zip(listed["runs"].as_array().unwrap()) {

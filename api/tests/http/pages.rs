@@ -95,7 +95,7 @@ async fn a_pipeline_is_listed_once_with_its_jobs_and_results() {
     let page = page(&server, "/").await;
     assert_eq!(page.matches("<article").count(), 2, "{page}");
     for text in
-        ["quickstart", "train-set", "validation RMSE", "robomorph 1.18°", "least-squares 1.31°"]
+        ["quickstart", "train-set", "last validation RMSE", "robomorph 1.18°", "least-squares 1.31°"]
     {
         assert!(page.contains(text), "{text} is not in {page}");
     }

@@ -115,7 +115,7 @@ impl Tabled for Run {
             let steps = run.metrics.values().map(|metric| metric.step);
             ListCell::some(steps.max(), ListCell::Count)
         }),
-        ListColumn::number("validation RMSE", |run| {
+        ListColumn::number("last validation RMSE", |run| {
             let latest = run.metrics.get(ValidationMetric::RmseDeg.key());
             ListCell::some(latest.and_then(|metric| metric.value), ListCell::Degrees)
         }),
