@@ -48,9 +48,10 @@ impl Resource for Checkpoint {
         let trainings: Vec<JobId> = trainings.into_iter().collect();
         let specs: BTreeMap<JobId, Value> =
             app.store.specs(&trainings).await?.into_iter().collect();
+        let names = app.data_names(specs.values()).await?;
         let checkpoint = |row: store::Checkpoint| {
-            let spec = specs.get(&row.job);
-            checkpoint(row, spec.unwrap_or(&Value::Null))
+            let spec = specs.get(&row.job).unwrap_or(&Value::Null);
+            checkpoint(row, spec, names.of(spec))
         };
         Ok(rows.into_iter().map(checkpoint).collect())
     }
@@ -94,8 +95,7 @@ impl App {
 
     pub(crate) async fn checkpoint(&self, id: i64) -> Result<Checkpoint, ApiError> {
         let row = self.store.checkpoint(CheckpointId(id)).await?;
-        let job = self.store.job(row.job).await?;
-        Ok(checkpoint(row, &job.spec))
+        Checkpoint::complete(self, vec![row]).await?.pop().ok_or(ApiError::Internal)
     }
 
     /// The checkpoint that an alias stands for.
@@ -131,9 +131,8 @@ impl App {
 
     /// The checkpoints that a training has made so far, oldest first.
     pub(crate) async fn checkpoints_of_job(&self, job: i64) -> Result<Vec<Checkpoint>, ApiError> {
-        let spec = self.store.job(JobId(job)).await?.spec;
         let rows = self.store.checkpoints_of_job(JobId(job)).await?;
-        Ok(rows.into_iter().map(|row| checkpoint(row, &spec)).collect())
+        Checkpoint::complete(self, rows).await
     }
 }
 
@@ -141,7 +140,7 @@ fn media_type(name: &str) -> &'static str {
     if name.ends_with(".json") { "application/json" } else { "application/octet-stream" }
 }
 
-fn checkpoint(row: store::Checkpoint, spec: &Value) -> Checkpoint {
+fn checkpoint(row: store::Checkpoint, spec: &Value, data: Option<String>) -> Checkpoint {
     let id = row.id.0;
     let architecture = spec.pointer("/model/architecture").and_then(Value::as_str);
     Checkpoint {
@@ -158,6 +157,7 @@ fn checkpoint(row: store::Checkpoint, spec: &Value) -> Checkpoint {
         is_best: row.is_best,
         is_last: row.is_last,
         metrics: row.metrics,
+        data,
         digest: row.digest,
         architecture: architecture.unwrap_or_default().to_owned(),
         files: row

@@ -1,9 +1,10 @@
 //! Datasets and their files.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
+use serde::Deserialize as _;
 use serde_json::Value;
-use spec::{DataSpec, Digest, JobSpec};
+use spec::{DataSource, DataSources, DataSpec, Digest, JobSpec};
 use store::{
     DatasetDescription, DatasetId, FileContent, Listed, Listing, Shard, ShardDescription, Store,
     StoreError,
@@ -82,7 +83,49 @@ impl Downloaded for Dataset {
     }
 }
 
+/// The names of the data of jobs, which their specs name by digest.
+pub(crate) struct DataNames(BTreeMap<Digest, String>);
+
+impl DataNames {
+    /// The names of the data that a spec refers to, separated by commas. A dataset that is gone has
+    /// its short digest.
+    pub fn of(&self, spec: &Value) -> Option<String> {
+        let name = |source: &DataSource| match source {
+            DataSource::Digest(digest) => self.0.get(digest).cloned().unwrap_or(digest.short()),
+            DataSource::Stream(_) => "stream".to_owned(),
+            DataSource::Dataset(id) => format!("dataset {id}"),
+            DataSource::Job(job) => job.clone(),
+        };
+        let names: Vec<String> = sources(spec).iter().map(name).collect();
+        (!names.is_empty()).then(|| names.join(", "))
+    }
+}
+
+/// The data that a spec refers to.
+fn sources(spec: &Value) -> Vec<DataSource> {
+    match spec.get("data").map(DataSources::deserialize) {
+        Some(Ok(DataSources::Each(sources))) => sources,
+        Some(Ok(DataSources::One(source))) => vec![source],
+        Some(Err(_)) | None => Vec::new(),
+    }
+}
+
 impl App {
+    /// The names of the data of these specs, by one statement.
+    pub(crate) async fn data_names<'a>(
+        &self,
+        specs: impl IntoIterator<Item = &'a Value>,
+    ) -> Result<DataNames, ApiError> {
+        let digest = |source: DataSource| match source {
+            DataSource::Digest(digest) => Some(digest),
+            DataSource::Stream(_) | DataSource::Dataset(_) | DataSource::Job(_) => None,
+        };
+        let digests: BTreeSet<Digest> =
+            specs.into_iter().flat_map(sources).filter_map(digest).collect();
+        let digests: Vec<Digest> = digests.into_iter().collect();
+        Ok(DataNames(self.store.dataset_names(&digests).await?.into_iter().collect()))
+    }
+
     /// The dataset of a spec's digest, if it is there.
     pub(crate) async fn dataset_of_digest(&self, digest: Digest) -> Result<Option<i64>, ApiError> {
         Ok(self.store.dataset_by_digest(digest).await?.map(|dataset| dataset.id.0))

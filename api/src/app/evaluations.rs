@@ -144,6 +144,7 @@ impl App {
             });
         }
         let mut artifacts = self.artifacts(&runs).await?;
+        let names = self.data_names(jobs.iter().map(|job| &job.spec)).await?;
         let with_run = |job: &store::Job| Some((job.id.0, job.run?.0));
         let mut headlines = self
             .evaluation_headlines(&jobs.iter().filter_map(with_run).collect::<Vec<_>>())
@@ -162,6 +163,7 @@ impl App {
                 state: job.state,
                 error: job.error,
                 headline: headlines.remove(&job.id.0),
+                data: names.of(&job.spec),
                 spec: job.spec,
                 report: None,
                 created_at: job.created_at.to_string(),

@@ -127,6 +127,7 @@ impl App {
             metrics.entry(run).or_default().insert(key, latest(&point));
         }
         let mut artifacts = self.artifacts(&ids).await?;
+        let names = self.data_names(rows.iter().map(|row| &row.spec)).await?;
         let run = |row: store::Run| -> Result<Run, ApiError> {
             Ok(Run {
                 metrics: metrics.remove(&row.id).unwrap_or_default(),
@@ -141,6 +142,7 @@ impl App {
                 digest: row.digest,
                 state: row.state,
                 error: row.error,
+                data: names.of(&row.spec),
                 spec: row.spec,
                 created_at: row.created_at.to_string(),
             })

@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use tracing::span::{Attributes, Id, Record};
 use tracing::{Event, Metadata, Subscriber};
 
-use crate::fixture::{Server, small_pipeline, small_simulation};
+use crate::fixture::{Server, small_pipeline, small_simulation, small_training};
 
 static COUNT: AtomicUsize = AtomicUsize::new(0);
 
@@ -141,6 +141,25 @@ async fn a_page_of_tasks_that_cannot_be_is_refused() {
 }
 
 #[tokio::test]
+async fn errors_stand_beside_the_name_of_their_data() {
+    let server = Server::with_small_pipeline().await;
+    for (list, name) in
+        [("runs", "train-set"), ("checkpoints", "train-set"), ("evaluations", "test-grid")]
+    {
+        let page = server.get(&format!("/{list}")).await;
+        let cell = format!("<td data-label=\"Data\">{name}</td>");
+        assert!(page.text().contains(&cell), "{list}: {page:?}");
+    }
+    assert_eq!(server.json("/v1/checkpoints/1").await["data"], "train-set");
+    assert_eq!(server.json("/v1/evaluations/4").await["data"], "test-grid");
+    let mut streamed = small_training(&Value::Null);
+    streamed["data"] = json!({"stream": small_simulation(3)});
+    let job = server.submitted(&streamed).await;
+    let run = server.json(&format!("/v1/runs/{}", job["run"])).await;
+    assert_eq!(run["data"], "stream");
+}
+
+#[tokio::test]
 async fn filters_and_orders_cost_no_more_statements() {
     let server = Server::start().await;
     add_jobs(&server, 1).await;
@@ -164,14 +183,16 @@ async fn a_list_is_saved_as_csv_with_its_filter_its_order_and_its_columns() {
     assert_eq!(csv.header("content-type"), "text/csv; charset=utf-8");
     assert_eq!(csv.header("content-disposition"), "attachment; filename=\"runs.csv\"");
     let lines: Vec<&str> = csv.text().lines().collect();
-    let heads = "id,name,kind,state,step,last validation RMSE,job,created,steps,train/loss,tags";
+    let heads =
+        "id,name,kind,state,step,last validation RMSE,data,job,created,steps,train/loss,tags";
     assert_eq!((lines[0], lines.len()), (heads, 3), "{lines:?}");
     let listed = server.json("/v1/runs?kind=train&sort=created").await;
     for (line, run) in lines[1..].iter().zip(listed["runs"].as_array().unwrap()) {
         let cells: Vec<&str> = line.split(',').collect();
         let known = [run["id"].to_string(), "train".to_owned(), "succeeded".to_owned()];
         assert_eq!([cells[0], cells[2], cells[3]].map(str::to_owned), known);
-        assert_eq!((cells[7], cells[8]), (run["created_at"].as_str().unwrap(), "100"), "{line}");
+        assert_eq!((cells[6], run["data"].as_str()), ("train-set", Some("train-set")), "{line}");
+        assert_eq!((cells[8], cells[9]), (run["created_at"].as_str().unwrap(), "100"), "{line}");
     }
     for list in ["datasets", "checkpoints", "evaluations", "robots"] {
         let csv = server.get(&format!("/{list}?format=csv")).await;

@@ -52,6 +52,10 @@ pub struct Checkpoint {
     /// The kind of the model in the training's spec.
     #[schema(example = "robomorph")]
     pub architecture: String,
+    /// The names of the data that its training reads, separated by commas. Robots that are simulated
+    /// as they are needed are called `stream`. Missing without data.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub data: Option<String>,
     /// Its weights, its configuration and, to resume the training, the state of the optimizer.
     pub files: Vec<StoredFile>,
     /// When it was written.
@@ -79,6 +83,9 @@ impl Tabled for Checkpoint {
         ListColumn::number("validation RMSE", |checkpoint| {
             let rmse_deg = checkpoint.metrics.get(ValidationMetric::RmseDeg.key());
             ListCell::some(rmse_deg.copied(), ListCell::Degrees)
+        }),
+        ListColumn::words("data", |checkpoint| {
+            ListCell::some(checkpoint.data.clone(), ListCell::Text)
         }),
         ListColumn::number("size", |checkpoint| {
             ListCell::Bytes(checkpoint.files.iter().map(|file| file.size).sum())

@@ -34,6 +34,10 @@ pub struct Evaluation {
     /// The mean errors of the best predictors, when all cells are evaluated.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub headline: Option<Headline>,
+    /// The names of the data that its job reads, separated by commas. Robots that are simulated
+    /// as they are needed are called `stream`. Missing without data.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub data: Option<String>,
     /// The spec of its job.
     #[schema(value_type = JobSpec)]
     pub spec: Value,
@@ -73,6 +77,9 @@ impl Tabled for Evaluation {
         }),
         ListColumn::words("mean RMSE", |evaluation| {
             ListCell::some(evaluation.headline.clone(), ListCell::Headline)
+        }),
+        ListColumn::words("data", |evaluation| {
+            ListCell::some(evaluation.data.clone(), ListCell::Text)
         }),
         ListColumn::number("run", |evaluation| ListCell::text(evaluation.run)),
         ListColumn::number("created", |evaluation| ListCell::moment(&evaluation.created_at)),

@@ -41,6 +41,10 @@ pub struct Run {
     /// The spec of its job.
     #[schema(value_type = JobSpec)]
     pub spec: Value,
+    /// The names of the data that its job reads, separated by commas. Robots that are simulated
+    /// as they are needed are called `stream`. Missing without data.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub data: Option<String>,
     /// The latest value of each metric, by key.
     pub metrics: BTreeMap<String, LatestMetric>,
     /// Its files, besides those of checkpoints.
@@ -119,6 +123,7 @@ impl Tabled for Run {
             let latest = run.metrics.get(ValidationMetric::RmseDeg.key());
             ListCell::some(latest.and_then(|metric| metric.value), ListCell::Degrees)
         }),
+        ListColumn::words("data", |run| ListCell::some(run.data.clone(), ListCell::Text)),
         ListColumn::number("job", |run| ListCell::text(run.job)),
         ListColumn::number("created", |run| ListCell::moment(&run.created_at)),
     ];

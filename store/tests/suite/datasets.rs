@@ -1,10 +1,13 @@
+use std::collections::BTreeMap;
+
 use serde_json::json;
 use spec::Digest;
 use store::{
-    ChannelSummary, DatasetState, FileContent, JobState, Page, Retry, ShardContents, ShardSummary,
-    StoredObject,
+    ChannelSummary, DatasetState, FileContent, ItemKind, JobState, NewJob, Page, Retry, Reuse,
+    ShardContents, ShardSummary, StoredObject, Submission,
 };
 
+use super::labels::naming;
 use super::{Fixture, assert_lost, digest_of, simulate};
 
 pub async fn the_last_shard_completes_dataset_and_job(f: Fixture) {
@@ -31,6 +34,25 @@ pub async fn the_last_shard_completes_dataset_and_job(f: Fixture) {
     assert_eq!(f.store.datasets(None, Page::default()).await.unwrap().len(), 1);
     let building = f.store.datasets(Some(DatasetState::Building), Page::default()).await.unwrap();
     assert!(building.is_empty());
+}
+
+pub async fn a_digest_has_the_name_of_its_newest_dataset(f: Fixture) {
+    let first = f.submit_one(simulate(1)).await;
+    f.submit_one(NewJob { name: "other".to_owned(), ..simulate(2) }).await;
+    let [one, two, none] = [1, 2, 3].map(|seed| digest_of(&simulate(seed)));
+    let names = async || {
+        let found = f.store.dataset_names(&[one, two, none]).await.unwrap();
+        found.into_iter().collect::<BTreeMap<Digest, String>>()
+    };
+    let named = |name: &str| BTreeMap::from([(one, name.to_owned()), (two, "other".to_owned())]);
+    assert_eq!(names().await, named("train-set"));
+    let dataset = f.store.job(first).await.unwrap().dataset.unwrap();
+    f.store.change_labels(ItemKind::Dataset, dataset.0, &naming("arms")).await.unwrap();
+    assert_eq!(names().await, named("arms"));
+    let forced = Submission { reuse: Reuse::Never, ..Submission::of(simulate(1)) };
+    f.submit(forced).await;
+    assert_eq!(names().await, named("train-set"));
+    assert!(f.store.dataset_names(&[]).await.unwrap().is_empty());
 }
 
 pub async fn a_shard_committed_twice_is_there_once(f: Fixture) {
