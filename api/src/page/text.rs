@@ -78,7 +78,7 @@ pub fn shortened(text: &str, most: usize) -> String {
 pub fn cell(cell: &Cell) -> String {
     match cell {
         Cell::Missing => "–".to_owned(),
-        Cell::Text(text) => text.clone(),
+        Cell::Text(_) | Cell::Long(_) => cell.shown(),
         number => number.value().replace('-', "\u{2212}"),
     }
 }

@@ -29,6 +29,10 @@ async fn runs_stand_beside_each_other_with_a_curve_their_metrics_and_what_differ
     {
         assert!(both.contains(part), "{part}: {both}");
     }
+    let run = server.json("/v1/runs/1").await;
+    let digest = run["spec"]["data"]["digest"].as_str().unwrap();
+    let short = format!("<td title=\"{digest}\">{}…</td>", &digest[..12]);
+    assert!(both.contains(&short), "{short}: {both}");
     let chosen = page(&server, "?run=1,2&metric=train/loss&x=time&smoothing=0.5&all=1").await;
     for part in ["<option selected>train/loss", "value=\"0.5\"", "time (s)", "<h2>Parameters</h2>"]
     {

@@ -5,10 +5,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use serde_json::Value;
 use wire::{Run, Unit};
 
+use crate::cell::shortened;
 use crate::{Align, Cell, Table};
-
-/// The longest text of a value in a table.
-const LONGEST: usize = 48;
 
 /// The most fields that a sweep varies.
 const SWEPT: usize = 3;
@@ -235,17 +233,17 @@ fn fields(spec: &Value) -> BTreeMap<String, &Value> {
 }
 
 fn shown(value: &Value) -> Cell {
-    Cell::Text(words(value))
+    Cell::Long(whole(value))
 }
 
 fn words(value: &Value) -> String {
-    let text = match value {
+    shortened(&whole(value))
+}
+
+fn whole(value: &Value) -> String {
+    match value {
         Value::String(text) => text.clone(),
         other => other.to_string(),
-    };
-    match text.char_indices().nth(LONGEST) {
-        Some((end, _)) => format!("{}…", &text[..end]),
-        None => text,
     }
 }
 
@@ -323,7 +321,21 @@ mod tests {
         let table = parameters(&runs, false);
         assert_eq!(table.rows.len(), 2);
         assert_eq!(table.rows[0][2], Cell::Missing);
-        assert!(table.rows[0][1].value().ends_with('…'));
+        assert!(table.rows[0][1].to_string().ends_with('…'));
+    }
+
+    #[test]
+    fn a_digest_is_short_in_a_table_and_whole_in_a_file() {
+        let digest = |digit: &str| json!({"kind": "train", "data": {"digest": digit.repeat(64)}});
+        let runs = [run(1, &digest("a"), None), run(2, &digest("b"), None)];
+        let table = parameters(&runs, false);
+        assert!(
+            table.render().contains("data.digest  aaaaaaaaaaaa…  bbbbbbbbbbbb…"),
+            "{}",
+            table.render()
+        );
+        assert!(table.to_csv().unwrap().contains(&"b".repeat(64)));
+        assert_eq!(value(&runs[0], "data.digest").as_deref(), Some("aaaaaaaaaaaa…"));
     }
 
     #[test]
