@@ -315,7 +315,7 @@ test("an arm and its logs are uploaded, refused with what is wrong, and become a
   const recordings = page.locator("form", { has: page.getByRole("button", { name: "Import" }) });
   const send = async (mapping) => {
     await recordings.locator("textarea").fill(JSON.stringify(mapping));
-    await recordings.locator("select").selectOption({ label: (await recordings.locator("option", { hasText: "bench arm" }).innerText()).trim() });
+    await recordings.locator("select[name=robot]").selectOption({ label: (await recordings.locator("option", { hasText: "bench arm" }).innerText()).trim() });
     await recordings.locator("[type=file]").setInputFiles(files);
     await recordings.getByRole("button", { name: "Import" }).click();
   };

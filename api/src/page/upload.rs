@@ -101,6 +101,15 @@ impl UploadPage {
         Ok((error.status(), html(&page)?).into_response())
     }
 
+    /// What the torques contain, as `robot.gravity` says it and in words.
+    const fn weights(&self) -> [(&'static str, &'static str); 3] {
+        [
+            ("off", "not contained"),
+            ("on", "contained"),
+            ("compensated", "contained, because the controller adds it"),
+        ]
+    }
+
     /// The mapping in the form.
     fn mapping(&self) -> String {
         match self.texts.of("spec") {
@@ -125,7 +134,8 @@ pub async fn recordings(
     let texts = Texts(texts);
     let imported = async {
         let labels = typed_labels(&texts)?;
-        files.spec = of_robot(texts.of("spec"), texts.of("robot"))?.to_string().into();
+        let mapping = of_robot(texts.of("spec"), texts.of("robot"), texts.of("gravity"))?;
+        files.spec = mapping.to_string().into();
         let imported = app.import(files, Reuse::SameDigest, None, Labels::default()).await?;
         label_new(&app, imported, labels).await
     };
@@ -178,8 +188,9 @@ fn typed_labels(texts: &Texts) -> Result<Labels, ApiError> {
     labels::submitted(name, None, tags.map(str::to_owned).collect())
 }
 
-/// The mapping, as one of recordings of the chosen robot unless it names one itself.
-fn of_robot(mapping: &str, robot: &str) -> Result<Value, ApiError> {
+/// The mapping, as one of recordings of the chosen robot, whose torques contain its weight or not.
+/// What the mapping says itself is kept.
+fn of_robot(mapping: &str, robot: &str, gravity: &str) -> Result<Value, ApiError> {
     let mut mapping: Value = serde_json::from_str(mapping).map_err(|error| {
         ApiError::from(SpecError::one("", error.to_string(), "a mapping, a JSON object"))
     })?;
@@ -187,6 +198,12 @@ fn of_robot(mapping: &str, robot: &str) -> Result<Value, ApiError> {
         && let Ok(id) = robot.parse::<i64>()
     {
         fields.entry("robot").or_insert_with(|| json!({"model": {"robot": id}}));
+    }
+    if let Some(fields) = mapping.as_object_mut()
+        && !gravity.is_empty()
+        && let Some(robot) = fields.entry("robot").or_insert_with(|| json!({})).as_object_mut()
+    {
+        robot.entry("gravity").or_insert_with(|| json!(gravity));
     }
     Ok(mapping)
 }

@@ -136,6 +136,40 @@ async fn the_files_of_a_form_become_one_dataset() {
 }
 
 #[tokio::test]
+async fn the_page_says_whether_torques_contain_the_weight_of_the_arm() {
+    let server = Server::start().await;
+    let robot = added(&server).await["id"].to_string();
+    let columns = json!({"u": ["u1", "u2"], "q": ["q1", "q2"]});
+    let send_form = async |mapping: Value, gravity: &str| {
+        let spec = mapping.to_string();
+        let parts = [
+            ("spec", "", spec.as_bytes()),
+            ("robot", "", robot.as_bytes()),
+            ("gravity", "", gravity.as_bytes()),
+            ("file", FILE, &b"u1,u2,q1,q2\n1,1,0.1,0.1\n"[..]),
+        ];
+        send(&server, "/datasets", FORM, form(&parts)).await
+    };
+    let plain = json!({"columns": columns, "samples": 9});
+    let mut own = plain.clone();
+    own["robot"] = json!({"model": {"robot": robot.parse::<i64>().unwrap()}, "gravity": "off"});
+    for (mapping, gravity, expected) in
+        [(&plain, "", "off"), (&plain, "on", "on"), (&own, "compensated", "off")]
+    {
+        let answer = send_form(mapping.clone(), gravity).await;
+        assert_eq!(answer.status, StatusCode::SEE_OTHER, "{answer:?}");
+        let place = answer.header("location").split('?').next().unwrap().to_owned();
+        let job = server.json(&format!("/v1{place}")).await;
+        assert_eq!(job["spec"]["robot"]["gravity"], expected, "{job:#}");
+        assert_eq!(job["spec"]["robot"]["model"]["name"], "lamp", "{job:#}");
+    }
+    let refused = send_form(json!({"columns": columns, "samples": 1}), "compensated").await;
+    assert_eq!(refused.status, StatusCode::UNPROCESSABLE_ENTITY);
+    let chosen = "<option value=\"compensated\" selected>";
+    assert!(refused.text().contains(chosen), "{refused:?}");
+}
+
+#[tokio::test]
 async fn the_page_takes_recordings_of_a_robot() {
     let server = Server::start().await;
     let robot = added(&server).await["id"].to_string();
