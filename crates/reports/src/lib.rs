@@ -50,7 +50,8 @@ pub fn text(report: &Report) -> String {
         evaluation::over_seeds(report),
         evaluation::skill(report),
     ];
-    let tables = first.into_iter().chain(by_frequency).chain([evaluation::continuity(report)]);
+    let last = [evaluation::continuity(report), evaluation::samples(report)];
+    let tables = first.into_iter().chain(by_frequency).chain(last);
     text.extend(tables.map(|table| table.with_title()));
     text += &warnings(&report.warnings, report.scenarios(), "scenarios");
     for verdict in verdicts(report) {

@@ -220,7 +220,9 @@ fn torques(report: &Report) -> Table {
     of_topic(report, Topic::Torque, "Torque for the measured motion", note)
 }
 
-fn samples(report: &Report) -> Table {
+/// The measures of predictors with samples: CRPS, energy score, and the shares inside central
+/// intervals. Without rows in an evaluation without samples.
+pub(crate) fn samples(report: &Report) -> Table {
     of_topic(report, Topic::Samples, "Samples as a distribution", "")
 }
 
@@ -487,6 +489,31 @@ mod tests {
         let titles: Vec<String> =
             tables(&report, |_| None).into_iter().map(|table| table.title).collect();
         assert!(!titles.contains(&"Jitter".to_owned()), "{titles:?}");
+    }
+
+    #[test]
+    fn the_terminal_has_crps_and_coverage_where_there_were_samples() {
+        let mut report = example();
+        assert!(!crate::text(&report).contains("Samples as a distribution"));
+        let mean = |mean: f64| Interval { mean, low: mean, high: mean };
+        report.groups[0].scores = vec![PredictorScores {
+            predictor: "robomorph".to_owned(),
+            crps_deg: interval(0.5),
+            intervals: vec![wire::IntervalSummary {
+                nominal: 0.9,
+                coverage: mean(0.87),
+                width_deg: mean(2.5),
+                joint_coverage: Vec::new(),
+                step_coverage: Vec::new(),
+            }],
+            ..PredictorScores::default()
+        }];
+        let text = crate::text(&report);
+        for part in
+            ["Samples as a distribution", "CRPS, °", "0.50", "90 %: 87 % inside, 2.50° wide"]
+        {
+            assert!(text.contains(part), "{part}: {text}");
+        }
     }
 
     #[test]
