@@ -54,6 +54,7 @@ async fn an_evaluation_of_a_checkpoint_by_its_id_follows_the_training() {
         "bootstrap": {"seed": 7},
     });
     let later = server.submitted(&later).await["id"].clone();
+    server.work().await;
     let href = format!("evaluations/{later}");
     for path in ["/runs/1", "/checkpoints/1", "/datasets/1"] {
         let found = boxes(&server, path).await;
