@@ -4,6 +4,7 @@ use wire::Measurement;
 
 use super::Comparison;
 use super::channel::Channel;
+use super::limits::Reached;
 use crate::wording::{digits, joints, range};
 
 /// A description is rarely further off. A scale that is off more than this is doubtful.
@@ -19,6 +20,10 @@ const NOISE: f64 = 0.01;
 
 /// A channel that the arm explains less is doubtful, noise or not.
 const LEAST_EXPLAINED: f64 = 0.5;
+
+/// How far a position may be beyond its limit, rad, and a speed or a torque as a share of its limit.
+const BEYOND_RAD: f64 = 0.05;
+const BEYOND: f64 = 1.1;
 
 /// Units that torques are often in, and how many make one N·m.
 const UNITS: [(&str, f64); 3] = [("mN·m", 1e3), ("N·cm", 1e2), ("kN·m", 1e-3)];
@@ -40,6 +45,14 @@ impl Purpose {
         match self {
             Self::Import => false,
             Self::Identification { gain_deviation, .. } => size.ln().abs() < CLEAR * gain_deviation,
+        }
+    }
+
+    /// The share of a limit from which a torque is doubtful. A gain may be off.
+    fn doubtful_torque(self) -> f64 {
+        match self {
+            Self::Import => BEYOND,
+            Self::Identification { gain_deviation, .. } => BEYOND * (CLEAR * gain_deviation).exp(),
         }
     }
 
@@ -66,7 +79,9 @@ pub fn of(found: &Comparison, purpose: Purpose) -> Vec<String> {
     of_layout(found, &mut doubts);
     of_signs(found, &mut doubts);
     let other_rates = of_rates(channels, &mut doubts);
+    let before = doubts.len();
     of_scales(channels, &other_rates, purpose, &mut doubts);
+    let has_other_scale = doubts.len() > before || !other_rates.is_empty();
     of_gravity(channels, &other_rates, purpose, &mut doubts);
     of_delays(channels, found.period_s, purpose, &mut doubts);
     let constant = named(channels.iter().filter(|channel| channel.is_constant));
@@ -74,7 +89,62 @@ pub fn of(found: &Comparison, purpose: Purpose) -> Vec<String> {
         doubts.push(format!("u of {joints} is constant"));
     }
     of_unexplained(channels, &mut doubts);
+    of_motion_limits(found, &mut doubts);
+    // Another unit or rate is rarely that of one column.
+    if !has_other_scale {
+        of_torque_limits(found, purpose, &mut doubts);
+    }
     doubts
+}
+
+/// Positions and speeds that the description does not allow, in columns that look like those of their
+/// joints.
+fn of_motion_limits(found: &Comparison, doubts: &mut Vec<String>) {
+    let Comparison { layout, ties, .. } = found;
+    let is_as_declared = |joint: usize| {
+        layout.positions[joint].0 == joint
+            && layout.has_declared_sign(joint)
+            && !ties.signs.contains(&joint)
+    };
+    let joints = || found.farthest.iter().enumerate().filter(|(joint, _)| is_as_declared(*joint));
+    let positions = joints().filter(|(_, farthest)| farthest.beyond_rad > BEYOND_RAD);
+    if let Some(list) = beyond(positions.map(|(joint, farthest)| (joint, farthest.position)), "rad")
+    {
+        doubts.push(format!(
+            "q goes beyond the limits of the robot: {list}. Are the unit of angles, the zero positions and the order of \
+             the joints those of the robot?"
+        ));
+    }
+    let speeds = joints().filter(|(_, farthest)| farthest.speed.share() > BEYOND);
+    if let Some(list) = beyond(speeds.map(|(joint, farthest)| (joint, farthest.speed)), "rad/s") {
+        doubts.push(format!(
+            "the speed goes beyond the limits of the robot: {list}. Are the unit of angles and the rate of the rows right?"
+        ));
+    }
+}
+
+/// Torques that the description does not allow, in columns that look like those of their joints.
+fn of_torque_limits(found: &Comparison, purpose: Purpose, doubts: &mut Vec<String>) {
+    let is_doubtful = |joint: usize, torque: Reached| {
+        found.layout.torques[joint] == joint && torque.share() > purpose.doubtful_torque()
+    };
+    let torques = found.farthest.iter().map(|farthest| farthest.torque).enumerate();
+    let torques = torques.filter(|(joint, torque)| is_doubtful(*joint, *torque));
+    if let Some(list) = beyond(torques, "N·m") {
+        doubts.push(format!(
+            "u goes beyond the limits of the robot: {list}. Are the unit of u and the order of the joints those of the \
+             robot?"
+        ));
+    }
+}
+
+/// `joint 3 reaches 3.1 of 2.9 rad, joint 5 reaches 2 of 1.5 rad`. `None` without any.
+fn beyond(joints: impl Iterator<Item = (usize, Reached)>, unit: &str) -> Option<String> {
+    let of_joint = |(joint, Reached { value, limit }): (usize, Reached)| {
+        format!("joint {} reaches {} of {} {unit}", joint + 1, digits(value), digits(limit))
+    };
+    let list: Vec<String> = joints.map(of_joint).collect();
+    (!list.is_empty()).then(|| list.join(", "))
 }
 
 fn of_unexplained(channels: &[Channel], doubts: &mut Vec<String>) {

@@ -9,6 +9,7 @@ mod channel;
 mod delay;
 mod doubts;
 mod layout;
+mod limits;
 mod regression;
 mod rows;
 
@@ -21,6 +22,7 @@ use crate::{HORIZONS_S, IdentificationError};
 use channel::Channel;
 use doubts::Purpose;
 use layout::Layout;
+use limits::Farthest;
 use rows::States;
 
 /// The most seconds of recordings that are compared: enough for delays to a fraction of a
@@ -43,6 +45,8 @@ struct Comparison {
     layout: Layout,
     channels: Vec<Channel>,
     ties: Ties,
+    /// How far each joint goes towards its limits. Empty if no recording is long enough.
+    farthest: Vec<Farthest>,
 }
 
 /// Mistakes that may be in columns of q as well as in those of u.
@@ -117,6 +121,7 @@ impl Comparison {
             layout,
             channels,
             ties,
+            farthest: Farthest::of(description, &motions),
         })
     }
 }

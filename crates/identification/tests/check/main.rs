@@ -238,6 +238,41 @@ fn noise_instead_of_torques_is_told_apart() {
 }
 
 #[test]
+fn motions_and_torques_beyond_the_limits_are_named() {
+    let log = Log::of(&drawn(&arm(6), 2), 2).recording();
+    let largest = |rows: &[Vec<f64>], joint: usize| {
+        rows.iter().map(|row| row[joint]).fold(f64::NEG_INFINITY, f64::max)
+    };
+    let (q, u) = (largest(&log.q, 2), log.u.iter().map(|row| row[1].abs()).fold(0.0, f64::max));
+    let mut narrow = arm(6);
+    narrow.joints[2].position_rad.max = q - 0.04;
+    narrow.joints[1].torque_nm = u / 1.05;
+    assert_eq!(checked(&narrow, log.clone()).doubts, [""; 0], "within what zero positions are off");
+
+    narrow.joints[2].position_rad.max = q - 0.2;
+    narrow.joints[3].position_rad.min = 0.5;
+    narrow.joints[4].velocity_rad_s = 0.01;
+    narrow.joints[1].torque_nm = u / 1.5;
+    let doubts = checked(&narrow, log.clone()).doubts;
+    let [position, speed, torque] = doubts.as_slice() else { panic!("{doubts:#?}") };
+    assert!(position.starts_with("q goes beyond the limits of the robot: joint 3 "), "{position}");
+    assert!(
+        position.contains(", joint 4 reaches -") && position.contains(" of 0.5 rad. "),
+        "{position}"
+    );
+    assert!(speed.contains(" the limits of the robot: joint 5 reaches "), "{speed}");
+    assert!(speed.contains(" of 0.01 rad/s. Are"), "{speed}");
+    assert!(torque.starts_with("u goes beyond the limits of the robot: joint 2 "), "{torque}");
+
+    // Noise makes no speed.
+    let mut noisy = log;
+    for (sample, row) in noisy.q.iter_mut().enumerate() {
+        row[0] += if sample % 2 == 0 { 2e-3 } else { -2e-3 };
+    }
+    assert_eq!(checked(&arm(6), noisy).doubts, [""; 0]);
+}
+
+#[test]
 fn a_log_that_is_short_or_constant_says_so() {
     let short = after(3, 1, |log| log.seconds = 1.0);
     assert!((short.seconds, &short.doubts) == (0.0, &Vec::new()));
