@@ -282,16 +282,24 @@ where
     }
 
     fn check_length(&self, recording: &Recording) -> Result<(), RowError> {
-        let expected = u64::from(self.spec.samples);
-        if recording.samples == expected {
+        let (samples, expected) = (recording.samples, u64::from(self.spec.samples));
+        if samples == expected {
             return Ok(());
+        }
+        let mut allowed = format!("samples = {expected}");
+        if (2..=u64::from(ImportSpec::MOST_SAMPLES)).contains(&samples) {
+            allowed += &format!("; \"samples\": {samples} takes it whole");
+        }
+        if samples > expected {
+            let (split, count) = (Split::in_a_row(self.spec.samples), samples / expected);
+            allowed += &format!("; {split} cuts it into {}", counted(count, "window"));
         }
         Err(RowError {
             recording: recording.name.clone(),
             place: recording.first,
             column: None,
-            found: format!("the recording that begins here has {} samples", recording.samples),
-            allowed: format!("samples = {expected}; or a split into windows"),
+            found: format!("the recording that begins here has {samples} samples"),
+            allowed,
         })
     }
 }

@@ -107,8 +107,23 @@ fn a_recording_that_is_not_as_long_as_the_others_is_refused_whole() {
     check_refused(
         recordings.csv(),
         &spec("csv", &json!({})),
-        &["recording \"arm 1\", line 42", "has 41 samples", "samples = 40", "windows"],
+        &[
+            "recording \"arm 1\", line 42: the recording that begins here has 41 samples, allowed: samples = 40; \
+             \"samples\": 41 takes it whole; \"split\": {\"kind\": \"windows\", \"stride\": 40} cuts it into 1 window",
+        ],
     );
+}
+
+#[test]
+fn a_recording_too_long_for_a_trajectory_is_cut_by_the_field_that_its_error_names() {
+    let long = Recordings::of(&[10_041]);
+    let error = import(long.csv(), &spec("csv", &json!({}))).err().unwrap().to_string();
+    let split = "{\"kind\": \"windows\", \"stride\": 40}";
+    let allowed = format!("allowed: samples = 40; \"split\": {split} cuts it into 251 windows");
+    assert!(error.contains(&allowed), "{error}");
+    let split: serde_json::Value = serde_json::from_str(split).unwrap();
+    let cut = import(long.csv(), &spec("csv", &json!({"split": split}))).unwrap();
+    assert_eq!((cut.counts.trajectories, cut.counts.dropped_samples), (251, 1));
 }
 
 #[test]

@@ -25,7 +25,7 @@ impl Check for ImportSpec {
         violations.within("rate_hz", self.rate_hz, 1.0..=1000.0);
         self.check_low_pass(violations);
         violations.within("max_gap_s", self.max_gap_s, 0.001..=1.0);
-        violations.within("samples", self.samples, 2..=10_000);
+        self.check_samples(violations);
         if let Split::Windows { stride } = self.split {
             violations.within("split.stride", stride, 1..=1_000_000);
         }
@@ -124,6 +124,19 @@ impl ImportSpec {
         if let Some(names) = self.mcap.joints.as_ref().filter(|names| names.len() != joints) {
             let allowed = format!("{joints} names, one for each joint of the robot");
             violations.add("mcap.joints", format!("{} names", names.len()), allowed);
+        }
+    }
+
+    fn check_samples(&self, violations: &mut Violations) {
+        const MOST: u32 = ImportSpec::MOST_SAMPLES;
+
+        violations.within("samples", self.samples.min(MOST), 2..=MOST);
+        if self.samples > MOST {
+            let allowed = format!(
+                "2 to {MOST}; {} cuts a longer recording into trajectories of {MOST} samples",
+                Split::in_a_row(MOST)
+            );
+            violations.add("samples", self.samples, allowed);
         }
     }
 

@@ -371,7 +371,17 @@ pub enum Split {
     },
 }
 
+impl Split {
+    /// The field and its value, as JSON, for trajectories of so many samples without a gap or an overlap.
+    pub fn in_a_row(samples: u32) -> String {
+        format!("\"split\": {{\"kind\": \"windows\", \"stride\": {samples}}}")
+    }
+}
+
 impl ImportSpec {
+    /// The most samples of a trajectory.
+    pub const MOST_SAMPLES: u32 = 10_000;
+
     /// The uploaded files in their order, with their names if there are several.
     pub fn sources(&self) -> Vec<(Option<&str>, Digest)> {
         let one = self.file.iter().map(|file| (None, *file));

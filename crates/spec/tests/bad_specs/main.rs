@@ -409,6 +409,9 @@ fn an_import_that_uses_a_column_twice_or_in_wrong_units_is_refused() {
     let expected = ["position_noise_rad is 0.2", "0 to 0.1"];
     check_refused(import(), "/position_noise_rad", json!(0.2), &expected);
     check_refused(import(), "/split", json!({"kind": "windows", "stride": 0}), &["split.stride"]);
+    let windows = "\"split\": {\"kind\": \"windows\", \"stride\": 10000} cuts a longer recording";
+    let expected = ["samples is 150000, allowed: 2 to 10000; ", windows];
+    check_refused(import(), "/samples", json!(150_000), &expected);
 
     let one = json!([1, 1, 1, 1, 1, 1]);
     check_refused(import(), "/columns/gains", one, &["columns.gains is 6 numbers", "7 numbers"]);
