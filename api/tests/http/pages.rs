@@ -94,9 +94,13 @@ async fn a_pipeline_is_listed_once_with_its_jobs_and_results() {
     server.submitted(&small_simulation(3)).await;
     let page = page(&server, "/").await;
     assert_eq!(page.matches("<article").count(), 2, "{page}");
-    for text in
-        ["quickstart", "train-set", "last validation RMSE", "robomorph 1.18°", "least-squares 1.31°"]
-    {
+    for text in [
+        "quickstart",
+        "train-set",
+        "last validation RMSE",
+        "robomorph 1.18°",
+        "least-squares 1.31°",
+    ] {
         assert!(page.contains(text), "{text} is not in {page}");
     }
     assert!(page.contains("Cancel"));

@@ -105,6 +105,7 @@ mod tests {
             is_best: true,
             is_last: true,
             metrics: [("validation/rmse_deg".to_owned(), 4.5)].into(),
+            data: None,
             digest: spec::Digest::of(b"spec"),
             architecture: "robomorph".to_owned(),
             files: Vec::new(),
