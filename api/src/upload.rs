@@ -35,7 +35,18 @@ const OF_PROGRAM: Texts = Texts { allowed: &["spec"], required: Some("spec") };
 
 /// The parts of the page's forms.
 const OF_PAGE: Texts = Texts {
-    allowed: &["spec", "robot", "name", "tags", "base", "tip", "lock", "mount", "nearest_physical"],
+    allowed: &[
+        "spec",
+        "robot",
+        "gravity",
+        "name",
+        "tags",
+        "base",
+        "tip",
+        "lock",
+        "mount",
+        "nearest_physical",
+    ],
     required: None,
 };
 

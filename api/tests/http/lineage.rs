@@ -50,13 +50,13 @@ async fn every_page_of_a_pipeline_leads_to_its_other_results() {
 async fn an_evaluation_of_a_checkpoint_by_its_id_follows_the_training() {
     let server = Server::with_small_pipeline().await;
     let later = json!({
-        "kind": "evaluate", "data": {"dataset": 2}, "checkpoints": [{"checkpoint": 1}],
+        "kind": "evaluate", "data": {"dataset": 1}, "checkpoints": [{"checkpoint": 1}],
         "bootstrap": {"seed": 7},
     });
     let later = server.submitted(&later).await["id"].clone();
     server.work().await;
     let href = format!("evaluations/{later}");
-    for path in ["/runs/1", "/checkpoints/1", "/datasets/1"] {
+    for path in ["/runs/1", "/checkpoints/1", "/datasets/2"] {
         let found = boxes(&server, path).await;
         assert!(found.iter().any(|(_, to)| to.ends_with(&href)), "{path}: {found:?}");
     }
