@@ -46,7 +46,7 @@ pub struct Robot {
     pub model: RobotModel,
     /// The URDF, if the robot came from one.
     pub urdf: Option<Urdf>,
-    /// What its user should know, as sentences.
+    /// Warnings about the robot, as sentences.
     pub doubts: Vec<String>,
 }
 

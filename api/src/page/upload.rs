@@ -101,7 +101,7 @@ impl UploadPage {
         Ok((error.status(), html(&page)?).into_response())
     }
 
-    /// What the torques contain, as `robot.gravity` says it and in words.
+    /// The choices for the weight in the torques: the value of `robot.gravity`, and its words.
     const fn weights(&self) -> [(&'static str, &'static str); 3] {
         [
             ("off", "not contained"),
@@ -189,7 +189,7 @@ fn typed_labels(texts: &Texts) -> Result<Labels, ApiError> {
 }
 
 /// The mapping, as one of recordings of the chosen robot, whose torques contain its weight or not.
-/// What the mapping says itself is kept.
+/// A robot and a gravity that the mapping has itself are kept.
 fn of_robot(mapping: &str, robot: &str, gravity: &str) -> Result<Value, ApiError> {
     let mut mapping: Value = serde_json::from_str(mapping).map_err(|error| {
         ApiError::from(SpecError::one("", error.to_string(), "a mapping, a JSON object"))
