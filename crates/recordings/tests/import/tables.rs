@@ -117,7 +117,7 @@ fn a_recording_that_is_not_as_long_as_the_others_is_refused_whole() {
 #[test]
 fn a_recording_too_long_for_a_trajectory_is_cut_by_the_field_that_its_error_names() {
     let long = Recordings::of(&[10_041]);
-    let error = import(long.csv(), &spec("csv", &json!({}))).err().unwrap().to_string();
+    let error = import(long.csv(), &spec("csv", &json!({}))).err().unwrap();
     let split = "{\"kind\": \"windows\", \"stride\": 40}";
     let allowed = format!("allowed: samples = 40; \"split\": {split} cuts it into 251 windows");
     assert!(error.contains(&allowed), "{error}");
