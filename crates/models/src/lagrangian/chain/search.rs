@@ -50,27 +50,18 @@ const LEFT: f64 = 0.005;
 
 /// The arm that fits the motions best.
 pub(in crate::lagrangian) fn find(motions: &Motions, generator: &mut ChaCha8Rng) -> Arm {
-    let mut best: Option<Candidate> = None;
-    for _ in 0..RACES {
-        let start = |_| Arm::new(Chain::random(motions.joints(), generator));
-        let mut field = (0..RACE[0].runners).map(start).collect();
-        let mut ranked = Vec::new();
-        for round in &RACE {
-            ranked = round.run(motions, field);
-            field = ranked.iter().map(|candidate| candidate.arm.clone()).collect();
-        }
-        let median = ranked[ranked.len() / 2].misfit;
-        let winner = ranked.swap_remove(0);
-        let is_found = winner.misfit < f64::max(median - CLEAR, LEFT.ln());
-        if best.as_ref().is_none_or(|best| winner.misfit < best.misfit) {
-            best = Some(winner);
-        }
+    let Raced { mut winner, mut is_found } = Raced::new(motions, generator);
+    for _ in 1..RACES {
         if is_found {
             break;
         }
+        let next = Raced::new(motions, generator);
+        is_found = next.is_found;
+        if next.winner.misfit < winner.misfit {
+            winner = next.winner;
+        }
     }
-    let start = best.expect("a race has a winner").arm;
-    let mut best = POLISH.winner(motions, vec![start.with_fitted_frictions()]);
+    let mut best = POLISH.winner(motions, vec![winner.arm.with_fitted_frictions()]);
     for _ in 0..RETRIES {
         let mut tries = Vec::new();
         for joint in 0..motions.joints() {
@@ -89,6 +80,30 @@ pub(in crate::lagrangian) fn find(motions: &Motions, generator: &mut ChaCha8Rng)
         best = LAST.winner(motions, vec![best.arm]);
     }
     best.arm.gathered()
+}
+
+/// The end of a race.
+struct Raced {
+    winner: Candidate,
+    /// Whether the winner is the arm, as far as its misfit tells.
+    is_found: bool,
+}
+
+impl Raced {
+    /// A race of random chains.
+    fn new(motions: &Motions, generator: &mut ChaCha8Rng) -> Self {
+        let start = |_| Arm::new(Chain::random(motions.joints(), generator));
+        let mut field = (0..RACE[0].runners).map(start).collect();
+        let mut ranked = Vec::new();
+        for round in &RACE {
+            ranked = round.run(motions, field);
+            field = ranked.iter().map(|candidate| candidate.arm.clone()).collect();
+        }
+        let median = ranked[ranked.len() / 2].misfit;
+        let winner = ranked.swap_remove(0);
+        let is_found = winner.misfit < f64::max(median - CLEAR, LEFT.ln());
+        Self { winner, is_found }
+    }
 }
 
 impl Round {
