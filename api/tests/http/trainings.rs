@@ -160,6 +160,21 @@ async fn a_training_whose_memory_is_doubted_is_warned_about_in_a_pipeline_too() 
 }
 
 #[tokio::test]
+async fn a_training_that_nothing_validates_is_warned_about() {
+    let server = Server::start().await;
+    let mut simulation = small_simulation(1);
+    simulation["trajectories"] = json!(4);
+    let data = server.submitted(&simulation).await;
+    let mut spec = small_training(&json!({"dataset": data["dataset"]}));
+    let warning = "validation_fraction is 0.1: this keeps 0 of 4 trajectories, so nothing validates the training and \
+                   no checkpoint is the best; 0.125 keeps one";
+    assert_eq!(server.submitted(&spec).await["warnings"], json!([warning]));
+    spec["validation_fraction"] = json!(0.125);
+    spec["batch_size"] = json!(3);
+    assert_eq!(server.submitted(&spec).await["warnings"], json!([]));
+}
+
+#[tokio::test]
 async fn a_checkpoint_that_is_not_the_final_one_is_evaluated_itself_and_the_best_by_name() {
     let server = Server::start().await;
     let pipeline = server.submitted(&small_pipeline()).await;

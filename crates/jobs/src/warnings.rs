@@ -3,13 +3,14 @@
 use std::collections::{BTreeSet, HashMap};
 
 use serde_json::Value;
-use spec::{DataSource, DataSpec, Digest, JobSpec, Referred};
+use spec::{DataSource, DataSpec, Digest, Doubt, JobSpec, Referred};
 use store::{Store, StoreError};
 
 use crate::kind::{MemoryDoubts, kind};
 
-/// Warnings about the values of stored specs, including those of a pipeline's jobs and of streams.
-/// Also warnings about memory, if a function for it is passed in. A spec of another version gets no
+/// Warnings about the values of stored specs, including those of a pipeline's jobs and of streams, and
+/// about trainings that nothing validates. Also warnings about memory, if a function for it is passed
+/// in. A spec of another version gets no
 /// warnings. The store is asked once for all specs.
 ///
 /// # Errors
@@ -21,21 +22,12 @@ pub async fn warnings(
 ) -> Result<Vec<Vec<String>>, StoreError> {
     let specs: Vec<Option<JobSpec>> =
         specs.iter().map(|spec| serde_json::from_value((*spec).clone()).ok()).collect();
-    let data = match memory {
-        Some(_) => data_of(store, specs.iter().flatten()).await?,
-        None => HashMap::new(),
-    };
+    let data = data_of(store, specs.iter().flatten()).await?;
     let warnings = |spec: &JobSpec| {
         let mut warnings: Vec<String> = spec.doubts().iter().map(ToString::to_string).collect();
-        let Some(memory) = memory else { return warnings };
         for (path, job) in spec.single_jobs() {
-            let data = match source(job) {
-                Some(DataSource::Stream(spec)) => Some(DataSpec::Simulation(*spec)),
-                Some(DataSource::Digest(digest)) => data.get(&digest).cloned(),
-                Some(DataSource::Job(_) | DataSource::Dataset(_)) | None => None,
-            };
-            let Some(data) = data else { continue };
-            if let Some(doubt) = kind(job).and_then(|kind| kind.memory_doubt(&data, memory)) {
+            let doubts = memory.and_then(|memory| memory_doubt(job, &data, memory)).into_iter();
+            for doubt in doubts.chain(validation_doubt(job, &data)) {
                 let doubt = if path.is_empty() { doubt } else { doubt.within(&path) };
                 warnings.push(doubt.to_string());
             }
@@ -43,6 +35,29 @@ pub async fn warnings(
         warnings
     };
     Ok(specs.iter().map(|spec| spec.as_ref().map(warnings).unwrap_or_default()).collect())
+}
+
+/// Why a job may not fit into memory, if its data is known.
+fn memory_doubt(
+    job: &JobSpec,
+    data: &HashMap<Digest, DataSpec>,
+    memory: &MemoryDoubts,
+) -> Option<Doubt> {
+    let data = match sources(job).into_iter().next()? {
+        DataSource::Stream(spec) => DataSpec::Simulation(*spec),
+        DataSource::Digest(digest) => data.get(&digest)?.clone(),
+        DataSource::Job(_) | DataSource::Dataset(_) => return None,
+    };
+    kind(job)?.memory_doubt(&data, memory)
+}
+
+/// Why nothing validates a training, if the number of its trajectories is known. Otherwise its log says
+/// it.
+fn validation_doubt(job: &JobSpec, data: &HashMap<Digest, DataSpec>) -> Option<Doubt> {
+    let JobSpec::Train(training) = job else { return None };
+    let count = |source: &DataSource| data.get(&source.digest()?)?.trajectories();
+    let counts: Vec<Option<u64>> = training.data.each().iter().map(count).collect();
+    training.validation_doubt(&counts)
 }
 
 /// The stored data that jobs read, where it is known, by digest.
@@ -53,9 +68,7 @@ async fn data_of<'a>(
     let mut digests = BTreeSet::new();
     for spec in specs {
         for (_, job) in spec.single_jobs() {
-            if let Some(DataSource::Digest(digest)) = source(job) {
-                digests.insert(digest);
-            }
+            digests.extend(sources(job).iter().filter_map(DataSource::digest));
         }
     }
     if digests.is_empty() {
@@ -70,10 +83,11 @@ async fn data_of<'a>(
 }
 
 /// The trajectories that `job` reads.
-fn source(job: &JobSpec) -> Option<DataSource> {
+fn sources(job: &JobSpec) -> Vec<DataSource> {
     let mut job = job.clone();
-    job.references().into_iter().find_map(|reference| match reference.to {
+    let sources = job.references().into_iter().filter_map(|reference| match reference.to {
         Referred::Data(source) => Some(source.clone()),
         Referred::Checkpoint(_) | Referred::File(_) => None,
-    })
+    });
+    sources.collect()
 }

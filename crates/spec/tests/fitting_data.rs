@@ -167,6 +167,37 @@ fn a_training_with_a_least_context_answers_each_multiple_of_its_patch() {
 }
 
 #[test]
+fn a_share_of_trajectories_that_rounds_to_none_is_doubted_with_the_least_that_keeps_one() {
+    let mut train = train("robomorph-tiny");
+    let doubt = |train: &TrainSpec, counts: &[Option<u64>]| {
+        train.validation_doubt(counts).map(|doubt| doubt.to_string()).unwrap_or_default()
+    };
+    assert_eq!(
+        doubt(&train, &[Some(3)]),
+        "validation_fraction is 0.1: this keeps 0 of 3 trajectories, so nothing validates the training and no checkpoint \
+         is the best; 0.1667 keeps one"
+    );
+    let of_two = doubt(&train, &[Some(3), Some(4)]);
+    assert!(
+        of_two.contains("0 of 7 trajectories") && of_two.ends_with("; 0.125 keeps one"),
+        "{of_two}"
+    );
+    assert!(doubt(&train, &[Some(1)]).ends_with("a validation needs two trajectories or more"));
+    for counts in [&[Some(5)][..], &[Some(3), Some(100)], &[Some(3), None], &[None]] {
+        assert_eq!(doubt(&train, counts), "", "{counts:?}");
+    }
+    for all in (2..300).chain([1000, 123_457, 4_000_000]) {
+        train.validation_fraction = 1e-9;
+        let said = doubt(&train, &[Some(all)]);
+        let least = said.rsplit_once("; ").unwrap().1.split(' ').next().unwrap();
+        train.validation_fraction = least.parse().unwrap();
+        assert_eq!(train.validation_part(all), 1, "{all}: {least}");
+    }
+    train.validation_fraction = 0.0;
+    assert_eq!(doubt(&train, &[Some(3)]), "", "a training without a validation is meant");
+}
+
+#[test]
 fn samplers_need_a_denoiser_with_as_many_steps() {
     let steps = json!({"samplers": [{"kind": "ddim", "steps": [5, 101]}]});
     let error = refusal(&steps, 400, &["cdt-tiny", "robomorph-tiny"]);

@@ -60,6 +60,9 @@ impl Course {
         // The size of imported data was not known when the training was submitted.
         let counts: Vec<Option<u64>> = sources.iter().map(TrajectorySource::count).collect();
         spec.check_trajectories(&counts)?;
+        if let Some(doubt) = spec.validation_doubt(&counts) {
+            tracing::warn!("{doubt}");
+        }
         let seeds = (0..).map(|place| spec.seed + place * SEEDS);
         let parts = sources.into_iter().zip(spec.shares()).zip(seeds);
         Ok(Self {

@@ -2,7 +2,7 @@
 
 use super::TrainSpec;
 use crate::check::Violations;
-use crate::{DataSource, DataSpec, Given, SpecError};
+use crate::{DataSource, DataSpec, Doubt, Given, SpecError};
 
 impl TrainSpec {
     /// Number of training trajectories of a dataset with `all`: all except the validation share at
@@ -94,6 +94,30 @@ impl TrainSpec {
         violations.finish()
     }
 
+    /// A warning about a training that nothing validates, because the share of its trajectories rounds
+    /// to 0. `counts` are as for [`Self::check_trajectories`].
+    pub fn validation_doubt(&self, counts: &[Option<u64>]) -> Option<Doubt> {
+        let counts = counts.iter().copied().collect::<Option<Vec<u64>>>()?;
+        let is_meant = self.validation_fraction == 0.0;
+        if is_meant || counts.iter().any(|all| self.validation_part(*all) > 0) {
+            return None;
+        }
+        let largest = counts.iter().copied().max()?;
+        let all: u64 = counts.iter().sum();
+        let advice = match u32::try_from(largest) {
+            Ok(all @ 2..) => format!("{} keeps one", least_fraction(all)),
+            _ => "a validation needs two trajectories or more".to_owned(),
+        };
+        Some(Doubt {
+            field: "validation_fraction".to_owned(),
+            value: self.validation_fraction.to_string(),
+            reason: format!(
+                "this keeps 0 of {all} trajectories, so nothing validates the training and no checkpoint is the best; \
+                 {advice}"
+            ),
+        })
+    }
+
     fn check_counts(&self, counts: &[Option<u64>], violations: &mut Violations) {
         let kept = |count: &Option<u64>| count.map(|all| self.validation_part(all));
         if self.early_stop.is_some() && counts.iter().all(|count| kept(count) == Some(0)) {
@@ -125,4 +149,11 @@ impl TrainSpec {
             violations.add("batch_size", value, allowed);
         }
     }
+}
+
+/// The least share of trajectories, in about four digits, that rounds to one of them.
+fn least_fraction(all: u32) -> f64 {
+    // As many digits for any number of trajectories.
+    let scale = 1e4 * f64::from(10_u32.pow(all.ilog10()));
+    (0.5 * scale / f64::from(all)).ceil() / scale
 }
