@@ -65,6 +65,8 @@ async fn a_job_that_does_not_fit_on_the_disk_waits_and_one_that_fits_is_done() {
     let task = &tasks["tasks"][0];
     assert_eq!((&task["state"], &task["attempt"]), (&json!("queued"), &json!(0)), "{task:#}");
     assert!(task["error"].as_str().unwrap().contains("disk full while"), "{task:#}");
+    let warnings = product.get(&format!("/v1/jobs/{large}")).await["warnings"].to_string();
+    assert!(warnings.contains("MB are still to be written, and the disk of"), "{warnings}");
     product.get("/healthz").await;
 
     // A job that fits has its turn meanwhile.

@@ -3,12 +3,13 @@
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 use serde_json::Value;
-use spec::{Execution, JobKind, Product};
+use spec::{Execution, JobKind, JobSpec, Product};
 use store::{JobId, Listed, Listing, Store, StoreError, Timestamp};
 use wire::{Job, JobProgress, JobState, Member, Progress};
 
 use crate::app::App;
 use crate::app::resources::Resource;
+use crate::app::room;
 use crate::app::waits::sentence;
 use crate::error::ApiError;
 
@@ -62,7 +63,23 @@ impl App {
         let specs: Vec<&Value> = rows.iter().map(|row| &row.spec).collect();
         let warnings = jobs::warnings(&self.store, &specs, self.memory_doubts.as_deref()).await?;
         let jobs = rows.into_iter().zip(warnings);
-        jobs.map(|(row, warnings)| known.complete(row, warnings)).collect()
+        let complete = |(row, mut warnings): (store::Job, Vec<String>)| {
+            warnings.extend(self.room_doubt(&row)?);
+            known.complete(row, warnings)
+        };
+        jobs.map(complete).collect()
+    }
+
+    /// A warning about a job that the disk has no room for.
+    fn room_doubt(&self, row: &store::Job) -> Result<Option<String>, ApiError> {
+        let writes = [JobKind::Simulate, JobKind::Pipeline].map(JobKind::as_str);
+        if row.state.is_final() || !writes.contains(&row.kind.as_str()) {
+            return Ok(None);
+        }
+        // Another version may have stored the spec.
+        let Ok(spec) = serde_json::from_value::<JobSpec>(row.spec.clone()) else { return Ok(None) };
+        let space = self.store.disk_space_of_results()?;
+        Ok(space.and_then(|space| room::doubt(&spec, &row.progress, space)))
     }
 
     /// The progress of jobs. The number of statements does not depend on the number of jobs.

@@ -33,6 +33,7 @@ mod quota;
 mod remembered;
 pub mod resources;
 pub mod robots;
+mod room;
 mod runs;
 mod shards;
 pub mod streams;

@@ -17,10 +17,6 @@ use worker::{DeviceKind, TrainingTimes};
 
 use crate::process::memory_bytes;
 
-/// Bytes per sample in a shard, measured on the paper's training sets with trajectories of 400
-/// samples.
-const BYTES_PER_SAMPLE: u64 = 43;
-
 /// An estimate for every job.
 #[derive(Debug)]
 pub struct Estimate {
@@ -83,7 +79,7 @@ impl Rehearsal<'_> {
         match spec {
             JobSpec::Simulate(spec) => {
                 let seconds = self.simulation(spec)? * spec.trajectories as f64;
-                let disk = spec.trajectories * u64::from(spec.samples) * BYTES_PER_SAMPLE;
+                let disk = spec.estimated_bytes();
                 let row = row(format!("{} trajectories", spec.trajectories), seconds);
                 Ok(Row { disk, ..row })
             }

@@ -37,6 +37,15 @@ impl Store {
         DiskSpace::of(dir.path()).map_err(|reason| dir.unusable(reason))
     }
 
+    /// Space on the disk that results are written to. `None` if they are sent to a bucket.
+    ///
+    /// # Errors
+    /// When the operating system reports an error.
+    pub fn disk_space_of_results(&self) -> Result<Option<DiskSpace>, StoreError> {
+        let is_in_folder = self.objects().away().is_none();
+        is_in_folder.then(|| self.disk_space()).transpose()
+    }
+
     /// Why no worker should claim a task at the moment, in one line.
     pub fn obstacle(&self) -> Option<String> {
         if let Err(error) = self.check_database_file() {

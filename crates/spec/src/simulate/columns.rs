@@ -429,6 +429,17 @@ mod tests {
     }
 
     #[test]
+    fn the_size_of_a_dataset_follows_its_columns() {
+        let bytes = |fields: serde_json::Value| spec(&fields).estimated_bytes();
+        let plain = json!({"trajectories": 1000, "samples": 400});
+        assert_eq!(bytes(plain), 1000 * 400 * 43);
+        let velocities = json!({
+            "trajectories": 1000, "samples": 400, "observations": {"joint_velocities": true},
+        });
+        assert_eq!(bytes(velocities), 1000 * 400 * 43 * 3 / 2);
+    }
+
+    #[test]
     fn no_column_comes_twice_and_every_number_has_a_unit() {
         let spec = spec(&json!({"observations": {"end_effector_pose": true}}));
         let mut jumping = spec.clone();
