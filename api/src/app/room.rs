@@ -3,8 +3,8 @@
 use spec::{JobSpec, SimulateSpec};
 use store::{DiskSpace, JobProgress};
 
-/// A warning about a job whose files do not fit on a disk with this space. A pipeline is warned about
-/// until its jobs have begun, which have warnings of their own.
+/// A warning about a job whose files do not fit on a disk with this space. A pipeline has it until one
+/// of its jobs is done; the jobs have warnings of their own.
 pub(super) fn doubt(spec: &JobSpec, progress: &JobProgress, space: DiskSpace) -> Option<String> {
     let (field, trajectories, bytes) = match spec {
         JobSpec::Simulate(spec) => {
