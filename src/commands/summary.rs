@@ -54,8 +54,8 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let rejected = if is_simulated { format!(", {rejected} draws refused") } else { String::new() };
     println!("{trajectories} trajectories, {samples} samples{rejected}");
     print!("{}", reports::channels::table(&summary).render());
-    if let Some(arms) = reports::channels::arms(&summary) {
-        print!("\n{}\n{}", arms.note, arms.render());
+    for table in reports::channels::arms(&summary) {
+        print!("\n{}. {}\n{}", table.title, table.note, table.render());
     }
     Ok(ExitCode::SUCCESS)
 }

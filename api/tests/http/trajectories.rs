@@ -145,7 +145,12 @@ async fn a_summary_covers_all_shards() {
     let told: Vec<_> = arms.iter().map(|arm| (&arm["name"], &arm["unit"], &arm["mean"])).collect();
     assert_eq!(told[2], (&json!("payload_mass"), &json!("kg"), &json!(1.5)));
     let page = server.get("/datasets/1").await;
-    for part in ["<h2>Arms</h2>", "link mass", "2.5 <span class=\"interval\">[0, 5]</span>"] {
+    for part in [
+        "<h2>Arms by joint</h2>",
+        "<h2>Arms</h2>",
+        "link mass",
+        "2.5 <span class=\"interval\">[0, 5]</span>",
+    ] {
         assert!(page.text().contains(part), "{part}: {page:?}");
     }
 }

@@ -22,47 +22,52 @@ pub fn table(summary: &Summary) -> Table {
         .without_empty_columns()
 }
 
-/// The parameters of simulated arms: mean and range, a row for each, with a column for each joint. `None` for recordings
-/// and for datasets of earlier versions.
-pub fn arms(summary: &Summary) -> Option<Table> {
-    let mut rows: BTreeMap<usize, Row<'_>> = BTreeMap::new();
+/// The parameters of simulated arms, with mean and range: those of whole arms have a row each, and those of joints a
+/// column each. There are none for recordings and for datasets of earlier versions.
+pub fn arms(summary: &Summary) -> Vec<Table> {
+    let mut whole = BTreeMap::new();
+    let mut of_joints = BTreeMap::new();
+    let mut joints: BTreeMap<usize, BTreeMap<usize, Cell>> = BTreeMap::new();
     for arm in &summary.arms {
         let Some((ArmParameter { column, title }, joint)) = ArmParameter::of(&arm.name) else {
             continue;
         };
-        let place = ARM_PARAMETERS.iter().position(|parameter| parameter.column == column);
-        let row = rows.entry(place.unwrap_or_default()).or_default();
-        (row.title, row.unit) = (title, arm.unit.as_deref());
-        row.cells.insert(joint, arm);
+        let found = ARM_PARAMETERS.iter().position(|parameter| parameter.column == column);
+        let place = found.unwrap_or_default();
+        let unit = arm.unit.as_deref();
+        match joint {
+            None => drop(whole.insert(place, (title, unit, cell(arm)))),
+            Some(joint) => {
+                of_joints.insert(
+                    place,
+                    unit.map_or(title.to_owned(), |unit| format!("{title}, {unit}")),
+                );
+                joints.entry(joint).or_default().insert(place, cell(arm));
+            }
+        }
     }
-    let joints = rows.values().filter_map(|row| row.cells.keys().copied().flatten().max()).max();
-    let columns = [None].into_iter().chain((1..=joints.unwrap_or(0)).map(Some));
-    let first = TableOf::new(rows.into_values())
-        .text("parameter", |row| row.title)
-        .text("unit", |row| row.unit.map(str::to_owned));
-    let table = columns.fold(first, |table, joint| {
-        let heading = joint.map_or("arm".to_owned(), |joint| format!("joint {joint}"));
-        table.column(&heading, Align::Right, "", move |row| {
-            row.cells.get(&joint).map_or(Cell::Missing, |arm| {
-                let ChannelSummary { mean, min: low, max: high, .. } = **arm;
-                match low < high {
-                    true => Cell::Interval(Interval { mean, low, high }, Unit::Other),
-                    false => Cell::Number(mean, Unit::Other),
-                }
-            })
+    let whole = TableOf::new(whole.into_values())
+        .text("parameter", |(title, ..)| *title)
+        .text("unit", |(_, unit, _)| unit.map(str::to_owned))
+        .column("arm", Align::Right, "", |(.., cell)| cell.clone());
+    let first = TableOf::new(joints).text("joint", |(joint, _)| joint.to_string());
+    let joints = of_joints.into_iter().fold(first, |table, (place, heading)| {
+        table.column(&heading, Align::Right, "", move |(_, cells)| {
+            cells.get(&place).cloned().unwrap_or(Cell::Missing)
         })
     });
-    let note =
-        format!("Means and ranges over {} arms.", crate::numbers::count(summary.trajectories));
-    Some(table.titled("Arms", note).without_empty_columns()).filter(|table| !table.rows.is_empty())
+    let count = crate::numbers::count(summary.trajectories);
+    let note = format!("Means and ranges over {count} arms.");
+    let tables = [joints.titled("Arms by joint", note.clone()), whole.titled("Arms", note)];
+    tables.into_iter().filter(|table| !table.rows.is_empty()).collect()
 }
 
-/// A parameter: its values by joint, and the one that is of no joint.
-#[derive(Default)]
-struct Row<'a> {
-    title: &'static str,
-    unit: Option<&'a str>,
-    cells: BTreeMap<Option<usize>, &'a ChannelSummary>,
+/// The mean of a parameter, and its range unless all arms have the same.
+fn cell(&ChannelSummary { mean, min: low, max: high, .. }: &ChannelSummary) -> Cell {
+    match low < high {
+        true => Cell::Interval(Interval { mean, low, high }, Unit::Other),
+        false => Cell::Number(mean, Unit::Other),
+    }
 }
 
 #[cfg(test)]
@@ -70,7 +75,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_parameters_of_arms_have_a_row_each_and_a_column_for_each_joint() {
+    fn the_parameters_of_joints_have_a_column_each_and_those_of_arms_a_row_each() {
         let arm = |name: &str, unit: &str, min: f64, max: f64| ChannelSummary {
             name: name.to_owned(),
             unit: Some(unit.to_owned()),
@@ -97,15 +102,16 @@ mod tests {
             spectra: Vec::new(),
             arms: Vec::new(),
         };
-        let table = super::arms(&Summary { arms, ..nothing.clone() }).unwrap();
+        let tables = super::arms(&Summary { arms, ..nothing.clone() });
+        let [joints, whole] = tables.as_slice() else { panic!("{tables:?}") };
         let expected = "\
-parameter         unit        arm     joint 1         joint 2
-link mass         kg            -           -        2 [1, 3]
-viscous friction  N·m·s/rad     -  0.5 [0, 1]  1.5 [0.5, 2.5]
-gravity           m/s²       9.81           -               -
+joint  link mass, kg  viscous friction, N·m·s/rad
+1                  -                   0.5 [0, 1]
+2           2 [1, 3]               1.5 [0.5, 2.5]
 ";
-        assert_eq!(table.render(), expected);
-        assert_eq!(table.note, "Means and ranges over 12 arms.");
-        assert!(super::arms(&nothing).is_none());
+        assert_eq!(joints.render(), expected);
+        assert_eq!(whole.render(), "parameter  unit   arm\ngravity    m/s²  9.81\n");
+        assert_eq!(joints.note, "Means and ranges over 12 arms.");
+        assert!(super::arms(&nothing).is_empty());
     }
 }
