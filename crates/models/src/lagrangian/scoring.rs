@@ -73,7 +73,8 @@ impl Score {
 
 impl Lagrangian {
     /// The mean score over the batch `[1, 1, 1]`. It is estimated from a random choice of robots,
-    /// one in [`Lagrangian::points`], and is 0 where none is chosen. Only [`Calibration`] has a gradient.
+    /// one in [`Lagrangian::points`] but in the mean at least one of the batch, and is 0 where none is
+    /// chosen. Only [`Calibration`] has a gradient.
     pub(super) fn score(
         &self,
         batch: &HostBatch,
@@ -83,7 +84,8 @@ impl Lagrangian {
         let [robots, horizon, joints] = target.dims();
         let calibration = self.doubt.val() * CALIBRATION_PACE;
         let device = calibration.device();
-        let chosen = noise.below(self.points);
+        let one_in = self.points.min(robots);
+        let chosen = noise.below(one_in);
         let chosen: Vec<usize> = (0..robots).filter(|&robot| chosen[robot] == 0).collect();
         if chosen.is_empty() || horizon < 3 {
             // The optimizer needs a gradient at every step.
@@ -107,7 +109,7 @@ impl Lagrangian {
         let of = |place: usize| calibration.clone().narrow(0, place, 1).unsqueeze::<3>();
         let scales = (each(|score| &score.normals) * of(1) + of(0)).exp();
         // The chosen robots stand for all robots of the batch.
-        let share = self.points as f64 / robots as f64;
+        let share = one_in as f64 / robots as f64;
         let value: f64 = scores.iter().map(|score| f64::from(score.value)).sum();
         let torque = of(2);
         let slope: f64 = scores.iter().map(|score| f64::from(score.slope_of_torque)).sum();
