@@ -9,11 +9,14 @@
 //! the residual torques of its robot's context to the torques of the horizon. Its errors then have
 //! the size, the frequencies and the differences between joints that the context showed. A robot
 //! fits the motion to which it was fitted better than another motion. So the residual torques of
-//! each part come from a robot that was fitted to the other parts.
+//! each part come from a robot that was fitted to the other parts. Where positions are noisy, residual
+//! torques also contain what smoothing leaves of the noise. There a filter says how large the law's own
+//! errors are ([`super::filtering`]), and the stretch is no larger.
 
 use nalgebra::DVector;
 use simd::InstructionSet;
 
+use super::filtering::FilteredContext;
 use super::fitting::{RobotPosterior, State};
 use super::law::Law;
 use super::recorded::Recorded;
@@ -51,7 +54,8 @@ impl Law {
         recorded: &Recorded<'_>,
         posterior: &RobotPosterior,
     ) -> ResidualTorques {
-        let y = posterior.smoothed.as_deref().unwrap_or(recorded.y);
+        let filtered = posterior.filtered.as_ref();
+        let y = filtered.map_or(recorded.y, |filtered| &filtered.smoothed);
         let path = Recorded { y, ..*recorded };
         let equations = self.equations_of(instructions, &path);
         let samples = equations.samples();
@@ -74,7 +78,11 @@ impl Law {
                 equations.of(part).map(|equation| equation.residual_torque(self.numbers, &numbers)),
             );
         }
-        ResidualTorques { torques, joints: recorded.joints }
+        let mut residuals = ResidualTorques { torques, joints: recorded.joints };
+        if let Some(filtered) = filtered {
+            residuals.keep_within(&filtered.residual_torques);
+        }
+        residuals
     }
 
     /// Standard normal numbers of a draw: one for each number of a robot, one for its scale, those of
@@ -103,7 +111,7 @@ impl Law {
             numbers: self.draw_numbers(instructions, recorded, posterior, scale, of_numbers),
             ..posterior.most_likely.clone()
         };
-        if let Some(root) = &posterior.motion {
+        if let Some(FilteredContext { motion: root, .. }) = &posterior.filtered {
             let joints = self.numbers.joints;
             let normals = of_motion.iter().copied().map(f64::from);
             let moved = root * DVector::from_iterator(2 * joints, normals);
@@ -144,6 +152,21 @@ impl Law {
 }
 
 impl ResidualTorques {
+    /// Makes the torques of a joint smaller where their root mean square is above the joint's
+    /// deviation, N·m.
+    fn keep_within(&mut self, deviations: &[f32]) {
+        let joints = self.joints;
+        let samples = (self.torques.len() / joints) as f32;
+        for (joint, deviation) in deviations.iter().enumerate() {
+            let of_joint = || self.torques.iter().skip(joint).step_by(joints);
+            let size = (of_joint().map(|torque| torque * torque).sum::<f32>() / samples).sqrt();
+            if size > *deviation {
+                let torques = self.torques.iter_mut().skip(joint).step_by(joints);
+                torques.for_each(|torque| *torque *= deviation / size);
+            }
+        }
+    }
+
     /// Adds a stretch, times `scale`, to torques `[sample, joint]`. Every stretch that fits into
     /// the context is equally likely, with either sign. A context that is too short is repeated.
     pub fn add(&self, scale: f32, normals: &[f32], u: &mut [f32]) {
@@ -230,6 +253,19 @@ mod tests {
         // Four standard deviations of a count with probability one sixth.
         let near = |count: &usize| count.abs_diff(DRAWS / 6) < 120;
         assert!(counts.as_flattened().iter().all(near), "{counts:?}");
+    }
+
+    #[test]
+    fn torques_are_made_as_small_as_they_are_said_to_be_and_never_larger() {
+        let torques = vec![3.0, 0.1, -3.0, -0.1, 3.0, 0.1];
+        let mut residuals = ResidualTorques { torques, joints: 2 };
+        residuals.keep_within(&[1.0, 1.0]);
+        let expected = [1.0, 0.1, -1.0, -0.1, 1.0, 0.1];
+        let pairs = residuals.torques.iter().zip(expected);
+        assert!(pairs.clone().all(|(torque, expected)| (torque - expected).abs() < 1e-6));
+        let mut nothing = ResidualTorques { torques: Vec::new(), joints: 2 };
+        nothing.keep_within(&[1.0, 1.0]);
+        assert!(nothing.torques.is_empty());
     }
 
     #[test]

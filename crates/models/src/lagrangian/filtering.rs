@@ -9,14 +9,16 @@
 //!
 //! The filter treats the law's errors as white noise of torques, a multiple of the noise that
 //! training found. It chooses, for each robot, the multiple under which the context is most likely.
-//! Errors of a law are not white, and they are larger on data unlike its training's.
+//! Errors of a law are not white, and they are larger on data unlike its training's. The multiple also
+//! says how much of the torques that the law leaves of a smoothed motion is its own error. The rest is
+//! what smoothing leaves of the noise, and the horizon does not have it.
 
 use nalgebra::{Cholesky, DMatrix};
 use series::{MeasurementNoise, Smoother};
 use simd::InstructionSet;
 
 use super::fitting::{RobotPosterior, State};
-use super::law::{Law, narrow};
+use super::law::{JointLaw, Law, narrow};
 use super::recorded::Recorded;
 use super::regression::Bounds;
 use super::rollout::Start;
@@ -47,6 +49,18 @@ const ROUNDING: f64 = 2e-5;
 const RATIO: f64 = 3.0;
 const STEPS: i32 = 6;
 
+/// What a filter says of a context of noisy positions.
+#[derive(Debug)]
+pub(super) struct FilteredContext {
+    /// Smoothed positions, to which the robot's numbers were fitted.
+    pub smoothed: Vec<f32>,
+    /// A root of the covariance at the end of the context, `[row, column]`: the angles in rad, then
+    /// the velocities in rad/s.
+    pub motion: DMatrix<f64>,
+    /// Standard deviation of each joint's residual torque, as the measured positions show it, N·m.
+    pub residual_torques: Vec<f32>,
+}
+
 /// Whether a context is long enough, and noisy enough, to be filtered.
 pub(super) fn is_filtered(robot: &Recorded<'_>, noise: MeasurementNoise) -> bool {
     noise.position_rad > 0.0 && robot.samples() >= LEAST_SAMPLES
@@ -69,18 +83,14 @@ impl Law {
         let steps = self.linearized(instructions, &path, &numbers);
         let filter =
             Filter { law: self, measured: robot, path: &path, numbers, steps: &steps, noise };
-        let belief = filter.most_likely();
+        let (belief, multiple) = filter.most_likely();
         let width = belief.mean.len();
-        let motion = Some(root_of_block(&belief.covariance, width, 2 * robot.joints));
+        let motion = root_of_block(&belief.covariance, width, 2 * robot.joints);
         let most_likely = filter.state(&belief);
+        let residual_torques = narrow(&filter.residual_torques(multiple));
         let disturbance = self.disturbance(instructions, &path, &posterior.mean);
-        RobotPosterior {
-            most_likely,
-            numbers: posterior,
-            smoothed: Some(smoothed),
-            motion,
-            disturbance,
-        }
+        let filtered = Some(FilteredContext { smoothed, motion, residual_torques });
+        RobotPosterior { most_likely, numbers: posterior, filtered, disturbance }
     }
 
     /// The steps from sample 1 to the last, each linearized around the path.
@@ -177,23 +187,36 @@ struct Filter<'a> {
 }
 
 impl Filter<'_> {
-    /// The belief at the end of the context, for the noise multiple under which the context is most
-    /// likely.
-    fn most_likely(&self) -> Belief {
-        let mut step = 0;
-        let mut best = self.run(RATIO.powi(step));
-        for direction in [1, -1] {
-            while (step + direction).abs() <= STEPS {
-                let found = self.run(RATIO.powi(step + direction));
-                if found.negative_log_likelihood >= best.negative_log_likelihood
-                    || found.negative_log_likelihood.is_nan()
-                {
-                    break;
+    /// The belief at the end of the context, for the tried noise multiple under which the context is
+    /// most likely, and the most likely multiple, which may lie between those that are tried.
+    fn most_likely(&self) -> (Belief, f64) {
+        let run = |step: i32| self.run(RATIO.powi(step));
+        let (mut step, mut best) = (0_i32, run(0));
+        // The likelihoods one step below and above the best.
+        let mut beside = [None; 2];
+        for (side, direction) in [(1, 1), (0, -1)] {
+            while beside[side].is_none() && (step + direction).abs() <= STEPS {
+                let found = run(step + direction);
+                if found.negative_log_likelihood < best.negative_log_likelihood {
+                    beside[1 - side] = Some(best.negative_log_likelihood);
+                    (step, best) = (step + direction, found);
+                } else {
+                    beside[side] = Some(found.negative_log_likelihood);
                 }
-                (step, best) = (step + direction, found);
             }
         }
-        best
+        let between = match beside {
+            [Some(below), Some(above)] => lowest(below, best.negative_log_likelihood, above),
+            _ => 0.0,
+        };
+        (best, RATIO.powf(f64::from(step) + between))
+    }
+
+    /// The standard deviation of each joint's residual torque, N·m.
+    fn residual_torques(&self, multiple: f64) -> Vec<f64> {
+        let of_joint =
+            |joint: &JointLaw| (multiple * f64::from(joint.noise)).hypot(self.noise.torque_nm);
+        self.law.joints.iter().map(of_joint).collect()
     }
 
     /// Runs the filter with the law's torque noise `scale` times that of training.
@@ -201,12 +224,7 @@ impl Filter<'_> {
         let joints = self.measured.joints;
         let mut belief = self.prior();
         belief.measure(&self.innovations(1), joints, self.variance());
-        let deviations: Vec<f64> = self
-            .law
-            .joints
-            .iter()
-            .map(|joint| (scale * f64::from(joint.noise)).hypot(self.noise.torque_nm))
-            .collect();
+        let deviations = self.residual_torques(scale);
         let mut room = vec![0.0; 6 * joints * joints];
         for (sample, step) in (2..).zip(self.steps) {
             belief.advance(
@@ -417,6 +435,30 @@ fn root_of_block(covariance: &[f64], width: usize, size: usize) -> DMatrix<f64> 
     Cholesky::new(block).map_or_else(|| DMatrix::zeros(size, size), Cholesky::unpack)
 }
 
+/// Where a parabola through the values at -1, 0 and 1 is lowest, if the middle one is the lowest of
+/// them; 0 for values that are not finite.
+fn lowest(below: f64, middle: f64, above: f64) -> f64 {
+    let bend = below - 2.0 * middle + above;
+    let at = 0.5 * (below - above) / bend;
+    if at.is_finite() { at.clamp(-0.5, 0.5) } else { 0.0 }
+}
+
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::lowest;
+
+    #[test]
+    fn a_parabola_is_lowest_between_its_values() {
+        for at in [-0.4, 0.0, 0.25] {
+            let [below, middle, above] =
+                [-1.0, 0.0, 1.0].map(|x: f64| 3.0 + 2.0 * (x - at).powi(2));
+            assert!((lowest(below, middle, above) - at).abs() < 1e-12, "{at}");
+        }
+        assert_eq!(lowest(1.0, 1.0, 1.0), 0.0);
+        assert_eq!(lowest(f64::NAN, 1.0, 2.0), 0.0);
+    }
 }

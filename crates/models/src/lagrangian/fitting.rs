@@ -5,11 +5,11 @@
     reason = "closures do not inline into functions compiled for other instructions; loops over indices do"
 )]
 
-use nalgebra::DMatrix;
 use simd::{InstructionSet, Kernel, Lanes, MAX_LANES, with_f32_lanes};
 use spec::MAX_JOINTS;
 
 use super::disturbance::Disturbance;
+use super::filtering::FilteredContext;
 use super::law::{LEAST_PIVOT, Law, Places, narrow};
 use super::linear_algebra::Factored;
 use super::pose::Pose;
@@ -41,12 +41,8 @@ pub(super) struct State {
 pub(super) struct RobotPosterior {
     pub most_likely: State,
     pub numbers: Posterior,
-    /// Positions of the context to which the numbers were fitted, where these are not the measured
-    /// ones.
-    pub smoothed: Option<Vec<f32>>,
-    /// A root of the covariance at the end of the context, `[row, column]`, where positions are
-    /// filtered: the angles in rad, then the velocities in rad/s.
-    pub motion: Option<DMatrix<f64>>,
+    /// Where positions are filtered.
+    pub filtered: Option<FilteredContext>,
     /// The torque that the law does not explain, at the end of the context.
     pub disturbance: Disturbance,
 }
@@ -63,7 +59,7 @@ impl Law {
         let y = recorded.y[recorded.before()..].to_vec();
         let most_likely = State { y, numbers: narrow(&numbers.mean) };
         let disturbance = self.disturbance(instructions, recorded, &numbers.mean);
-        RobotPosterior { most_likely, numbers, smoothed: None, motion: None, disturbance }
+        RobotPosterior { most_likely, numbers, filtered: None, disturbance }
     }
 
     /// The distribution of a robot's numbers given its context. `bounds` decides whether masses may

@@ -1,5 +1,6 @@
 //! Tests of drawn robots, and of the masses that they may have.
 
+use burn::tensor::{Device, Tensor, TensorData};
 use random::{ChaCha8Rng, SeedableRng};
 use series::MeasurementNoise;
 use simd::InstructionSet;
@@ -7,9 +8,14 @@ use simd::InstructionSet;
 use super::{
     CONTEXT, EXACT, JOINT, LONG, Motions, NOISE, Noisy, RATE_HZ, SAMPLES, model, predict, separate,
 };
+use crate::architecture::ModelInput;
+use crate::lagrangian::batch::HostBatch;
 use crate::lagrangian::law::{Calibration, JointLaw, Law};
+use crate::lagrangian::prediction::smoother_of;
 use crate::lagrangian::recorded::Recorded;
 use crate::lagrangian::regression::Bounds;
+use crate::lagrangian::values;
+use crate::randomness::{Noise, Purpose, generator};
 
 /// Standard normal numbers for each of `rows` draws.
 fn normals(law: &Law, rows: usize) -> Vec<f32> {
@@ -129,6 +135,44 @@ fn draws_have_the_residual_torques_of_the_law() {
     assert!((wider[1] / twice[1] - 1.0).abs() < 0.05, "{wider:?} {twice:?}");
 }
 
+/// Smoothing leaves torques of noisy positions that move nothing. Only what the law does not explain goes
+/// on over a horizon.
+#[test]
+fn residual_torques_do_not_contain_what_smoothing_leaves_of_the_noise() {
+    let robot = Noisy::new(6);
+    let size = |u: &[f32], noise: MeasurementNoise| {
+        let y = if noise == EXACT { &robot.truth[..LONG * 2] } else { &robot.measured[..] };
+        let recorded = Recorded { u, y, ..robot.robot() };
+        let smoother = smoother_of(&recorded, noise);
+        let filter = smoother.as_ref().map(|smoother| (smoother, noise));
+        let instructions = InstructionSet::best();
+        let mut posterior =
+            robot.law.posterior(instructions, &recorded, filter, Bounds::Dissipation);
+        let mut of_second = || {
+            let residuals = robot.law.residual_torques(instructions, &recorded, &posterior);
+            if let Some(filtered) = &mut posterior.filtered {
+                filtered.residual_torques.fill(f32::MAX);
+            }
+            let torques = residuals.torques.iter().skip(1).step_by(2);
+            (torques.map(|torque| torque * torque).sum::<f32>() * 2.0
+                / residuals.torques.len() as f32)
+                .sqrt()
+        };
+        [of_second(), of_second()]
+    };
+    // The law is exact, so all that is left comes from the noise.
+    let [kept, left] = size(&robot.u, NOISE);
+    assert!(kept < 0.5 * left, "{kept} {left}");
+    // A torque that was recorded but moved nothing.
+    let mut u = robot.u.clone();
+    for sample in 0..LONG {
+        u[sample * 2 + 1] += 2.0 * (0.2 * sample as f32).cos();
+    }
+    let [truth, _] = size(&u, EXACT);
+    let [kept, left] = size(&u, NOISE);
+    assert!(kept > 0.7 * truth && kept <= left, "{kept} {left} {truth}");
+}
+
 /// The joint's inertia is below the one that the law gives every robot, so its particle would have
 /// a negative mass.
 #[test]
@@ -152,4 +196,41 @@ fn masses_are_negative_only_where_poses_keep_their_inertia() {
             assert!(mean.is_finite() && deviation.is_finite() && deviation < 1.0, "{deviation}");
         }
     }
+}
+
+/// Regression: one robot in a hundred was scored, also of batches of eight. Few trainings scored enough
+/// of them to know the spread of draws.
+#[test]
+fn two_of_three_steps_score_a_robot_of_a_batch_that_is_smaller_than_the_points() {
+    const STEPS: u64 = 300;
+    let joints = 2;
+    let scored = |robots: usize| {
+        let motions = Motions::new(robots, joints);
+        let tensor = |values: &[f32], samples: usize| {
+            let data = TensorData::new(values.to_vec(), [robots, samples, joints]);
+            Tensor::<3>::from_data(data, &Device::flex())
+        };
+        let [u, y] = [tensor(&motions.u, SAMPLES), tensor(&motions.y, CONTEXT)];
+        let batch = HostBatch::new(&ModelInput {
+            u: u.clone(),
+            y_context: y.clone(),
+            seen_context: y.clone(),
+            path: u.clone(),
+            unit: u,
+            rate_hz: f64::from(RATE_HZ),
+            measurement_noise: EXACT,
+        });
+        let target = y.slice([0..robots, 0..SAMPLES - CONTEXT, 0..joints]);
+        let model = model(joints);
+        assert!(robots < model.points);
+        let steps = (0..STEPS).filter(|step| {
+            let rows = 0..robots as u64;
+            let rows = rows.map(|row| generator(1, Purpose::Training, *step, row));
+            values(model.score(&batch, target.clone(), &mut Noise::new(rows))) != [0.0]
+        });
+        steps.count()
+    };
+    assert_eq!(scored(1), STEPS as usize);
+    // None of four is chosen in 0.75⁴ of the steps. Four standard deviations.
+    assert!(scored(4).abs_diff(205) < 33, "{}", scored(4));
 }
