@@ -290,28 +290,22 @@ impl Panel {
     }
 }
 
-/// The error over the horizon, and a panel per joint with the truth and the predictions.
+/// The error over the horizon, and a panel per joint with the truth and the predictions. `names` has
+/// the names of the predictors in evaluations, which decide their colours.
 ///
 /// # Errors
 /// When drawing fails.
-pub fn predictions_svg(predictions: &TrajectoryPredictions) -> Result<String, FigureError> {
+pub fn predictions_svg(
+    predictions: &TrajectoryPredictions,
+    names: &[String],
+) -> Result<String, FigureError> {
     let TrajectoryPredictions { dataset, trajectory, truth, .. } = predictions;
     let title = format!("Predictions of trajectory {trajectory} of dataset {dataset}");
     let joints = truth.first().map_or(0, Vec::len);
-    let mut panels = vec![errors_over_horizon(predictions)];
-    panels.extend((0..joints).map(|joint| of_joint(predictions, joint)));
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    let mut panels = vec![errors_over_horizon(predictions, &names)];
+    panels.extend((0..joints).map(|joint| of_joint(predictions, joint, &names)));
     figures::stacked(&title, &panels, Size { width: 760, height: 280 })
-}
-
-/// The colour of the baseline `hold-last`, as in evaluations (`crates/evaluation/src/figure/colours.rs`).
-const HELD: usize = figures::compared(16);
-
-/// Checkpoints have the colours of their places, and the baseline its own.
-fn coloured(curve: Curve, place: usize, prediction: &TrajectoryPrediction) -> Curve {
-    match prediction.checkpoint {
-        Some(_) => curve.compared(place),
-        None => curve.coloured(HELD).dashed(),
-    }
 }
 
 /// The time of a sample since the last known one, s.
@@ -319,23 +313,23 @@ fn since_context(predictions: &TrajectoryPredictions, sample: usize) -> f64 {
     (sample as f64 - (predictions.begin as f64 - 1.0)) / predictions.rate_hz
 }
 
-fn errors_over_horizon(predictions: &TrajectoryPredictions) -> Figure {
+fn errors_over_horizon(predictions: &TrajectoryPredictions, names: &[&str]) -> Figure {
     let time = |step: usize| since_context(predictions, predictions.begin + step);
-    let curve = |(place, prediction): (usize, &TrajectoryPrediction)| {
+    let curve = |(prediction, name): (&TrajectoryPrediction, &&str)| {
         let errors = prediction.step_rmse_deg.iter().enumerate();
         let points = errors.map(|(step, error)| Point::new(time(step), *error)).collect();
-        coloured(Curve::line(&prediction.name, points), place, prediction)
+        Curve::line(&prediction.name, points).of_predictor(name, names)
     };
     Figure {
         title: "Error over the horizon, RMS over joints".to_owned(),
         x: Axis::linear("Time since the end of the context").in_unit("s"),
         y: Axis::log("error").in_unit("°"),
-        series: predictions.predictions.iter().enumerate().map(curve).collect(),
+        series: predictions.predictions.iter().zip(names).map(curve).collect(),
         bands: Vec::new(),
     }
 }
 
-fn of_joint(predictions: &TrajectoryPredictions, joint: usize) -> Figure {
+fn of_joint(predictions: &TrajectoryPredictions, joint: usize, names: &[&str]) -> Figure {
     let TrajectoryPredictions { begin, first, truth, .. } = predictions;
     let time = |sample: usize| since_context(predictions, sample);
     let degrees = |row: &Vec<f32>| f64::from(row[joint]).to_degrees();
@@ -345,9 +339,9 @@ fn of_joint(predictions: &TrajectoryPredictions, joint: usize) -> Figure {
     };
     let points = truth.iter().enumerate().map(|(k, row)| Point::new(time(first + k), degrees(row)));
     let mut series = vec![Curve::line("truth", points.collect()).measured()];
-    for (place, prediction) in predictions.predictions.iter().enumerate() {
+    for (prediction, name) in predictions.predictions.iter().zip(names) {
         let line =
-            |points: Vec<Point>| coloured(Curve::line(&prediction.name, points), place, prediction);
+            |points: Vec<Point>| Curve::line(&prediction.name, points).of_predictor(name, names);
         series.extend(prediction.samples.iter().map(|y| line(of_horizon(y)).faint()));
         let mut points = of_horizon(&prediction.y);
         if let [low, high] = &prediction.quantiles[..] {
@@ -487,6 +481,41 @@ mod tests {
             assert!(!looks.contains(&look), "{look:?}");
             looks.push(look);
         }
+    }
+
+    /// The second checkpoint of the page was vermillion, and bluish green in its evaluation.
+    #[test]
+    fn a_predictor_has_its_colour_of_evaluations_in_every_panel() {
+        let prediction = |name: &str, checkpoint| TrajectoryPrediction {
+            name: name.to_owned(),
+            checkpoint,
+            y: vec![vec![0.0]],
+            samples: vec![vec![vec![0.1]]],
+            step_rmse_deg: vec![1.0],
+            ..TrajectoryPrediction::default()
+        };
+        let predictions = TrajectoryPredictions {
+            rate_hz: 60.0,
+            begin: 1,
+            truth: vec![vec![0.0], vec![0.0]],
+            predictions: vec![
+                prediction("cdt 4", Some(4)),
+                prediction("robomorph 7", Some(7)),
+                prediction("hold-last", None),
+            ],
+            ..TrajectoryPredictions::default()
+        };
+        let names = ["cdt", "robomorph", "hold-last"];
+        let expected = names.map(|name| Some(figures::predictor_colour(name, &[])));
+        let colours = |figure: &Figure| -> Vec<Option<usize>> {
+            let drawn = figure.series.iter().filter(|curve| curve.stroke != Stroke::Wide);
+            drawn.map(|curve| curve.colour).collect()
+        };
+        assert_eq!(colours(&errors_over_horizon(&predictions, &names)), expected);
+        let with_samples: Vec<Option<usize>> =
+            expected.iter().flat_map(|colour| [*colour, *colour]).collect();
+        let of_joint = of_joint(&predictions, 0, &names);
+        assert_eq!(colours(&of_joint), with_samples);
     }
 
     /// The loss of the `lagrangian` is a negative log-likelihood. Its curve had 26 of 500 points,

@@ -2,6 +2,7 @@
 
 use series::{MeasurementNoise, Shape};
 use spec::{Column, Given, SamplerSpec};
+use store::RunId;
 use wire::{PredictionSampling, TrajectoryPrediction, TrajectoryPredictions};
 
 use crate::app::App;
@@ -212,11 +213,62 @@ impl App {
         Ok(found)
     }
 
+    /// The names that an evaluation of the same predictors gives them, in their order. Figures choose
+    /// colours by these.
+    pub(crate) async fn names_in_evaluations(
+        &self,
+        predictions: &TrajectoryPredictions,
+    ) -> Result<Vec<String>, ApiError> {
+        let mut predictors = Vec::new();
+        for prediction in &predictions.predictions {
+            predictors.push(match prediction.checkpoint {
+                None => Predictor::Baseline(prediction.name.clone()),
+                Some(id) => {
+                    let checkpoint = self.checkpoint(id).await?;
+                    let run = self.store.run(RunId(checkpoint.run)).await?;
+                    Predictor::Checkpoint {
+                        id,
+                        architecture: checkpoint.architecture,
+                        own_name: checkpoint.name.unwrap_or(run.name),
+                    }
+                }
+            });
+        }
+        Ok(names_of(&predictors))
+    }
+
     /// The name that users gave a checkpoint, or its architecture and its id.
     async fn name_of_checkpoint(&self, id: i64) -> Result<String, ApiError> {
         let checkpoint = self.checkpoint(id).await?;
         Ok(checkpoint.name.unwrap_or_else(|| format!("{} {id}", checkpoint.architecture)))
     }
+}
+
+/// What a predictor may be called.
+enum Predictor {
+    Baseline(String),
+    Checkpoint { id: i64, architecture: String, own_name: String },
+}
+
+/// Checkpoints of the same architecture have their own names, as in evaluations
+/// (`worker/src/evaluate/checkpoints.rs`), and their ids where those are equal too.
+fn names_of(predictors: &[Predictor]) -> Vec<String> {
+    let shared = |of: &dyn Fn(&Predictor) -> bool| {
+        predictors.iter().filter(|predictor| of(predictor)).count() > 1
+    };
+    let name = |predictor: &Predictor| match predictor {
+        Predictor::Baseline(name) => name.clone(),
+        Predictor::Checkpoint { id, architecture, own_name } => {
+            let has_architecture = |other: &Predictor| matches!(other, Predictor::Checkpoint { architecture: it, .. } if it == architecture);
+            let has_own_name = |other: &Predictor| matches!(other, Predictor::Checkpoint { own_name: it, .. } if it == own_name);
+            match (shared(&has_architecture), shared(&has_own_name)) {
+                (false, _) => architecture.clone(),
+                (true, false) => own_name.clone(),
+                (true, true) => format!("{own_name} {id}"),
+            }
+        }
+    };
+    predictors.iter().map(name).collect()
 }
 
 /// The samples of a trajectory that are shown.
@@ -360,5 +412,30 @@ impl StoredTrajectory {
         })?;
         let row = |sample: usize| values.iter().map(|column| column[sample]).collect();
         Ok((0..self.samples()).map(row).collect())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn predictors_are_called_as_in_an_evaluation_of_them() {
+        let checkpoint = |id: i64, architecture: &str, own_name: &str| Predictor::Checkpoint {
+            id,
+            architecture: architecture.to_owned(),
+            own_name: own_name.to_owned(),
+        };
+        let held = || Predictor::Baseline("hold-last".to_owned());
+        let alone = [checkpoint(3, "robomorph", "wide"), held()];
+        assert_eq!(names_of(&alone), ["robomorph", "hold-last"]);
+        let several = [
+            checkpoint(3, "robomorph", "wide"),
+            checkpoint(4, "robomorph", "deep"),
+            checkpoint(5, "cdt", "wide"),
+        ];
+        assert_eq!(names_of(&several), ["wide 3", "deep", "cdt"]);
+        let of_a_run = [checkpoint(3, "robomorph", "wide"), checkpoint(4, "robomorph", "wide")];
+        assert_eq!(names_of(&of_a_run), ["wide 3", "wide 4"]);
     }
 }

@@ -208,6 +208,7 @@ impl Shown {
             }
             Err(error) => return Err(error),
         };
+        let names = app.names_in_evaluations(&predictions).await?;
         let warnings = predictions.predictions.iter().flat_map(|prediction| {
             let named = prediction.warnings.iter().map(|w| w.clone().of(&prediction.name));
             Warning::sentences(&named.collect::<Vec<_>>(), 1, "trajectories")
@@ -215,7 +216,7 @@ impl Shown {
         Ok(Self {
             problem: String::new(),
             warnings: warnings.collect(),
-            figure: charts::predictions_svg(&predictions)?,
+            figure: charts::predictions_svg(&predictions, &names)?,
             tables: vec![reports::trajectory_predictions::table(&predictions)],
         })
     }

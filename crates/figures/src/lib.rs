@@ -2,7 +2,8 @@
 //!
 //! A [`Figure`] is plain data: two axes, named series, shaded bands. [`Figure::to_svg`] draws it,
 //! and [`Figure::to_csv`] writes the numbers behind the drawing. Neither knows what the numbers
-//! mean. An [`ArmFigure`] is an arm, drawn from two sides.
+//! mean. [`predictor_colour`] knows the names of predictors, which have the same colour in every
+//! figure. An [`ArmFigure`] is an arm, drawn from two sides.
 //!
 //! The drawing is one self-contained SVG element: no scripts, no ids (so that several can stand in one page), no fonts of
 //! its own. The same figure and size give the same bytes. It stretches to the width of its container and has a ground of its
@@ -30,6 +31,7 @@ mod figure;
 mod layout;
 mod marks;
 mod numbers;
+mod predictors;
 mod stack;
 mod table;
 mod text;
@@ -42,6 +44,7 @@ pub use figure::{
     Axis, Band, Curve, Figure, FigureError, MARKERS_DRAWN, Mark, POINTS_DRAWN, Point,
     SERIES_ALLOWED, Scale, Size, Stroke,
 };
+pub use predictors::{is_baseline, predictor_colour};
 pub use stack::stacked;
 pub use theme::{COMPARED, MEASURED, compared, style};
 

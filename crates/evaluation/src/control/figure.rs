@@ -1,12 +1,14 @@
 //! Figures of robots that follow reference paths.
 
-use figures::{Axis, Curve, Figure, FigureError, Mark, Point, Size, Stroke, stacked};
-use wire::{ControlReport, PredictorKind};
+use figures::{Axis, Curve, Figure, FigureError, Point, Size, stacked};
+use wire::ControlReport;
 
 use super::trial::{RobotTrials, Trace};
 
 /// Tracking error over time: at each sample, the mean over robots of controllers that did not fail.
 pub fn tracking_figure(report: &ControlReport, robots: &[RobotTrials]) -> Figure {
+    let names: Vec<&str> =
+        report.controllers.iter().map(|controller| controller.info.name.as_str()).collect();
     let series =
         report.controllers.iter().filter(|summary| summary.failed == 0).map(|controller| {
             let name = &controller.info.name;
@@ -23,16 +25,7 @@ pub fn tracking_figure(report: &ControlReport, robots: &[RobotTrials]) -> Figure
                 let mean = at.iter().sum::<f64>() / at.len() as f64;
                 Some(Point::new((step + 1) as f64 / report.rate_hz, mean))
             });
-            Curve {
-                colour: None,
-                name: name.clone(),
-                points: points.collect(),
-                mark: Mark::Line,
-                stroke: match controller.info.kind {
-                    PredictorKind::Baseline => Stroke::Dashed,
-                    PredictorKind::Checkpoint | PredictorKind::Predictions => Stroke::Solid,
-                },
-            }
+            Curve::line(name, points.collect()).of_predictor(name, &names)
         });
     Figure {
         title: "Tracking error in closed loop".to_owned(),
@@ -61,6 +54,7 @@ pub fn robot_figure(
     let last = joints.unwrap_or(1) - 1;
     let mut shown = vec![0, last / 2, last];
     shown.dedup();
+    let names: Vec<&str> = traces.iter().map(|(name, _)| name.as_str()).collect();
     let panels = shown.into_iter().map(|joint| {
         let longest = traces.iter().map(|(_, trace)| &trace.path).max_by_key(|path| path.len());
         let path = longest.map(|path| {
@@ -69,7 +63,7 @@ pub fn robot_figure(
         });
         let followed = traces.iter().map(|(name, trace)| {
             let degrees = trace.positions.iter().map(|q| f64::from(q[joint]).to_degrees());
-            Curve::line(name, over_time(&mut { degrees }))
+            Curve::line(name, over_time(&mut { degrees })).of_predictor(name, &names)
         });
         Figure {
             title: format!("Joint {}", joint + 1),
@@ -81,4 +75,49 @@ pub fn robot_figure(
     });
     let size = Size { width: 760, height: 260 };
     stacked(&format!("Robot {robot} in closed loop"), &panels.collect::<Vec<_>>(), size)
+}
+
+#[cfg(test)]
+mod tests {
+    use figures::Stroke;
+    use serde_json::json;
+
+    use super::super::trial::Trial;
+    use super::*;
+
+    /// The colour of a controller was that of its place in the job.
+    #[test]
+    fn a_controller_has_the_colour_of_its_predictor_in_evaluations() {
+        let names = ["zero-torque", "oracle", "lagrangian", "robomorph"];
+        let controllers: Vec<_> = names
+            .iter()
+            .map(|name| {
+                let kind = if figures::is_baseline(name) { "baseline" } else { "checkpoint" };
+                json!({"name": name, "kind": kind, "failed": 0})
+            })
+            .collect();
+        let report = json!({"robots": 1, "steps": 2, "rate_hz": 60.0, "context": 10, "bootstrap": {},
+            "controllers": controllers, "paired": []});
+        let report: ControlReport = serde_json::from_value(report).unwrap();
+        let trial = |name: &&str| Trial {
+            controller: (*name).to_owned(),
+            tracking: None,
+            failure: None,
+            error_deg: vec![1.0, 2.0],
+            plan_ms: Vec::new(),
+        };
+        let robot = RobotTrials {
+            robot: 0,
+            joints: 7,
+            threads: 1,
+            trials: names.iter().map(trial).collect(),
+            warnings: Vec::new(),
+        };
+        let figure = tracking_figure(&report, &[robot]);
+        let colours: Vec<Option<usize>> = figure.series.iter().map(|curve| curve.colour).collect();
+        let expected = names.map(|name| Some(figures::predictor_colour(name, &[])));
+        assert_eq!(colours, expected);
+        let dashed = [Stroke::Dashed, Stroke::Dashed, Stroke::Solid, Stroke::Solid];
+        assert!(figure.series.iter().map(|curve| curve.stroke).eq(dashed));
+    }
 }

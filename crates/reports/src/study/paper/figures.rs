@@ -36,15 +36,15 @@ fn drawn(evaluation: &Evaluation) -> impl Iterator<Item = File> {
 /// table.
 fn over_training_sets(study: &Study, column: &ShiftColumn) -> Figure {
     let models = study_models().iter().map(|model| model.name.as_str());
-    let series = models.chain(BASELINES).map(|name| {
+    let names: Vec<&str> = models.chain(BASELINES).collect();
+    let series = names.iter().map(|&name| {
         let points = (1..=study.sets()).filter_map(|set| {
             let Interval { mean, low, high } = column.scores(study, set, name)?.rmse_deg?;
             // The axis is logarithmic, and an interval over few seeds may reach below 0.
             let low = low.max(0.1 * mean);
             Some(Point::with_interval(set as f64, mean, low, high))
         });
-        let curve = Curve::line(name, points.collect()).with_markers();
-        if BASELINES.contains(&name) { curve.dashed() } else { curve }
+        Curve::line(name, points.collect()).with_markers().of_predictor(name, &names)
     });
     Figure {
         title: format!("RMSE, {}", column.title),
@@ -52,5 +52,20 @@ fn over_training_sets(study: &Study, column: &ShiftColumn) -> Figure {
         y: Axis::log("RMSE").in_unit("°"),
         series: series.filter(|curve| !curve.points.is_empty()).collect(),
         bands: Vec::new(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::fixture;
+    use super::*;
+
+    #[test]
+    fn predictors_have_the_colours_of_the_evaluations() {
+        let figure = over_training_sets(&fixture::study(), &COLUMNS[0]);
+        for name in ["lagrangian", "arx"] {
+            let found = figure.series.iter().find(|curve| curve.name == name);
+            assert_eq!(found.unwrap().colour, Some(figures::predictor_colour(name, &[])), "{name}");
+        }
     }
 }

@@ -1,7 +1,7 @@
 //! The report's figures: errors over the horizon, and over the length of the context.
 
 use figures::{Axis, Curve, Figure, Point, Size};
-use wire::{Interval, PredictorKind};
+use wire::Interval;
 
 use super::super::results::{File, Study};
 use super::{Asked, CONTEXTS, USUAL, mean};
@@ -20,15 +20,17 @@ fn over_horizon(study: &Study) -> Figure {
     let asked = Asked::of(study, USUAL);
     let curves = asked.into_iter().flat_map(|asked| {
         let rate_hz = asked.evaluation.report.rate_hz;
-        asked.rows().into_iter().map(move |row| {
+        let rows = asked.rows();
+        let names: Vec<&str> = rows.iter().map(|row| row.name).collect();
+        rows.into_iter().map(move |row| {
             let scores = asked.scores(&row);
             let steps = scores.iter().map(|scores| scores.step_rmse_deg.len()).min().unwrap_or(0);
             let point = |step: usize| {
                 let each = scores.iter().map(|scores| scores.step_rmse_deg[step]);
                 Some(Point::new((step + 1) as f64 / rate_hz, mean(each)?))
             };
-            let curve = Curve::line(row.name, (0..steps).filter_map(point).collect());
-            if row.info.kind == PredictorKind::Baseline { curve.dashed() } else { curve }
+            let points = (0..steps).filter_map(point).collect();
+            Curve::line(row.name, points).of_predictor(row.name, &names)
         })
     });
     Figure {
@@ -44,15 +46,16 @@ fn over_horizon(study: &Study) -> Figure {
 fn contexts(study: &Study) -> Figure {
     let asked: Vec<Asked<'_>> = CONTEXTS.iter().filter_map(|name| Asked::of(study, name)).collect();
     let rows = asked.first().map(|first| first.rows()).unwrap_or_default();
-    let curves = rows.into_iter().map(|row| {
+    let names: Vec<&str> = rows.iter().map(|row| row.name).collect();
+    let curves = rows.iter().map(|row| {
         let point = |asked: &Asked<'_>| {
             let last = asked.seconds().last().copied()?;
             let Interval { mean, low, high } = asked.row(row.name)?.error(last)?.rmse_deg;
             // The axis is logarithmic, and an interval over few seeds may reach below 0.
             Some(Point::with_interval(asked.context_s(), mean, low.max(0.1 * mean), high))
         };
-        let curve = Curve::line(row.name, asked.iter().filter_map(point).collect()).with_markers();
-        if row.info.kind == PredictorKind::Baseline { curve.dashed() } else { curve }
+        let points = asked.iter().filter_map(point).collect();
+        Curve::line(row.name, points).with_markers().of_predictor(row.name, &names)
     });
     Figure {
         title: "RMSE over the whole horizon by the length of the context".to_owned(),
