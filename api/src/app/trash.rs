@@ -17,6 +17,11 @@ impl App {
         Ok(Dependents { kind, id, along: items(along), bytes, jobs })
     }
 
+    /// The name by which people know a thing, also one in the trash.
+    pub(crate) async fn name_of(&self, kind: ItemKind, id: i64) -> Result<String, ApiError> {
+        Ok(self.store.name_of(Item::new(kind, id)).await?)
+    }
+
     /// Moves a thing into the trash, with everything that it owns.
     pub(crate) async fn delete(
         &self,

@@ -40,6 +40,7 @@ struct DeletePage {
 struct Called {
     /// The address of its page; empty for an item in the trash.
     href: String,
+    /// The name that people know it by, which an item in the trash has, too.
     name: String,
     aliases: Vec<String>,
     /// The kind of thing, such as `training` or `lagrangian, step 360`.
@@ -127,16 +128,19 @@ pub async fn show(
 }
 
 impl Called {
-    /// Empty for an item that is in the trash itself.
+    /// The name alone of an item that is in the trash itself.
     async fn of(app: &App, kind: ItemKind, id: i64) -> Result<Self, ApiError> {
+        let name = app.name_of(kind, id).await?;
         match Self::of_kept(app, kind, id).await {
             Err(ApiError::Store(StoreError::InTrash { .. } | StoreError::OwnerDeleted { .. })) => {
-                Ok(Self::default())
+                Ok(Self { name, ..Self::default() })
             }
-            called => called,
+            Ok(called) => Ok(Self { name, ..called }),
+            Err(error) => Err(error),
         }
     }
 
+    /// Everything but the name.
     async fn of_kept(app: &App, kind: ItemKind, id: i64) -> Result<Self, ApiError> {
         let href = format!("/{kind}s/{id}");
         Ok(match kind {
@@ -146,26 +150,25 @@ impl Called {
                     0 => job.kind.to_string(),
                     members => format!("{} of {}", job.kind, text::counted(members, "job")),
                 };
-                Self { href, name: job.name, about, aliases: Vec::new() }
+                Self { href, about, ..Self::default() }
             }
             ItemKind::Run => {
                 let run = app.run(id).await?;
-                let about = run.kind.to_string();
-                Self { href: run.href(), name: run.name, about, aliases: Vec::new() }
+                Self { href: run.href(), about: run.kind.to_string(), ..Self::default() }
             }
             ItemKind::Dataset => {
                 let dataset = app.dataset(id).await?;
                 let about = text::counted(dataset.trajectories, "trajectory");
-                Self { href, name: dataset.name, about, aliases: Vec::new() }
+                Self { href, about, ..Self::default() }
             }
             ItemKind::Checkpoint => {
-                let Checkpoint { name, aliases, architecture, step, metrics, .. } =
+                let Checkpoint { aliases, architecture, step, metrics, .. } =
                     app.checkpoint(id).await?;
                 let rmse_deg = metrics.get(ValidationMetric::RmseDeg.key());
                 let rmse = rmse_deg.map(|rmse| format!(", {}°", text::degrees(*rmse)));
                 let step = text::count(step);
                 let about = format!("{architecture}, step {step}{}", rmse.unwrap_or_default());
-                Self { href, name: name.unwrap_or_default(), aliases, about }
+                Self { href, aliases, about, ..Self::default() }
             }
         })
     }

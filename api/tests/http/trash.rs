@@ -220,3 +220,36 @@ async fn the_question_says_what_people_call_the_thing_and_what_goes_with_it() {
         }
     }
 }
+
+/// The trash showed the name of before the renaming, and `simulate-98f7…` for labelled data.
+#[tokio::test]
+async fn the_trash_shows_the_names_that_users_gave() {
+    let server = Server::with_small_pipeline().await;
+    for (path, name) in [
+        ("/v1/datasets/1", "arms with payload 1 kg"),
+        ("/v1/jobs/5", "night run"),
+        ("/v1/runs/2", "the first test"),
+    ] {
+        assert_eq!(patch(&server, path, &json!({"name": name})).await.status, 200);
+    }
+    let training = server.json("/v1/runs/1").await["name"].as_str().unwrap().to_owned();
+    let step = server.json("/v1/checkpoints/1").await["step"].clone();
+    let of_checkpoint = format!("{training}, step {step}");
+    let simulation = format!("jobs/{}", server.json("/v1/datasets/1").await["job"]);
+    for (path, name) in [
+        ("runs/2", "the first test"),
+        ("checkpoints/1", &*of_checkpoint),
+        ("datasets/1", "arms with payload 1 kg"),
+        // A job has the name of its dataset, if that alone has one.
+        (&*simulation, "arms with payload 1 kg"),
+        ("jobs/5", "night run"),
+    ] {
+        let question = server.get(&format!("/{path}/delete")).await;
+        let heading = format!("<h1>Delete {name}?</h1>");
+        assert!(question.text().contains(&heading), "{path}: {}", question.text());
+        deleted(&server, &format!("/v1/{path}")).await;
+        assert_eq!(server.json("/v1/trash").await["items"][0]["name"], name, "{path}");
+        assert!(server.get("/trash").await.text().contains(name), "{path}");
+        server.post(&format!("/v1/{path}/restore")).await;
+    }
+}

@@ -1,11 +1,12 @@
 //! The jobs that depend on the results of other jobs.
 
-use wire::Relation;
+use wire::{ItemKind, Relation};
 
 use crate::StoreError;
 use crate::database::Transaction;
 use crate::database::query::{Query, Row, sql};
 use crate::trash::Reach;
+use crate::trash::names::name_of;
 use crate::trash::rules::Dependent;
 
 /// Dependents, sorted by job. A job that has ended counts as long as a result of it exists that was
@@ -20,9 +21,6 @@ pub(crate) async fn of(tx: &mut Transaction, reach: &Reach) -> Result<Vec<Depend
     found.dedup_by_key(|dependent| dependent.job);
     Ok(found)
 }
-
-const SELECT: &str = "SELECT job.id, job.kind, job.name, job.state, job.digest FROM job \
-     WHERE job.deleted_at IS NULL AND job.id NOT IN ";
 
 /// The condition that a job has not ended, or has left something that still exists.
 const COUNTS: &str = " AND (job.state NOT IN ('succeeded', 'failed', 'cancelled') \
@@ -94,7 +92,11 @@ impl Transaction {
 }
 
 fn others(reach: &Reach) -> Query {
-    let mut query = sql(SELECT);
+    let name = name_of(ItemKind::Job, "job");
+    let mut query = sql(format!(
+        "SELECT job.id, job.kind, {name} AS name, job.state, job.digest FROM job \
+         WHERE job.deleted_at IS NULL AND job.id NOT IN "
+    ));
     push_jobs(&mut query, reach);
     query
 }

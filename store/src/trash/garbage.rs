@@ -11,6 +11,7 @@ use wire::ItemKind;
 use crate::database::query::{Row, sql};
 use crate::database::{Reading, Scope, Transaction};
 use crate::trash::leftovers::Leftovers;
+use crate::trash::names::name_of;
 use crate::trash::unused_uploads::of_upload;
 use crate::{Item, JobId, Store, StoreError, Timestamp, TrackedRunId, boxed};
 
@@ -258,9 +259,10 @@ impl Reading<'_> {
             None => "CAST(0 AS BIGINT)".to_owned(),
         };
         let mut query = sql(format!(
-            "SELECT {kind}.id, maker.name, {} AS files, {} AS bytes FROM {kind} \
+            "SELECT {kind}.id, {} AS name, {} AS files, {} AS bytes FROM {kind} \
              JOIN job AS maker ON maker.id = {kind}.{} \
              WHERE {kind}.deleted_at IS NOT NULL AND {kind}.purged_at IS NULL AND {kind}.{column} <= ",
+            name_of(kind, "maker"),
             measured("COUNT(*)"),
             measured("SUM(size)"),
             if kind == ItemKind::Job { "id" } else { "job" },

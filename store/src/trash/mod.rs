@@ -18,6 +18,7 @@ pub(crate) mod found_objects;
 pub(crate) mod garbage;
 pub(crate) mod inventory;
 pub(crate) mod leftovers;
+mod names;
 pub(crate) mod retention;
 pub(crate) mod rules;
 pub(crate) mod statements;
@@ -32,6 +33,7 @@ use crate::boxed;
 use crate::database::query::{Row, sql};
 use crate::database::rows::deletion;
 use crate::database::{Scope, Transaction};
+use crate::trash::names::name_of;
 use crate::trash::rules::{Dependent, Item, Obstacle, Respect, obstacle};
 use crate::trash::statements::trash::ItemRow;
 use crate::{JobId, Store, StoreError, Timestamp};
@@ -78,7 +80,7 @@ pub struct Deleted {
 pub struct Trashed {
     /// The item in the trash.
     pub item: Item,
-    /// The name of its job.
+    /// The name by which people know it.
     pub name: String,
     /// Size of its files and of the files of items that were deleted with it.
     pub bytes: u64,
@@ -108,35 +110,42 @@ const DELETING: &str = "deleting something";
 
 /// The items in the trash, without those that were deleted together with their owner. The size
 /// covers their own files and the files of items that were deleted with them.
-const TRASH: &str = "SELECT * FROM (\
-     SELECT 'job' AS kind, job.id, job.name, job.deleted_at, job.purge_at, job.purged_at, job.deletion_reason, \
-         (SELECT CAST(COALESCE(SUM(file.size), 0) AS BIGINT) FROM dataset \
-              JOIN shard_file AS file ON file.dataset = dataset.id WHERE dataset.job = job.id) \
-         + (SELECT CAST(COALESCE(SUM(file.size), 0) AS BIGINT) FROM run \
-              JOIN artifact AS file ON file.run = run.id WHERE run.job = job.id) \
-         + (SELECT CAST(COALESCE(SUM(file.size), 0) AS BIGINT) FROM checkpoint \
-              JOIN checkpoint_file AS file ON file.checkpoint = checkpoint.id WHERE checkpoint.job = job.id) AS bytes \
-     FROM job WHERE job.deleted_at IS NOT NULL AND job.purged_at IS NULL \
-     AND NOT EXISTS (SELECT 1 FROM pipeline_member AS member JOIN job AS pipeline ON pipeline.id = member.pipeline \
-         WHERE member.job = job.id AND pipeline.deleted_at = job.deleted_at) \
-     UNION ALL SELECT 'run', run.id, job.name, run.deleted_at, run.purge_at, run.purged_at, run.deletion_reason, \
-         (SELECT CAST(COALESCE(SUM(file.size), 0) AS BIGINT) FROM artifact AS file WHERE file.run = run.id) \
-         + (SELECT CAST(COALESCE(SUM(file.size), 0) AS BIGINT) FROM checkpoint \
-              JOIN checkpoint_file AS file ON file.checkpoint = checkpoint.id WHERE checkpoint.run = run.id) \
-     FROM run JOIN job ON job.id = run.job WHERE run.deleted_at IS NOT NULL AND run.purged_at IS NULL \
-     AND (job.deleted_at IS NULL OR job.deleted_at <> run.deleted_at) \
-     UNION ALL SELECT 'dataset', dataset.id, job.name, dataset.deleted_at, dataset.purge_at, dataset.purged_at, \
-         dataset.deletion_reason, \
-         (SELECT CAST(COALESCE(SUM(file.size), 0) AS BIGINT) FROM shard_file AS file WHERE file.dataset = dataset.id) \
-     FROM dataset JOIN job ON job.id = dataset.job WHERE dataset.deleted_at IS NOT NULL AND dataset.purged_at IS NULL \
-     AND (job.deleted_at IS NULL OR job.deleted_at <> dataset.deleted_at) \
-     UNION ALL SELECT 'checkpoint', checkpoint.id, job.name, checkpoint.deleted_at, checkpoint.purge_at, \
-         checkpoint.purged_at, checkpoint.deletion_reason, \
-         (SELECT CAST(COALESCE(SUM(file.size), 0) AS BIGINT) FROM checkpoint_file AS file \
-          WHERE file.checkpoint = checkpoint.id) \
-     FROM checkpoint JOIN job ON job.id = checkpoint.job JOIN run ON run.id = checkpoint.run \
-     WHERE checkpoint.deleted_at IS NOT NULL AND checkpoint.purged_at IS NULL \
-     AND (run.deleted_at IS NULL OR run.deleted_at <> checkpoint.deleted_at)) AS trash";
+fn trash() -> String {
+    let name = |kind| name_of(kind, "job");
+    let [job, run, dataset, checkpoint] =
+        [ItemKind::Job, ItemKind::Run, ItemKind::Dataset, ItemKind::Checkpoint].map(name);
+    format!(
+        "SELECT * FROM (\
+         SELECT 'job' AS kind, job.id, {job} AS name, job.deleted_at, job.purge_at, job.purged_at, job.deletion_reason, \
+             (SELECT CAST(COALESCE(SUM(file.size), 0) AS BIGINT) FROM dataset \
+                  JOIN shard_file AS file ON file.dataset = dataset.id WHERE dataset.job = job.id) \
+             + (SELECT CAST(COALESCE(SUM(file.size), 0) AS BIGINT) FROM run \
+                  JOIN artifact AS file ON file.run = run.id WHERE run.job = job.id) \
+             + (SELECT CAST(COALESCE(SUM(file.size), 0) AS BIGINT) FROM checkpoint \
+                  JOIN checkpoint_file AS file ON file.checkpoint = checkpoint.id WHERE checkpoint.job = job.id) AS bytes \
+         FROM job WHERE job.deleted_at IS NOT NULL AND job.purged_at IS NULL \
+         AND NOT EXISTS (SELECT 1 FROM pipeline_member AS member JOIN job AS pipeline ON pipeline.id = member.pipeline \
+             WHERE member.job = job.id AND pipeline.deleted_at = job.deleted_at) \
+         UNION ALL SELECT 'run', run.id, {run}, run.deleted_at, run.purge_at, run.purged_at, run.deletion_reason, \
+             (SELECT CAST(COALESCE(SUM(file.size), 0) AS BIGINT) FROM artifact AS file WHERE file.run = run.id) \
+             + (SELECT CAST(COALESCE(SUM(file.size), 0) AS BIGINT) FROM checkpoint \
+                  JOIN checkpoint_file AS file ON file.checkpoint = checkpoint.id WHERE checkpoint.run = run.id) \
+         FROM run JOIN job ON job.id = run.job WHERE run.deleted_at IS NOT NULL AND run.purged_at IS NULL \
+         AND (job.deleted_at IS NULL OR job.deleted_at <> run.deleted_at) \
+         UNION ALL SELECT 'dataset', dataset.id, {dataset}, dataset.deleted_at, dataset.purge_at, dataset.purged_at, \
+             dataset.deletion_reason, \
+             (SELECT CAST(COALESCE(SUM(file.size), 0) AS BIGINT) FROM shard_file AS file WHERE file.dataset = dataset.id) \
+         FROM dataset JOIN job ON job.id = dataset.job WHERE dataset.deleted_at IS NOT NULL AND dataset.purged_at IS NULL \
+         AND (job.deleted_at IS NULL OR job.deleted_at <> dataset.deleted_at) \
+         UNION ALL SELECT 'checkpoint', checkpoint.id, {checkpoint}, checkpoint.deleted_at, checkpoint.purge_at, \
+             checkpoint.purged_at, checkpoint.deletion_reason, \
+             (SELECT CAST(COALESCE(SUM(file.size), 0) AS BIGINT) FROM checkpoint_file AS file \
+              WHERE file.checkpoint = checkpoint.id) \
+         FROM checkpoint JOIN job ON job.id = checkpoint.job JOIN run ON run.id = checkpoint.run \
+         WHERE checkpoint.deleted_at IS NOT NULL AND checkpoint.purged_at IS NULL \
+         AND (run.deleted_at IS NULL OR run.deleted_at <> checkpoint.deleted_at)) AS trash"
+    )
+}
 
 impl Store {
     /// Moves an item into the trash, with everything that it owns.
@@ -261,7 +270,7 @@ impl Store {
         after: Option<TrashPlace>,
         limit: u32,
     ) -> Result<Vec<Trashed>, StoreError> {
-        let mut query = sql(TRASH);
+        let mut query = sql(trash());
         if let Some(TrashPlace { deleted_at, item }) = after {
             query.push(" WHERE (deleted_at, kind, id) < (").push_bind(deleted_at);
             query.push(", ").push_bind(item.kind.as_str()).push(", ").push_bind(item.id).push(")");

@@ -168,6 +168,7 @@ macro_rules! all_laws {
                 a_job_that_lost_its_results_stands_in_for_no_other,
                 nothing_is_taken_over_from_what_was_deleted,
                 the_trash_is_read_in_pages_and_tells_of_what_was_asked_for_alone,
+                things_have_the_names_that_users_gave_in_the_trash_too,
                 of_many_deletions_of_one_thing_one_counts,
                 a_submission_and_a_deletion_agree,
                 a_restoration_and_a_purge_agree;

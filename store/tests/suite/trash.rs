@@ -12,6 +12,7 @@ use store::{
     WhichCheckpoint, object_path,
 };
 
+use super::labels::naming;
 use super::{Fixture, LONG, alone, evaluate, pipeline, simulate, train};
 
 pub(super) const ASKED: DeletionOrder<'_> =
@@ -336,6 +337,38 @@ pub async fn the_trash_is_read_in_pages_and_tells_of_what_was_asked_for_alone(f:
         paged.push(item);
     }
     assert_eq!(paged, items);
+}
+
+/// The trash had the name of before a renaming.
+pub async fn things_have_the_names_that_users_gave_in_the_trash_too(f: Fixture) {
+    let (id, [simulated, trained, evaluated]) = finished(&f, 1).await;
+    let data = dataset_of(&f, simulated).await;
+    let (training, test) = (run_of(&f, trained).await, run_of(&f, evaluated).await);
+    let weights = final_checkpoint(&f, trained).await;
+    for (item, name) in [(data, "payload 1 kg"), (training, "wide"), (id.into(), "night run")] {
+        f.store.change_labels(item.kind, item.id, &naming(name)).await.unwrap();
+    }
+    let expected = [
+        (data, "payload 1 kg"),
+        (weights, "wide, step 10"),
+        (test, "evaluate"),
+        (training, "wide"),
+        // Jobs have the names of their results.
+        (simulated.into(), "payload 1 kg"),
+        (trained.into(), "wide"),
+        (id.into(), "night run"),
+    ];
+    for (item, name) in expected {
+        assert_eq!(f.store.name_of(item).await.unwrap(), name, "{item}");
+        f.store.delete(item, &FORCED).await.unwrap();
+        assert_eq!(f.store.trash(None, 1).await.unwrap()[0].name, name, "{item}");
+        assert_eq!(f.store.name_of(item).await.unwrap(), name, "{item}");
+        f.store.restore(item).await.unwrap();
+    }
+    let (_, jobs) = f.store.dependents(data).await.unwrap();
+    assert!(jobs.iter().any(|job| job.name == "wide"), "{jobs:?}");
+    let lost = f.store.name_of(Item::new(ItemKind::Run, 99)).await;
+    assert!(matches!(lost, Err(StoreError::NotFound { .. })), "{lost:?}");
 }
 
 pub async fn of_many_deletions_of_one_thing_one_counts(f: Fixture) {

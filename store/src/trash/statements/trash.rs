@@ -9,6 +9,7 @@ use wire::{ItemKind, JobState};
 use crate::database::query::{Query, Row, sql};
 use crate::database::rows::deletion;
 use crate::database::{Reading, Transaction};
+use crate::trash::names::name_of;
 use crate::{CheckpointId, Deletion, Item, JobId, StoreError, Timestamp};
 
 /// The row of an item.
@@ -29,8 +30,9 @@ pub(crate) struct ItemRow {
 pub(crate) struct OldCheckpoint {
     pub id: CheckpointId,
     pub step: u64,
-    /// The training's name and digest.
+    /// The training's name and the step.
     pub name: String,
+    /// The training's digest.
     pub digest: Digest,
 }
 
@@ -69,9 +71,10 @@ impl Reading<'_> {
         after: CheckpointId,
         limit: u32,
     ) -> Result<Vec<OldCheckpoint>, StoreError> {
-        let rows = sql(
+        let name = name_of(ItemKind::Checkpoint, "job");
+        let rows = sql(format!(
             "SELECT * FROM (SELECT checkpoint.id, checkpoint.step, checkpoint.is_final, checkpoint.is_best, \
-                 checkpoint.given_name, checkpoint.note, job.name, job.digest, \
+                 checkpoint.given_name, checkpoint.note, {name} AS name, job.digest, \
                  ROW_NUMBER() OVER (PARTITION BY checkpoint.job ORDER BY checkpoint.step DESC) AS place \
                  FROM checkpoint JOIN job ON job.id = checkpoint.job \
                  WHERE checkpoint.deleted_at IS NULL AND job.deleted_at IS NULL \
@@ -80,7 +83,7 @@ impl Reading<'_> {
              AND NOT EXISTS (SELECT 1 FROM checkpoint_tag WHERE checkpoint_tag.checkpoint = ranked.id) \
              AND NOT EXISTS (SELECT 1 FROM checkpoint_alias WHERE checkpoint_alias.checkpoint = ranked.id) \
              AND id > $2 ORDER BY id LIMIT $3",
-        )
+        ))
         .bind(keep)
         .bind(after)
         .bind(limit)
@@ -130,12 +133,13 @@ impl Reading<'_> {
         after: JobId,
         limit: u32,
     ) -> Result<Vec<(JobId, String)>, StoreError> {
-        sql("SELECT job.id, job.name FROM job WHERE job.state IN ('failed', 'cancelled') \
-             AND job.deleted_at IS NULL AND job.id > $2 AND job.finished_at <= {now} - $1 AND NOT EXISTS \
+        let name = name_of(ItemKind::Job, "job");
+        sql(format!("SELECT job.id, {name} AS name FROM job WHERE job.state IN ('failed', 'cancelled') \
+             AND job.deleted_at IS NULL AND job.id > $2 AND job.finished_at <= {{now}} - $1 AND NOT EXISTS \
              (SELECT 1 FROM pipeline_member AS part JOIN job AS made ON made.id = part.job \
              WHERE part.pipeline = job.id AND made.state = 'succeeded') AND NOT EXISTS (SELECT 1 \
              FROM pipeline_member AS part JOIN job AS holder ON holder.id = part.pipeline \
-             WHERE part.job = job.id AND holder.deleted_at IS NULL) ORDER BY job.id LIMIT $3")
+             WHERE part.job = job.id AND holder.deleted_at IS NULL) ORDER BY job.id LIMIT $3"))
         .bind(age)
         .bind(after)
         .bind(limit)
