@@ -6,9 +6,10 @@ use std::process::ExitCode;
 
 use clap::builder::PossibleValuesParser;
 use clap::{Arg, ArgMatches, Args, Command, FromArgMatches};
+use reports::lists::{NOT_COMPARABLE, data_of_errors, is_by_error};
 use reports::{Align, Table};
 use reqwest::Url;
-use wire::{List, ListCell, ListColumn, ListPage as _, Listed, Robot, Tabled};
+use wire::{List, ListCell, ListColumn, ListPage as _, Listed, Robot, Sort, Tabled};
 
 use crate::arguments::{OutputArguments, ServerArguments};
 use crate::progress::measure;
@@ -95,7 +96,7 @@ impl<T: Listed> FromArgMatches for Arguments<T> {
     fn from_arg_matches(matches: &ArgMatches) -> Result<Self, clap::Error> {
         let value = |name| Some((name, matches.try_get_one::<String>(name).ok()??.clone()));
         Ok(Self {
-            declared: ["kind", "state", "sort"].into_iter().filter_map(value).collect(),
+            declared: ["kind", "state", "dataset", "sort"].into_iter().filter_map(value).collect(),
             list: ListArguments::from_arg_matches(matches)?,
             items: PhantomData,
         })
@@ -121,11 +122,22 @@ fn declared<T: Listed>() -> Vec<Arg> {
         let state = flag("state", "STATE").value_parser(PossibleValuesParser::new(list.states));
         flags.push(state.help("Only those in this state"));
     }
+    if list.sorts.contains(&Sort::Rmse) {
+        let data = flag("dataset", "ID").value_parser(dataset);
+        flags.push(
+            data.help("Only those on the dataset with this id, whose errors can be compared"),
+        );
+    }
     let words: Vec<&str> = list.sorts.iter().map(|sort| sort.as_str()).collect();
     let about = format!("Sort order: {}; a dash before it reverses it", words.join(", "));
     let sort = flag("sort", "ORDER").value_parser(order::<T>).help(about);
     flags.push(sort.allow_hyphen_values(true));
     flags
+}
+
+fn dataset(value: &str) -> Result<String, String> {
+    let id: Result<i64, _> = value.parse();
+    id.map(|id| id.to_string()).map_err(|_| "allowed: the id of a dataset".to_owned())
 }
 
 fn order<T: Listed>(value: &str) -> Result<String, String> {
@@ -159,6 +171,9 @@ pub async fn run<T: Listed>(arguments: Arguments<T>) -> anyhow::Result<ExitCode>
         print!("{}", reports::lists::to_csv(&items, &columns)?);
     } else if !list.output.json {
         print!("{}", listed(&items, &list.columns));
+        if let Some(cue) = arguments.cue(&items) {
+            eprintln!("{cue}");
+        }
         arguments.print_rest(cursor.as_deref(), items.last().map(T::id));
     }
     Ok(ExitCode::SUCCESS)
@@ -182,6 +197,15 @@ impl<T: Listed> Arguments<T> {
         query.extend_pairs(cursor.map(|cursor| ("cursor", cursor)));
         drop(query);
         Ok(format!("{path}?{}", address.query().unwrap_or_default()))
+    }
+
+    /// What to know about a list that is sorted by errors on different data.
+    fn cue(&self, items: &[T]) -> Option<String> {
+        let value = |name| self.declared.iter().find(|(known, _)| *known == name);
+        let (_, sort) = value("sort")?;
+        let is_mixed = || data_of_errors(items).len() > 1;
+        (is_by_error(sort) && value("dataset").is_none() && is_mixed())
+            .then(|| format!("{NOT_COMPARABLE} --dataset ID lists those on one dataset alone."))
     }
 
     /// Prints how to continue the list after the item with the id `last`, if there is more.
@@ -289,6 +313,30 @@ mod tests {
         let expected =
             "/v1/runs?limit=500&since=2026-12-01T08%3A00%3A00%2B01%3A00&before=7&cursor=c%2Bc";
         assert_eq!(address(&flags), expected);
+    }
+
+    #[test]
+    fn errors_on_different_data_are_told_apart() {
+        let run = |data: &str| -> Run {
+            serde_json::from_value(serde_json::json!({
+                "id": 1, "job": 2, "kind": "train", "name": "train", "digest": "0".repeat(64),
+                "state": "succeeded", "error": null, "spec": {}, "artifacts": [], "data": data,
+                "metrics": {"validation/rmse_deg": {"step": 10, "value": 0.25}},
+                "created_at": "2026-11-28T12:00:00Z",
+            }))
+            .unwrap()
+        };
+        let cue = |flags: &[&str], runs: &[Run]| {
+            let list = Command::<Run>::try_parse_from([&["list"], flags].concat()).unwrap();
+            list.arguments.cue(runs)
+        };
+        let mixed = [run("lab"), run("stream")];
+        assert!(cue(&["--sort", "rmse"], &mixed).unwrap().contains("--dataset ID"));
+        assert_eq!(cue(&["--sort", "-rmse"], &mixed[..1]), None);
+        assert_eq!(cue(&[], &mixed), None);
+        assert_eq!(cue(&["--sort", "rmse", "--dataset", "3"], &mixed), None);
+        assert!(Command::<Run>::try_parse_from(["list", "--dataset", "lab"]).is_err());
+        assert!(Command::<Job>::try_parse_from(["list", "--dataset", "3"]).is_err());
     }
 
     /// Catches a hand-written list of kinds, which lacked `control`.

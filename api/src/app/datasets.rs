@@ -6,8 +6,8 @@ use serde::Deserialize as _;
 use serde_json::Value;
 use spec::{DataSource, DataSources, DataSpec, Digest, JobSpec};
 use store::{
-    DatasetDescription, DatasetId, FileContent, Listed, Listing, Shard, ShardDescription, Store,
-    StoreError,
+    DatasetDescription, DatasetId, FileContent, JobId, Listed, Listing, Shard, ShardDescription,
+    Store, StoreError,
 };
 use wire::{Dataset, DatasetFile, FileKind};
 
@@ -124,6 +124,16 @@ impl App {
             specs.into_iter().flat_map(sources).filter_map(digest).collect();
         let digests: Vec<Digest> = digests.into_iter().collect();
         Ok(DataNames(self.store.dataset_names(&digests).await?.into_iter().collect()))
+    }
+
+    /// The data that each of these jobs reads.
+    pub(crate) async fn data_of_jobs(
+        &self,
+        jobs: &[i64],
+    ) -> Result<Vec<Vec<DataSource>>, ApiError> {
+        let jobs: Vec<JobId> = jobs.iter().copied().map(JobId).collect();
+        let specs = self.store.specs(&jobs).await?;
+        Ok(specs.iter().map(|(_, spec)| sources(spec)).collect())
     }
 
     /// The dataset of a spec's digest, if it is there.

@@ -7,7 +7,7 @@ use base64::engine::general_purpose::URL_SAFE_NO_PAD;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 use spec::Moment;
-use store::{Direction, Key, Position, Timestamp};
+use store::{DatasetId, Direction, Key, Position, Timestamp};
 use wire::{List, Sort};
 
 use crate::app::labels;
@@ -49,7 +49,10 @@ impl ListRequest {
             }
             match name {
                 "limit" => listing.limit = limit(value)?,
-                "before" => listing.before = Some(id(value)?),
+                "before" => listing.before = Some(id(name, value, "an id, a whole number")?),
+                "dataset" if has_errors(list) => {
+                    listing.data = Some(DatasetId(id(name, value, "the id of a dataset")?));
+                }
                 "kind" => listing.kind = Some(one_of(name, value, list.kinds)?),
                 "state" => listing.state = Some(one_of(name, value, list.states)?),
                 "tag" => listing.tags.push(tag(value)?),
@@ -132,8 +135,14 @@ fn limit(value: &str) -> Result<u32, ApiError> {
     paging::checked(Some(limit)).map_err(|_| paging::limit_error(value))
 }
 
-fn id(value: &str) -> Result<i64, ApiError> {
-    value.parse().map_err(|_| ApiError::parameter("before", value, "an id, a whole number"))
+/// Whether the items of a list have errors on data, by which it can be sorted. Only such a list can
+/// be filtered by data.
+pub fn has_errors(list: &List) -> bool {
+    list.sorts.contains(&Sort::Rmse)
+}
+
+fn id(name: &str, value: &str, allowed: &str) -> Result<i64, ApiError> {
+    value.parse().map_err(|_| ApiError::parameter(name, value, allowed))
 }
 
 fn one_of(name: &str, value: &str, allowed: &[&'static str]) -> Result<String, ApiError> {
@@ -226,6 +235,7 @@ mod tests {
             (&JOBS, "limit", "501", "1 to 500"),
             (&JOBS, "limit", "ten", "1 to 500"),
             (&JOBS, "before", "x", "an id, a whole number"),
+            (&RUNS, "dataset", "test-grid", "the id of a dataset"),
             (&JOBS, "kind", "trian", "simulate, train"),
             (&DATASETS, "state", "queued", "building, complete, abandoned"),
             (&RUNS, "tag", "a b", labels::TAG),

@@ -17,6 +17,7 @@ use crate::error::ApiError;
 use crate::extract::QueryPairs;
 use crate::limits::{EXPORTED_ITEMS, LISTED_COLUMNS};
 use crate::page::answer::{PageError, html};
+use crate::page::comparable::Comparable;
 use crate::page::dataset::filling;
 use crate::page::filter_query::{FilterQuery, Order};
 use crate::page::instant::Instant;
@@ -43,6 +44,7 @@ struct ListTemplate {
     next: Option<String>,
     /// The address of the whole list as CSV.
     csv: String,
+    comparable: Comparable,
 }
 
 pub struct ListRow {
@@ -72,6 +74,11 @@ impl Shown {
 pub trait Paged: Resource {
     /// The path of the page about this item.
     fn href(&self) -> String;
+
+    /// The job that its error comes from.
+    fn job(&self) -> Option<i64> {
+        None
+    }
 
     /// Changes rows by data that the items do not have.
     fn complete_rows(
@@ -119,6 +126,7 @@ pub async fn show<T: Paged + Sync>(
         rows,
         next: next.map(|cursor| asked.with("cursor", Some(&cursor))),
         csv: asked.with("format", Some(CSV)),
+        comparable: Comparable::of(&app, list, &asked, &items).await?,
     };
     Ok(html(&page)?)
 }
@@ -222,11 +230,19 @@ impl Paged for Run {
         let page = own_page(self.kind, self.job, self.id).map(|link| link.href);
         page.unwrap_or_else(|| format!("/jobs/{}", self.job))
     }
+
+    fn job(&self) -> Option<i64> {
+        Some(self.job)
+    }
 }
 
 impl Paged for Checkpoint {
     fn href(&self) -> String {
         format!("/checkpoints/{}", self.id)
+    }
+
+    fn job(&self) -> Option<i64> {
+        Some(self.job)
     }
 
     /// A checkpoint without a name has that of its training.
@@ -249,5 +265,9 @@ impl Paged for Checkpoint {
 impl Paged for Evaluation {
     fn href(&self) -> String {
         format!("/evaluations/{}", self.id)
+    }
+
+    fn job(&self) -> Option<i64> {
+        Some(self.id)
     }
 }

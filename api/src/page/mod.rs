@@ -4,6 +4,7 @@ mod all_runs;
 pub mod answer;
 mod assets;
 mod checkpoint;
+mod comparable;
 mod compare;
 mod dataset;
 mod docs;

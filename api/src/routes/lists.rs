@@ -11,6 +11,7 @@ use wire::{List, Listed};
 
 use crate::app::Paging;
 use crate::app::labels::TAG_PATTERN;
+use crate::app::listing::has_errors;
 use crate::error::ApiError;
 use crate::limits::{PAGE_DEFAULT, PAGE_MAXIMUM, SEARCH_CHARACTERS, TAGS};
 
@@ -90,6 +91,14 @@ fn parameters(list: &List) -> Vec<Parameter> {
         "Only items with this text in {searched}, ignoring case. No character is a wildcard."
     );
     add("text", &about, text().min_length(Some(1)).max_length(Some(SEARCH_CHARACTERS)).into());
+    if has_errors(list) {
+        let about = "Only items whose jobs read the dataset with this id. Errors on different data are not comparable.";
+        add(
+            "dataset",
+            about,
+            number().format(Some(SchemaFormat::KnownFormat(KnownFormat::Int64))).into(),
+        );
+    }
     add("since", "Only items created at this time or later, RFC 3339.", moment());
     add("until", "Only items created before this time, RFC 3339.", moment());
     let about = "The order; `-` before it reverses it. Equal items are sorted by id. `-created` by default.";

@@ -159,12 +159,51 @@ async fn errors_stand_beside_the_name_of_their_data() {
     assert_eq!(run["data"], "stream");
 }
 
+/// The best of a list was that on the easiest data.
+#[tokio::test]
+async fn a_list_that_is_sorted_by_errors_on_different_data_leads_to_those_on_one() {
+    const CUE: &str = "Errors on different data are not comparable.";
+    let server = Server::with_small_pipeline().await;
+    let alone = server.get("/checkpoints?sort=rmse").await;
+    assert!(!alone.text().contains(CUE), "{alone:?}");
+    server.submitted(&small_simulation(3)).await;
+    server.work().await;
+    server.submitted(&small_training(&json!({"dataset": 3}))).await;
+    server.work().await;
+    let trained_on = server.json("/v1/datasets?sort=name").await["datasets"].clone();
+    let train_set = trained_on.as_array().unwrap().iter().find(|it| it["name"] == "train-set");
+    let id = &train_set.unwrap()["id"];
+    for list in ["runs", "checkpoints"] {
+        assert!(!server.get(&format!("/{list}")).await.text().contains(CUE), "{list}");
+        let mixed = server.get(&format!("/{list}?sort=rmse")).await;
+        let text = mixed.text();
+        let link = format!("/{list}?sort=rmse&#38;dataset={id}\">train-set</a>");
+        assert!(text.contains(CUE) && text.contains(&link), "{mixed:?}");
+        let one = server.get(&format!("/{list}?sort=rmse&dataset={id}")).await;
+        let text = one.text();
+        assert!(!text.contains(CUE) && text.contains("On all data"), "{one:?}");
+        assert!(text.contains(&format!("name=\"dataset\" value=\"{id}\"")), "{one:?}");
+        let listed = server.json(&format!("/v1/{list}?dataset={id}&kind=train")).await;
+        let listed = listed[list].as_array().unwrap();
+        assert!(!listed.is_empty() && listed.iter().all(|it| it["data"] == "train-set"), "{list}");
+    }
+    assert_eq!(server.json("/v1/evaluations?dataset=99").await["evaluations"], json!([]));
+    server.get("/v1/runs?dataset=train-set").await.problem(400);
+    server.get("/v1/datasets?dataset=1").await.problem(400);
+}
+
 #[tokio::test]
 async fn filters_and_orders_cost_no_more_statements() {
     let server = Server::start().await;
     add_jobs(&server, 1).await;
     let plain = statements(&server, "/v1/runs").await;
-    for query in ["sort=name", "sort=-finished&kind=train", "tag=a&tag=b&text=c", "state=failed"] {
+    for query in [
+        "sort=name",
+        "sort=-finished&kind=train",
+        "tag=a&tag=b&text=c",
+        "state=failed",
+        "dataset=1",
+    ] {
         assert!(statements(&server, &format!("/v1/runs?{query}")).await <= plain, "{query}");
     }
 }

@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use wire::Sort;
 
 use crate::lists::labels::folded;
-use crate::{ItemKind, Page, Store, StoreError, Timestamp};
+use crate::{DatasetId, ItemKind, Page, Store, StoreError, Timestamp};
 
 /// The query of a list. An item must match every filter that is set.
 #[derive(Clone, Debug)]
@@ -23,6 +23,8 @@ pub struct Listing {
     pub tags: Vec<String>,
     /// Part of the name or the note of the item or of its job, ignoring case.
     pub text: Option<String>,
+    /// The job must read this dataset.
+    pub data: Option<DatasetId>,
     /// Created at this moment or later.
     pub since: Option<Timestamp>,
     /// Created before this moment.
@@ -49,6 +51,7 @@ impl Default for Listing {
             state: None,
             tags: Vec::new(),
             text: None,
+            data: None,
             since: None,
             until: None,
             before: None,

@@ -232,6 +232,7 @@ macro_rules! all_laws {
                 every_order_reads_all_of_a_list_once_in_both_directions,
                 orders_are_those_of_their_fields,
                 rows_that_appear_meanwhile_change_no_page_behind,
+                lists_are_filtered_by_the_data_that_jobs_read,
                 things_are_sorted_by_their_errors_and_those_without_one_come_last,
                 summaries_are_those_of_all_runs_that_are_there;
             lists:

@@ -315,6 +315,25 @@ pub async fn things_are_sorted_by_their_errors_and_those_without_one_come_last(f
     }
 }
 
+/// Errors can be compared on the same data alone.
+pub async fn lists_are_filtered_by_the_data_that_jobs_read(f: Fixture) {
+    let mut datasets = Vec::new();
+    let mut runs = Vec::new();
+    for seed in [1, 2] {
+        let data = simulate(seed);
+        let made = f.submit_one(data.clone()).await;
+        datasets.push(f.store.job(made).await.unwrap().dataset.unwrap());
+        let training = f.submit_one(train(&data, vec![])).await;
+        runs.push(f.store.run_of_job(training).await.unwrap().id.0);
+    }
+    for (data, run) in datasets.into_iter().zip(runs) {
+        let listing = Listing { data: Some(data), ..Listing::default() };
+        assert_eq!(page(&f, ItemKind::Run, &listing).await.0, [run]);
+        assert_eq!(page(&f, ItemKind::Job, &listing).await.0.len(), 1, "the job that reads it");
+        assert_eq!(page(&f, ItemKind::Checkpoint, &listing).await.0, [0; 0]);
+    }
+}
+
 /// Rows that appear between two pages neither repeat nor hide others.
 pub async fn rows_that_appear_meanwhile_change_no_page_behind(f: Fixture) {
     let mut seed = 0;

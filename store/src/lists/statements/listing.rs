@@ -168,6 +168,14 @@ fn filter(query: &mut Query, item: ItemKind, listing: &Listing) {
     if let Some(words) = listing.words() {
         find(query, item, &words);
     }
+    if let Some(data) = listing.data {
+        let job = if item == ItemKind::Job { "id" } else { "job" };
+        query.push(format!(
+            " AND {table}.{job} IN (SELECT job_input.job FROM job_input \
+             JOIN dataset AS source ON source.digest = job_input.digest WHERE source.id = "
+        ));
+        query.push_bind(data).push(")");
+    }
     filter_moments(query, table, listing);
 }
 
