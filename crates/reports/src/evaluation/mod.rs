@@ -204,8 +204,9 @@ fn scored(report: &Report) -> impl Iterator<Item = Scored<'_>> {
 pub(crate) fn continuity(report: &Report) -> Table {
     let note = "The error of the first sample, and the change of the error from one sample to the next: \
                 within the patches and at the seams of a model that predicts several samples at a \
-                time, and at most. Shares of predictions that leave the limits of a joint, and that \
-                get more than 180° off.";
+                time, as root mean squares. The largest change of a scenario's joint is averaged over \
+                scenarios and joints; it is less than the jump where few scenarios have large changes. \
+                Shares of predictions that leave the limits of a joint, and that get more than 180° off.";
     of_topic(report, Topic::Continuity, "From sample to sample", note)
 }
 
