@@ -206,6 +206,24 @@ test("a drawn prediction leads to all its joints, where another checkpoint stand
   await page.getByRole("button", { name: "Predict" }).click();
   await page.waitForURL(/trajectory=17/);
   assert.match(await page.locator("figure svg title").first().textContent(), /trajectory 17/);
+  // A drawing that has no address is saved from the page.
+  const figure = page.locator("figure").first();
+  await figure.hover();
+  await figure.locator(".chart > svg").waitFor();
+  const saved = async (name) => {
+    const [download] = await Promise.all([
+      page.waitForEvent("download"),
+      figure.getByRole("button", { name }).click(),
+    ]);
+    return { file: download.suggestedFilename(), text: await readFile(await download.path(), "utf8") };
+  };
+  const table = await saved("CSV");
+  assert.match(table.file, /\.csv$/);
+  assert.match(table.text, /^figure,series,Time since the end of the context \(s\),y,low,high,quantity of y\n/);
+  assert.match(table.text, /\nJoint 1,truth,[-\d.e]+,[-\d.e]+,,,position \(°\)\n/);
+  const drawing = await saved("SVG");
+  assert.match(drawing.file, /\.svg$/);
+  assert.match(drawing.text, /^<svg .*trajectory 17/s);
   await page.getByRole("link", { name: "Next" }).click();
   await page.waitForURL(/trajectory=18/);
   await page.getByLabel("Horizon begins at sample").fill("5");

@@ -1,4 +1,5 @@
-// Makes figures answer: values under the pointer, a part of the x axis drawn larger, curves switched off, a PNG.
+// Makes figures answer: values under the pointer, a part of the x axis drawn larger, curves switched off, a PNG,
+// and an SVG and a table of a drawing for which the server has no address.
 // The server's drawings hold their numbers in <metadata> (crates/figures/src/numbers.rs). Without this script, and of drawings
 // without numbers, they stay pictures. The server's elements are never changed: what is added stands beside them, in
 // `.chart`, and `data-chart` on the figure hides the picture. On a narrow screen all is drawn anew at its width (narrow.js).
@@ -263,6 +264,10 @@ class Chart {
     this.tools = document.createElement("div");
     this.tools.className = "tools added";
     this.tools.append(this.whole, button("PNG", () => this.png()));
+    // A drawing that stands in the page has no links to files beside it.
+    if (figure.querySelector(".scroll > svg")) {
+      this.tools.append(button("SVG", () => this.svgFile()), button("CSV", () => this.csvFile()));
+    }
     this.box = document.createElement("div");
     this.box.className = "chart added";
     this.box.append(svg, this.reading);
@@ -482,13 +487,32 @@ class Chart {
     context.fillRect(0, 0, canvas.width, canvas.height);
     context.drawImage(image, 0, 0, canvas.width, canvas.height);
     URL.revokeObjectURL(url);
-    canvas.toBlob((png) => {
-      const link = document.createElement("a");
-      link.href = URL.createObjectURL(png);
-      link.download = `${name(this.figure)}.png`;
-      link.click();
-      setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
-    }, "image/png");
+    canvas.toBlob((png) => save(png, `${name(this.figure)}.png`), "image/png");
+  }
+
+  /** Saves the drawing as it is shown, with its numbers. */
+  svgFile() {
+    const copy = this.svg.cloneNode(true);
+    copy.querySelectorAll(".cursor, .dot, .selected").forEach((it) => it.remove());
+    const text = new XMLSerializer().serializeToString(copy);
+    save(new Blob([text], { type: "image/svg+xml" }), `${name(this.figure)}.svg`);
+  }
+
+  /** Saves the drawn numbers. */
+  csvFile() {
+    const heading = ({ label, unit }) => (unit ? `${label} (${unit})` : label);
+    const rows = [["figure", "series", heading(this.plots[0].x), "y", "low", "high", "quantity of y"]];
+    for (const { svg, series, y } of this.plots) {
+      const title = svg.querySelector(":scope > title")?.textContent ?? "";
+      for (const it of series) {
+        it.x.forEach((x, at) => {
+          // A break of the line has no numbers.
+          if (x !== null) rows.push([title, it.name, x, it.y[at], it.low?.[at], it.high?.[at], heading(y)]);
+        });
+      }
+    }
+    const text = rows.map((row) => `${row.map(cell).join(",")}\n`).join("");
+    save(new Blob([text], { type: "text/csv" }), `${name(this.figure)}.csv`);
   }
 
   /** What the reader changed, for the drawing that takes this one's place. */
@@ -503,6 +527,21 @@ class Chart {
     if (range) this.zoom(range);
     if (at && this.plots[at.plot]) this.read(this.plots[at.plot], at.x);
   }
+}
+
+function save(blob, file) {
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(blob);
+  link.download = file;
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 10_000);
+}
+
+/** A cell of a CSV file as the server writes it: quoted where it must be, and never a formula. */
+function cell(value) {
+  if (typeof value !== "string") return String(value ?? "");
+  const text = /^[=+\-@\t\r]/.test(value) ? `'${value}` : value;
+  return /[",\n\r]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text;
 }
 
 /** A name for a file of the figure. */
