@@ -75,6 +75,36 @@ test("a page behind a token asks for it, refuses a wrong one, and is shown after
     }
   }));
 
+/** The page went on saying that it was live, and showed what was there when the login expired. */
+test("a page says that its login has expired, and leads back after the next one", () =>
+  withFolder(async (folder) => {
+    const server = await serve(folder, { env: { TORQUED_TOKEN: token } });
+    const page = await browser.newPage();
+    const logIn = async () => {
+      await page.getByLabel("Token").fill(token);
+      await page.getByRole("button", { name: "Log in" }).click();
+      await page.waitForURL(`${server.url}/runs`);
+    };
+    try {
+      await page.goto(`${server.url}/runs`);
+      await logIn();
+      await page.context().clearCookies();
+      const submitted = await fetch(`${server.url}/v1/jobs`, {
+        method: "POST",
+        headers: { "content-type": "application/json", authorization: `Bearer ${token}` },
+        body: JSON.stringify({ preset: "D1-multisine", trajectories: 1 }),
+      });
+      assert.equal(submitted.status, 201, await submitted.clone().text());
+      const said = page.locator("#liveness.lost");
+      await said.filter({ hasText: "your login has expired" }).waitFor({ timeout: 30_000 });
+      await said.getByRole("link", { name: "Log in" }).click();
+      await logIn();
+    } finally {
+      await page.close();
+      await server.stop();
+    }
+  }));
+
 test("a page says that its server has gone, and goes on when it is back", () =>
   withFolder(async (folder) => {
     let server = await serve(folder);

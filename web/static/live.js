@@ -2,7 +2,7 @@
 // Everything works without this script; reloading does the same. Without events, the page is fetched at intervals.
 
 import { asSent } from "./charts.js";
-import { fetched, replace } from "./replace.js";
+import { LoggedOut, fetched, replace } from "./replace.js";
 import { asWritten, localize } from "./times.js";
 
 const SHORTEST_WAIT = 1500;
@@ -63,11 +63,20 @@ async function refresh() {
     wait = Math.min(wait * 2, LONGEST_WAIT);
     [hasHappened, refreshedAt] = [true, Date.now()];
     status.className = "liveness lost";
-    status.textContent = `no answer; next try in ${Math.round(wait / 1000)} s`;
+    if (error instanceof LoggedOut) sayLoggedOut(error.address);
+    else status.textContent = `no answer; next try in ${Math.round(wait / 1000)} s`;
   }
   isRefreshing = false;
   listen();
   schedule();
+}
+
+// The page stays as it was. A login in another tab brings it back to life, too.
+function sayLoggedOut(address) {
+  const link = document.createElement("a");
+  link.href = address;
+  link.textContent = "Log in";
+  status.replaceChildren("your login has expired. ", link);
 }
 
 // Schedules the next fetch of the page: soon after an event, and at intervals without events.

@@ -5,6 +5,14 @@ import { localize } from "./times.js";
 
 const REQUEST_TIMEOUT = 15000;
 
+/** The answer to a reader whose login has expired: the page at `address`, where one logs in again. */
+export class LoggedOut extends Error {
+  constructor(address) {
+    super("the login has expired", { cause: 401 });
+    this.address = address;
+  }
+}
+
 /** The page at an address, as the server has it now. The cause of an error is the status, if there was an answer. */
 export async function fetched(address) {
   const response = await fetch(address, {
@@ -13,6 +21,7 @@ export async function fetched(address) {
     signal: AbortSignal.timeout(REQUEST_TIMEOUT),
   });
   if (!response.ok) throw new Error(`the server answered ${response.status}`, { cause: response.status });
+  if (response.redirected && new URL(response.url).pathname.endsWith("/login")) throw new LoggedOut(response.url);
   return new DOMParser().parseFromString(await response.text(), "text/html");
 }
 
