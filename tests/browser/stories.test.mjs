@@ -105,6 +105,33 @@ test("a page says that its login has expired, and leads back after the next one"
     }
   }));
 
+test("a run that a client of MLflow logs appears in the list of all runs, and its metrics on its page", () =>
+  withFolder(async (folder) => {
+    const server = await serve(folder);
+    const page = await browser.newPage();
+    const ask = async (operation, body) => {
+      const answer = await fetch(`${server.url}/api/2.0/mlflow/runs/${operation}`, {
+        method: "POST",
+        headers: { "content-type": "application/json" },
+        body: JSON.stringify(body),
+      });
+      assert.equal(answer.status, 200, await answer.clone().text());
+      return answer.json();
+    };
+    try {
+      await page.goto(`${server.url}/logged`);
+      const { run } = await ask("create", { experiment_id: "0", run_name: "came later", start_time: Date.now() });
+      await page.getByRole("link", { name: "came later" }).click({ timeout: 30_000 });
+      await page.waitForURL(/logged\/[0-9a-f]{32}$/);
+      const metric = { key: "loss", value: 0.5, timestamp: Date.now(), step: 1 };
+      await ask("log-metric", { run_id: run.info.run_id, ...metric });
+      await page.locator("#latest").getByText("loss").first().waitFor({ timeout: 30_000 });
+    } finally {
+      await page.close();
+      await server.stop();
+    }
+  }));
+
 test("a page says that its server has gone, and goes on when it is back", () =>
   withFolder(async (folder) => {
     let server = await serve(folder);

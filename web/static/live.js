@@ -11,7 +11,7 @@ const LONGEST_WAIT = 30000;
 // The kinds of events after which something may have changed; `end` comes after the last of a job.
 const KINDS = ["job", "task", "metrics", "checkpoint", "deletion", "progress", "gap", "end"];
 
-// Lists show the progress of tasks, for which there is no event.
+// Lists show the progress of tasks, robots, and runs of MLflow's clients, for which there is no event.
 const LIST_WAIT = 10000;
 
 const status = document.getElementById("liveness");

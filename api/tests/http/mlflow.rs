@@ -434,6 +434,9 @@ async fn the_page_shows_what_clients_logged() {
     for part in ["by ada", "0.001", "stage", "<metadata>", "plots/a%20b.txt"] {
         assert!(shown.text().contains(part), "{part}: {}", shown.text());
     }
+    // It renews itself as long as the run runs.
+    let settles = "data-settled=\"for-good\"";
+    assert!(shown.text().contains("id=\"latest\" data-live") && !shown.text().contains(settles));
     let other = server.get(&format!("/logged/{id}?metric=train%2Faccuracy")).await;
     assert!(other.text().contains("<title>train/accuracy</title>"), "{}", other.text());
     let unknown = server.get(&format!("/logged/{id}?metric=none")).await;
@@ -441,6 +444,8 @@ async fn the_page_shows_what_clients_logged() {
     let link = format!("{ARTIFACTS}/2/{id}/artifacts/plots/a%20b.txt");
     assert_eq!(server.get(&link).await.text(), "text");
     assert_eq!(server.get("/logged/none").await.status, 404);
+    posted(&server, "runs/update", json!({"run_id": id, "status": "FINISHED"})).await;
+    assert!(server.get(&format!("/logged/{id}")).await.text().contains(settles));
     posted(&server, "runs/delete", json!({"run_id": id})).await;
     assert!(server.get("/logged").await.text().contains("There are no runs yet"));
 }
