@@ -225,6 +225,8 @@ async fn pages_of_lists_link_to_their_orders() {
             assert!(text.contains("name=\"sort\" value=\"name\""), "the form keeps the order");
         }
     }
+    let checkpoints = server.get("/checkpoints").await;
+    assert!(checkpoints.text().contains("placeholder=\"Tags, aliases\""), "{checkpoints:?}");
     let runs = server.get("/runs?sort=rmse").await;
     assert!(runs.text().contains("<th class=\"number\">Last validation RMSE</th>"), "{runs:?}");
     assert_eq!(server.get("/datasets?sort=rmse").await.status, 400);

@@ -31,6 +31,9 @@ async fn a_preset_and_an_earlier_job_are_a_beginning() {
     let spec: serde_json::Value = serde_json::from_str(&text).unwrap();
     assert_eq!(spec, job["spec"]);
     assert!(server.get("/jobs/1").await.text().contains("launch?job=1"));
+    let dataset = server.json("/v1/datasets/1").await;
+    let again = format!("launch?job={}", dataset["job"]);
+    assert!(server.get("/datasets/1").await.text().contains(&again));
     for (path, status) in [("/launch?job=99", 404), ("/launch?preset=none", 404)] {
         assert_eq!(server.get(path).await.status, status, "{path}");
     }

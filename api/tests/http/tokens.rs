@@ -397,6 +397,7 @@ async fn a_browser_whose_token_may_only_read_gets_pages_without_buttons() {
     for (path, button, needed) in [
         ("/jobs/1", "/cancel\"", "submit"),
         ("/jobs/1", "Duplicate and edit", "submit"),
+        ("/datasets/1", "Duplicate and edit", "submit"),
         ("/jobs/1", "Change name, tags and note", "submit"),
         ("/workers", "Pause the queue", "admin"),
         ("/", "data-key=\"l\"", "submit"),
