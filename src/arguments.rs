@@ -45,9 +45,9 @@ pub struct OptionalServerArguments {
 
 impl OptionalServerArguments {
     /// A client of the server, if one was named.
-    pub fn client(self) -> Result<Option<Client>, ClientError> {
-        let Some(server) = self.server else { return Ok(None) };
-        ServerArguments { server, token: self.token }.client().map(Some)
+    pub fn client(&self) -> Result<Option<Client>, ClientError> {
+        let Some(server) = self.server.clone() else { return Ok(None) };
+        ServerArguments { server, token: self.token.clone() }.client().map(Some)
     }
 }
 

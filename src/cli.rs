@@ -53,7 +53,7 @@ pub enum Command {
     Stream(predict::StreamArguments),
     /// Upload your own recordings and turn them into a dataset
     Import(import::Arguments),
-    /// Identify an arm from its URDF and logs, without a server
+    /// Identify an arm from its URDF and logs, on this machine
     Identify(Box<identify::Arguments>),
     /// Design a motion that shows the parameters of an arm
     Excite(Box<excite::Arguments>),

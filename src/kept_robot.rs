@@ -34,7 +34,7 @@ impl AnyRobotArguments {
     ///
     /// # Errors
     /// As for [`RobotArguments::read`], and when the server does not answer or keeps no such robot.
-    pub async fn read(self) -> anyhow::Result<Robot> {
+    pub async fn read(&self) -> anyhow::Result<Robot> {
         let Some(name) = self.robot.name_on_server() else { return self.robot.read() };
         let Some(client) = self.server.client()? else {
             let missing = self.robot.read().err().map(|error| error.to_string());
@@ -44,6 +44,11 @@ impl AnyRobotArguments {
         let not_here = || format!("{name} is neither a file nor a built-in robot");
         kept(&client, &name).await.with_context(not_here)
     }
+
+    /// Whether the robot is on standard input.
+    pub fn is_standard_input(&self) -> bool {
+        self.robot.is_standard_input()
+    }
 }
 
 /// The robot that the server keeps under an id, a digest or a name.
@@ -52,19 +57,23 @@ async fn kept(client: &Client, name: &str) -> anyhow::Result<Robot> {
         Ok(id) => id,
         Err(_) => id_of(client, name).await?,
     };
-    let wire::Robot { description, urdf, doubts, .. } = client.robot(id).await?;
+    let wire::Robot { description, urdf: reading, mut doubts, .. } = client.robot(id).await?;
     let description = description.with_context(|| format!("robot {id} has no description"))?;
     let description = described(&description.to_string())
         .with_context(|| format!("robot {id} of the server, whose version may be another"))?;
-    let urdf = match urdf {
-        Some(reading) => {
-            let text = client.download(&format!("/v1/robots/{id}/arm.urdf")).await?;
-            String::from_utf8(text).ok().and_then(|text| read_again(text, reading))
+    let mut urdf = None;
+    if let Some(reading) = reading {
+        let text = client.download(&format!("/v1/robots/{id}/arm.urdf")).await?;
+        let again = String::from_utf8(text).ok().and_then(|text| read_again(text, reading));
+        // This version of the program may read another arm in the URDF.
+        urdf = again.filter(|urdf| urdf::mjcf(&description, Some(&urdf.arm)).is_ok());
+        if urdf.is_none() {
+            doubts.push(format!(
+                "the URDF of robot {id} is left out: this version of torqued does not read the description of the \
+                 server in it"
+            ));
         }
-        None => None,
-    };
-    // This version of the program may read another arm in the URDF.
-    let urdf = urdf.filter(|urdf| urdf::mjcf(&description, Some(&urdf.arm)).is_ok());
+    }
     Ok(Robot { model: RobotModel::Described(Box::new(description)), urdf, doubts })
 }
 

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use serde_json::Value;
 
-use crate::product::{run_to_end, torqued};
+use crate::product::{Product, run_to_end, torqued};
 
 /// Two links about horizontal axes. Nothing is said about the first joint's speed.
 const URDF: &str = r#"<?xml version="1.0"?>
@@ -115,6 +115,26 @@ fn a_urdf_becomes_a_motion_for_its_controller() {
     let first: Value =
         serde_json::from_slice(&fs::read(motion.join("report.json")).unwrap()).unwrap();
     assert_eq!(report, first);
+}
+
+#[tokio::test]
+async fn a_motion_is_designed_for_an_arm_that_a_server_keeps() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let data = tempfile::tempdir().unwrap();
+    let product = Product::start(data.path());
+    fs::write(folder.join("arm.urdf"), URDF).unwrap();
+    let server = ["--server", product.url.as_str()];
+    let mut add = torqued(&["robot", "add", "arm.urdf"]);
+    let (code, _, errors) = run_to_end(add.args(server).current_dir(folder));
+    assert_eq!(code, Some(0), "{errors}");
+    let (code, of_file, errors) = excite(folder, &["--out", "file", "--json"]);
+    assert_eq!(code, Some(0), "{errors}");
+    let mut kept = torqued(&["excite", "crane", "--out", "kept", "--json"]);
+    let (code, of_server, doubts) = run_to_end(kept.args(FLAGS).args(server).current_dir(folder));
+    assert_eq!(code, Some(0), "{doubts}");
+    assert_eq!(of_server, of_file);
+    assert!(doubts.contains("shoulder") && doubts.contains("velocity"), "{doubts}");
 }
 
 #[test]

@@ -232,6 +232,46 @@ fn a_mapping_says_what_other_files_hold() {
     assert!(errors.contains("--mapping"), "{errors}");
 }
 
+/// The server's copy of the URDF gets the numbers, as a file's does.
+#[tokio::test]
+async fn an_arm_that_a_server_keeps_is_identified_as_from_its_urdf() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let data = tempfile::tempdir().unwrap();
+    let product = Product::start(data.path());
+    fs::write(folder.join("arm.urdf"), URDF).unwrap();
+    fs::write(folder.join("log.csv"), log(0.3)).unwrap();
+    let server = ["--server", product.url.as_str()];
+    let mut add = torqued(&["robot", "add", "arm.urdf", "--name", "my arm"]);
+    let (code, _, errors) = run_to_end(add.args(server).current_dir(folder));
+    assert_eq!(code, Some(0), "{errors}");
+    let identify = |arm: &str, out: &str, more: &[&str]| {
+        let mut command = torqued(&["identify", arm, "log.csv", "--motion-steps", "0"]);
+        let text = ["--separator", ";", "--decimal-comma", "--out", out];
+        run_to_end(command.args(text).args(more).current_dir(folder))
+    };
+    for (arm, out, more) in
+        [("arm.urdf", "file", &[][..]), ("my arm", "name", &server), ("1", "id", &server)]
+    {
+        let (code, _, errors) = identify(arm, out, more);
+        assert_eq!(code, Some(0), "{arm}: {errors}");
+    }
+    for file in ["arm.urdf", "arm.xml", "description.json", "parameters.csv", "report.json"] {
+        let [of_file, of_name, of_id] = ["file", "name", "id"]
+            .map(|out| fs::read_to_string(folder.join(out).join(file)).unwrap());
+        assert_eq!(of_name, of_file, "{file}");
+        assert_eq!(of_id, of_file, "{file}");
+    }
+
+    let (code, _, errors) = identify("1", "nowhere", &[]);
+    assert_eq!(code, Some(1));
+    assert!(errors.contains("--server URL names a server that keeps it"), "{errors}");
+    let (code, _, errors) = identify("2", "nowhere", &server);
+    assert_eq!(code, Some(1));
+    assert!(errors.contains("there is no robot 2"), "{errors}");
+    assert!(!folder.join("nowhere").exists());
+}
+
 /// The pendulum's logs as datasets, which the commands of a user make: `one`, `two` and `three`.
 fn import(product: &Product, folder: &Path) -> [Value; 3] {
     fs::write(folder.join("arm.urdf"), URDF).unwrap();

@@ -179,6 +179,8 @@ async fn a_server_keeps_an_arm_that_specs_name() {
     let checked: Value = serde_json::from_str(&checked).unwrap();
     let model = &checked["spec"]["robot"]["model"];
     assert_eq!(description(model), description(&known["description"]));
+    let computed = robot(&["dynamics", file.to_str().unwrap()]);
+    assert_eq!(with_server(&["dynamics", "my arm"]), computed);
     let at_server = |arguments: &[&str]| refused(&[arguments, &server].concat());
     let message = at_server(&["show", "9"]);
     assert!(message.contains("9 is neither a file nor a built-in robot: "), "{message}");
@@ -187,8 +189,10 @@ async fn a_server_keeps_an_arm_that_specs_name() {
     assert!(message.contains("no robot with the name or the digest \"your arm\""), "{message}");
     let message = at_server(&["show", "1", "--tip", "link1"]);
     assert!(message.contains("1 is a robot of the server, and --tip is only for"), "{message}");
-    let message = refused(&["show", "1"]);
-    assert!(message.contains("--server URL names a server that keeps it"), "{message}");
+    for command in ["show", "check", "dynamics"] {
+        let message = refused(&[command, "1"]);
+        assert!(message.contains("--server URL names a server that keeps it"), "{message}");
+    }
 
     let simulation = |model: Value| {
         json!({

@@ -1,4 +1,4 @@
-//! From an arm to the motion that shows its parameters, without a server.
+//! From an arm to the motion that shows its parameters, on this machine.
 
 mod figure;
 mod tables;
@@ -15,13 +15,13 @@ use serde::Serialize;
 use serde_json::json;
 
 use crate::commands::result_folder::ResultFolder;
+use crate::kept_robot::AnyRobotArguments;
 use crate::output::write_json;
-use crate::robots::RobotArguments;
 
 #[derive(Debug, Args)]
 pub struct Arguments {
     #[command(flatten)]
-    robot: RobotArguments,
+    robot: AnyRobotArguments,
 
     /// The length of the motion, s
     #[arg(long, value_name = "S", default_value_t = ExcitationSettings::default().seconds)]
@@ -72,10 +72,10 @@ pub struct Arguments {
     json: bool,
 }
 
-pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+pub async fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let settings = settings(arguments);
     check_rate(arguments, &settings)?;
-    let robot = arguments.robot.read()?;
+    let robot = arguments.robot.read().await?;
     for doubt in &robot.doubts {
         eprintln!("warning: {doubt}");
     }

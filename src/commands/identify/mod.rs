@@ -1,4 +1,4 @@
-//! From a URDF and logs to an identified arm, without a server.
+//! From an arm and logs to an identified arm, on this machine.
 
 mod hints;
 mod log;
@@ -16,13 +16,14 @@ use spec::IdentifySpec;
 use worker::{ArmFile, FoundLoad, IdentifiedArm};
 
 use crate::commands::result_folder::ResultFolder;
+use crate::kept_robot::AnyRobotArguments;
 use crate::output::write_json;
-use crate::robots::{RobotArguments, Urdf};
+use crate::robots::Urdf;
 
 #[derive(Debug, Args)]
 pub struct Arguments {
     #[command(flatten)]
-    robot: RobotArguments,
+    robot: AnyRobotArguments,
 
     /// Logs of the arm with times, positions and torques: text, Parquet, NumPy (.npz) or MCAP files
     #[arg(value_name = "LOG", required = true)]
@@ -71,8 +72,8 @@ pub struct Arguments {
 /// Standard deviation of the gains of motors whose torque is computed from their current.
 const GAIN_DEVIATION_OF_CURRENTS: f64 = 0.15;
 
-pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
-    let robot = arguments.robot.read()?;
+pub async fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    let robot = arguments.robot.read().await?;
     let reader = arguments.columns.reader(robot.description())?;
     let settings = settings(arguments, reader.gains().is_some())?;
     for doubt in &robot.doubts {

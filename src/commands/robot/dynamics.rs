@@ -9,8 +9,8 @@ use dynamics::{ArmState, Evaluation, Joints};
 use serde::{Deserialize, Serialize};
 use spec::{Gravity, Precision, RobotModel, RobotSpec};
 
+use crate::kept_robot::AnyRobotArguments;
 use crate::output::write_json;
-use crate::robots::RobotArguments;
 
 /// The longest line of a state.
 const LINE_BYTES: u64 = 64 << 10;
@@ -38,7 +38,7 @@ pub struct Arguments {
     precision: Format,
 
     #[command(flatten)]
-    robot: RobotArguments,
+    robot: AnyRobotArguments,
 }
 
 /// The format of numbers.
@@ -73,14 +73,14 @@ struct Hand {
     quaternion_xyzw: [f64; 4],
 }
 
-pub fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
+pub async fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let Arguments { states, precision, robot } = arguments;
     let is_standard_input = states.as_ref().is_some_and(|file| file.as_os_str() == "-");
     ensure!(
         !(is_standard_input && robot.is_standard_input()),
         "both the arm and --states are read from standard input, allowed: one of them"
     );
-    let arm = Arm::new(robot.read()?.model, *precision);
+    let arm = Arm::new(robot.read().await?.model, *precision);
     let Some(file) = states else {
         let q = vec![0.0; arm.robot.joints()];
         write_json(&arm.answer(&State { q, qd: None, u: None })?)?;

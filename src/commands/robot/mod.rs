@@ -39,7 +39,7 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     match arguments.command {
         Command::Show(arguments) => show::run(arguments).await,
         Command::Check(arguments) => check::run(arguments).await,
-        Command::Dynamics(arguments) => dynamics::run(&arguments),
+        Command::Dynamics(arguments) => dynamics::run(&arguments).await,
         Command::Add(arguments) => keep::add(arguments).await,
         Command::List(arguments) => lists::run(arguments).await,
         Command::Remove(arguments) => keep::remove(arguments).await,
