@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use crate::product::{Product, run_to_end, torqued};
 
 /// A pendulum about a horizontal axis. The described link weighs 2 kg, the true one 2.2 kg.
-const URDF: &str = r#"<?xml version="1.0"?>
+pub const URDF: &str = r#"<?xml version="1.0"?>
 <robot name="pendulum">
   <!-- the stand -->
   <link name="stand"/>
@@ -37,7 +37,7 @@ const VISCOUS_NM_S_RAD: f64 = 0.8;
 
 /// A log of the true pendulum with the rotor of its motor, as text with a cut last line. `phase`
 /// makes another motion.
-fn log(phase: f64) -> String {
+pub fn log(phase: f64) -> String {
     const WAVES: [(f64, f64); 3] = [(0.8, 0.2), (0.4, 0.5), (0.15, 1.1)];
     const ROTOR_KG_M2: f64 = 0.1;
 
@@ -60,14 +60,14 @@ fn log(phase: f64) -> String {
     text + "20,0;0,1"
 }
 
-fn identify(folder: &Path, more: &[&str]) -> (Option<i32>, String, String) {
+pub fn identify(folder: &Path, more: &[&str]) -> (Option<i32>, String, String) {
     let files = ["arm.urdf", "one.csv", "two.csv", "--validate", "three.csv"];
     let flags = ["--separator", ";", "--decimal-comma", "--out", "found"];
     let mut command = torqued(&["identify"]);
     run_to_end(command.args(files).args(flags).args(more).current_dir(folder))
 }
 
-fn read_json(path: &Path) -> Value {
+pub fn read_json(path: &Path) -> Value {
     serde_json::from_slice(&fs::read(path).unwrap()).unwrap()
 }
 
@@ -273,7 +273,7 @@ async fn an_arm_that_a_server_keeps_is_identified_as_from_its_urdf() {
 }
 
 /// The pendulum's logs as datasets, which the commands of a user make: `one`, `two` and `three`.
-fn import(product: &Product, folder: &Path) -> [Value; 3] {
+pub fn import(product: &Product, folder: &Path) -> [Value; 3] {
     fs::write(folder.join("arm.urdf"), URDF).unwrap();
     let (code, arm, errors) =
         run_to_end(torqued(&["robot", "show", "arm.urdf", "--json"]).current_dir(folder));
@@ -397,53 +397,6 @@ async fn several_datasets_are_fitted_together_and_each_has_its_load() {
         product.get(&format!("/v1/runs/{}/artifacts/description.json", job["run"])).await
     };
     assert_eq!(found(one.clone()).await, found(json!([one])).await);
-}
-
-#[tokio::test]
-async fn a_log_with_the_other_sign_is_doubted_before_and_after_its_import() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
-    let data = tempfile::tempdir().unwrap();
-    let product = Product::start(data.path());
-    import(&product, folder);
-    let check = |flags: &[&str]| {
-        let file = ["log.csv", "--spec", "import.json", "--check", "--server", &product.url];
-        let (code, output, errors) =
-            run_to_end(torqued(&["import"]).args(file).args(flags).current_dir(folder));
-        assert_eq!(code, Some(0), "{output}{errors}");
-        output
-    };
-    let right = check(&[]);
-    assert!(right.contains("recordings: 1, rows: 2500, trajectories: 1"), "{right}");
-    assert!(right.contains("Torques beside the robot's") && !right.contains("warning"), "{right}");
-
-    // The server knows the robot of the spec. Only u is turned.
-    let spec = read_json(&folder.join("import.json"));
-    let by_id = json!({"robot": {"model": {"robot": 1}, "gravity": "on"}});
-    let mut spec = spec.as_object().unwrap().clone();
-    spec.extend(by_id.as_object().unwrap().clone());
-    spec.insert(
-        "columns".to_owned(),
-        json!({"time": "t", "u": ["u1"], "q": ["q1"], "gains": [-1]}),
-    );
-    fs::write(folder.join("import.json"), Value::from(spec).to_string()).unwrap();
-    let turned = check(&["--json"]);
-    let turned: Value = serde_json::from_str(&turned).unwrap();
-    assert_eq!(turned["check"]["channels"][0]["sign"], -1, "{turned:#}");
-    // The torques of a single joint do not tell whether it is u or q.
-    let said = "u or q of joint 1 seems to have the other sign. The torques do not tell which";
-    assert_eq!(turned["check"]["doubts"][0], said, "{turned:#}");
-    assert_eq!(product.get("/v1/jobs").await["jobs"].as_array().unwrap().len(), 3);
-
-    let flags = ["log.csv", "--spec", "import.json", "--wait", "--server", &product.url];
-    let (code, output, errors) = run_to_end(torqued(&["import"]).args(flags).current_dir(folder));
-    assert_eq!(code, Some(0), "{output}{errors}");
-    assert!(output.contains(&format!("warning: {said}")), "{output}");
-    let tasks = product.get("/v1/jobs/4/tasks").await;
-    let result = &tasks["tasks"][0]["result"];
-    assert_eq!(result["check"], turned["check"], "{result:#}");
-    let page = String::from_utf8(product.download("/datasets/4").await).unwrap();
-    assert!(page.contains(said) && page.contains("Torques beside the robot"), "{page}");
 }
 
 #[tokio::test]

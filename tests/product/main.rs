@@ -12,6 +12,7 @@ mod data_folder;
 mod deployment;
 mod devices;
 mod doctor;
+mod doubted_logs;
 mod events;
 mod everywhere;
 mod excite;

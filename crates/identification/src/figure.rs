@@ -25,7 +25,7 @@ pub struct Curves {
 
 impl Curves {
     pub(crate) fn new(motion: &Motion, prior: &Prior, arm: &Arm) -> Self {
-        let motion = motion.beginning(SHOWN_S);
+        let motion = motion.part(0..motion.samples_in(SHOWN_S).min(motion.samples()));
         let motions = std::slice::from_ref(&motion);
         Self {
             recording: motion.name.clone(),

@@ -7,7 +7,7 @@ use wire::{ArmReport, HorizonErrors, TorqueResidual};
 use crate::IdentificationError;
 use crate::arm::{Arm, Prior, described_friction_speeds};
 use crate::arx::Arx;
-use crate::check::doubts_before_fit;
+use crate::check::{Purpose, doubts_before_fit};
 use crate::doubts::doubts;
 use crate::estimates::{Estimates, IDENTIFIED};
 use crate::figure::Curves;
@@ -93,27 +93,36 @@ pub fn identify(
         .collect::<Result<Vec<_>, _>>()?;
     let mut found = search(priors, recordings, validation, settings, progress)?;
     let Settings { gain_deviation, most_delay_s, .. } = *settings;
-    let doubts = doubts_before_fit(description, recordings, gain_deviation, most_delay_s)?;
+    let purpose = Purpose::Identification { gain_deviation, most_delay_s };
+    let all = [recordings, validation].concat();
+    let doubts = doubts_before_fit(description, &all, purpose)?;
     found.report.warnings.splice(0..0, doubts);
     Ok(found)
 }
 
-/// Identifies the load in the hand of an arm that [`identify`] found. All recordings have the same
-/// load and the same rate. The report's last parameters are the load's, and beside it stands the arm
-/// with a usual load.
+/// Identifies the load in the hand of an arm that [`identify`] found for a description. All recordings
+/// have the same load and the same rate. The report's last parameters are the load's, and beside it
+/// stands the arm with a usual load.
 ///
 /// # Errors
 /// See [`IdentificationError`].
 pub fn identify_load(
+    description: &RobotDescription,
     arm: &Arm,
     recordings: &[Recording],
     validation: &[Recording],
     settings: &Settings,
     progress: Progress<'_>,
 ) -> Result<Identification, IdentificationError> {
+    let Settings { gain_deviation, most_delay_s, .. } = *settings;
     // The delay is that of the arm.
     let settings = Settings { most_delay_s: 0.0, ..*settings };
-    search(vec![Prior::loaded(arm)], recordings, validation, &settings, progress)
+    let mut found = search(vec![Prior::loaded(arm)], recordings, validation, &settings, progress)?;
+    let purpose = Purpose::Load { gain_deviation, most_delay_s };
+    let all = [recordings, validation].concat();
+    let doubts = doubts_before_fit(&arm.description(description), &all, purpose)?;
+    found.report.warnings.splice(0..0, doubts);
+    Ok(found)
 }
 
 /// The prior whose regression leaves the least torque, and the arm from there.

@@ -40,7 +40,7 @@ mod trace;
 mod wording;
 
 pub use arm::{Arm, JointParameter, Parameter};
-pub use check::{MOST_CHECKED_S, check_log};
+pub use check::check_log;
 pub use error::IdentificationError;
 pub use excitation::{
     Excitation, ExcitationError, ExcitationReport, ExcitationSettings, JointExcitation,

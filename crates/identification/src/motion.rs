@@ -1,5 +1,7 @@
 //! Recordings, and the motions in them without noise.
 
+use std::ops::Range;
+
 use series::LowPass;
 
 use crate::IdentificationError;
@@ -91,19 +93,23 @@ impl Motion {
             .collect()
     }
 
-    /// The first `seconds`.
-    pub(crate) fn beginning(&self, seconds: f64) -> Self {
-        let samples = self.samples_in(seconds).min(self.samples());
-        let first = |rows: &[Vec<f64>]| rows[..samples].to_vec();
+    /// The motion of these samples.
+    pub(crate) fn part(&self, samples: Range<usize>) -> Self {
+        let of = |rows: &[Vec<f64>]| rows[samples.clone()].to_vec();
         Self {
             name: self.name.clone(),
-            q: first(&self.q),
-            qd: first(&self.qd),
-            qdd: first(&self.qdd),
-            u: first(&self.u),
-            recorded_u: first(&self.recorded_u),
+            q: of(&self.q),
+            qd: of(&self.qd),
+            qdd: of(&self.qdd),
+            u: of(&self.u),
+            recorded_u: of(&self.recorded_u),
             ..*self
         }
+    }
+
+    /// Its length, s.
+    pub(crate) fn seconds(&self) -> f64 {
+        self.samples() as f64 / self.rate_hz
     }
 
     pub(crate) fn samples(&self) -> usize {

@@ -290,9 +290,10 @@ fn the_same_recordings_give_the_same_bits() {
 
 #[test]
 fn a_load_is_found_in_the_hand_of_an_identified_arm() {
-    let (_, arm, found) = identified();
+    let (described, arm, found) = identified();
     let loaded = [log(&arm, Some((1.5, [0.05, 0.0, 0.1])), 20, 10)];
-    let load = identify_load(&found.arm, &loaded, &[], &Settings::default(), unheard()).unwrap();
+    let settings = Settings::default();
+    let load = identify_load(&described, &found.arm, &loaded, &[], &settings, unheard()).unwrap();
     let of = |name: &str| {
         let parameters = &load.report.parameters;
         parameters.iter().find(|estimate| estimate.name == name).unwrap()

@@ -80,7 +80,7 @@ where
         }
     }
 
-    /// Keeps everything as it was measured, not only the first three minutes.
+    /// Keeps everything as it was measured, however many rows that are.
     #[must_use]
     pub fn keeping_all(self) -> Self {
         Self { keeper: Some(Keeper::of_all(self.spec.joints())), ..self }
@@ -144,7 +144,7 @@ where
         )))
     }
 
-    /// The rows that were kept as they were measured: the first three minutes, for a check of their
+    /// The rows that were kept as they were measured: pieces from everywhere, for a check of their
     /// torques, or [everything](Self::keeping_all). There is nothing if the spec names no robot, and nothing the
     /// second time.
     pub fn take_measured(&mut self) -> Vec<Measured> {

@@ -100,9 +100,8 @@ pub async fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let per_load = if arguments.same_load { loads.len() } else { 1 };
     let load = |recordings: &[Recording]| -> anyhow::Result<FoundLoad> {
         let names: Vec<&str> = recordings.iter().map(|log| log.name.as_str()).collect();
-        let found = identify_load(&found.arm, recordings, &[], &settings, &mut || {
-            ControlFlow::Continue(())
-        })?;
+        let progress = &mut || ControlFlow::Continue(());
+        let found = identify_load(description, &found.arm, recordings, &[], &settings, progress)?;
         Ok(FoundLoad { recordings: names.join(", "), found })
     };
     let loads = loads.chunks(per_load.max(1)).map(|files| load(&recordings(files)));

@@ -49,7 +49,7 @@ fn run(attempt: &Attempt) -> Result<(), TaskError> {
     let mut loads = Vec::new();
     for ((field, _), recordings) in fields.zip(&loaded) {
         attempt.progress.say(format!("fits the load of {field}"));
-        let load = identify_load(&found.arm, recordings, &[], &settings, &mut progress)?;
+        let load = identify_load(described, &found.arm, recordings, &[], &settings, &mut progress)?;
         loads.push(FoundLoad { recordings: field, found: load });
     }
     attempt.check_stop()?;

@@ -5,16 +5,26 @@ use spec::{JointDescription, RobotDescription};
 use crate::motion::Motion;
 
 /// A smoothed value of a recording, and the limit of the description that it is nearest to.
-#[derive(Clone, Copy)]
+#[derive(Clone, Debug)]
 pub struct Reached {
     pub value: f64,
     pub limit: f64,
+    /// The recording with the value, and the seconds since its beginning.
+    recording: String,
+    time_s: f64,
 }
 
 impl Reached {
     /// How much the value is of its limit.
-    pub const fn share(self) -> f64 {
+    pub const fn share(&self) -> f64 {
         self.value.abs() / self.limit.abs()
+    }
+
+    /// `12.3 s into a.csv`.
+    pub fn place(&self) -> String {
+        let Self { recording, time_s, .. } = self;
+        let recording = if recording.is_empty() { "the recording" } else { recording };
+        format!("{time_s:.1} s into {recording}")
     }
 }
 
@@ -42,36 +52,45 @@ impl Farthest {
     }
 
     fn of_joint(limits: &JointDescription, joint: usize, motions: &[Motion]) -> Self {
-        let positions = || known(motions, |motion| &motion.q).map(|row| row[joint]);
-        let [lowest, highest] = [
-            Reached {
-                value: positions().fold(f64::INFINITY, f64::min),
-                limit: limits.position_rad.min,
-            },
-            Reached {
-                value: positions().fold(f64::NEG_INFINITY, f64::max),
-                limit: limits.position_rad.max,
-            },
-        ];
+        let farthest = |rows: fn(&Motion) -> &[Vec<f64>], limit: f64, key: fn(f64) -> f64| {
+            farthest(motions, rows, joint, limit, key)
+        };
+        let lowest = farthest(|motion| &motion.q, limits.position_rad.min, |q| -q);
+        let highest = farthest(|motion| &motion.q, limits.position_rad.max, |q| q);
         let (below, above) = (lowest.limit - lowest.value, highest.value - highest.limit);
         let (position, beyond_rad) = if below > above { (lowest, below) } else { (highest, above) };
-        let largest = |rows: fn(&Motion) -> &[Vec<f64>], limit: f64| {
-            let sizes = known(motions, rows).map(|row| row[joint].abs());
-            Reached { value: sizes.fold(0.0, f64::max), limit }
-        };
+        let size = |farthest: Reached| Reached { value: farthest.value.abs(), ..farthest };
         Self {
             position,
             beyond_rad,
-            speed: largest(|motion| &motion.qd, limits.velocity_rad_s),
-            torque: largest(|motion| &motion.u, limits.torque_nm),
+            speed: size(farthest(|motion| &motion.qd, limits.velocity_rad_s, f64::abs)),
+            torque: size(farthest(|motion| &motion.u, limits.torque_nm, f64::abs)),
         }
     }
 }
 
-/// The rows of motions, but for those at the ends that the low-pass leaves uncertain.
-fn known(motions: &[Motion], rows: fn(&Motion) -> &[Vec<f64>]) -> impl Iterator<Item = &Vec<f64>> {
-    motions.iter().flat_map(move |motion| {
+/// The value of a joint with the largest key. Rows at the ends that the low-pass leaves uncertain do not
+/// count.
+fn farthest(
+    motions: &[Motion],
+    rows: fn(&Motion) -> &[Vec<f64>],
+    joint: usize,
+    limit: f64,
+    key: fn(f64) -> f64,
+) -> Reached {
+    let mut best = (f64::NEG_INFINITY, 0.0, 0, 0);
+    for (at, motion) in motions.iter().enumerate() {
         let uncertain = motion.uncertain();
-        rows(motion).iter().take(motion.samples().saturating_sub(uncertain)).skip(uncertain)
-    })
+        let known = uncertain..motion.samples().saturating_sub(uncertain);
+        for sample in known {
+            let value = rows(motion)[sample][joint];
+            if key(value) > best.0 {
+                best = (key(value), value, at, sample);
+            }
+        }
+    }
+    let (_, value, at, sample) = best;
+    let motion = &motions[at];
+    let time_s = sample as f64 / motion.rate_hz;
+    Reached { value, limit, recording: motion.name.clone(), time_s }
 }

@@ -4,30 +4,34 @@
 //! A channel of torques is compared with the torques that the description's arm needs for the
 //! recorded motion. Its links may differ from the description as those of [`crate::identify`] may;
 //! friction, rotor inertia and offset are free. A number is told only if the motion shows it.
+//!
+//! All recordings are compared together, and their parts one by one. Together they have no more rows
+//! than three minutes have, and neither has a part, so that the cost of long recordings is bounded.
 
+mod beyond;
 mod channel;
+mod comparison;
 mod delay;
 mod doubts;
 mod layout;
 mod limits;
+mod parts;
+mod purpose;
 mod regression;
 mod rows;
+mod told;
 
 use spec::RobotDescription;
 use wire::LogCheck;
 
+use crate::IdentificationError;
 use crate::arm::Prior;
 use crate::motion::{Motion, Recording};
-use crate::{HORIZONS_S, IdentificationError};
 use channel::Channel;
-use doubts::Purpose;
-use layout::Layout;
-use limits::Farthest;
-use rows::States;
-
-/// The most seconds of recordings that are compared: enough for delays to a fraction of a
-/// millisecond.
-pub const MOST_CHECKED_S: f64 = 180.0;
+use comparison::Comparison;
+use parts::Part;
+pub(crate) use purpose::Purpose;
+use told::{Doubted, told};
 
 /// The edge of the low-pass for positions and torques, Hz, and the highest one as a share of the
 /// rate.
@@ -37,27 +41,7 @@ const LOW_PASS_SHARE: f64 = 0.125;
 /// The speed at which Coulomb friction bends in an arm of which nothing is known yet, rad/s.
 const FRICTION_SPEED_RAD_S: f64 = 0.05;
 
-/// The findings about recordings.
-struct Comparison {
-    /// Length of the recordings and their longest period, s.
-    seconds: f64,
-    period_s: f64,
-    layout: Layout,
-    channels: Vec<Channel>,
-    ties: Ties,
-    /// How far each joint goes towards its limits. Empty if no recording is long enough.
-    farthest: Vec<Farthest>,
-}
-
-/// Mistakes that may be in columns of q as well as in those of u.
-struct Ties {
-    is_exchange_tied: bool,
-    /// Joints with another sign.
-    signs: Vec<usize>,
-}
-
-/// Compares recordings with the arm of a description. Only the first [`MOST_CHECKED_S`] count, and
-/// recordings that are too short do not.
+/// Compares recordings with the arm of a description. Recordings that are too short do not count.
 ///
 /// # Errors
 /// [`IdentificationError::Link`] when a link of the description cannot exist, and
@@ -67,80 +51,58 @@ pub fn check_log(
     description: &RobotDescription,
     recordings: &[Recording],
 ) -> Result<LogCheck, IdentificationError> {
-    let found = Comparison::new(description, recordings)?;
+    let (found, doubts) = compare(description, recordings, Purpose::Import)?;
     Ok(LogCheck {
         seconds: found.seconds,
-        doubts: doubts::of(&found, Purpose::Import),
+        doubts,
         channels: found.channels.iter().map(Channel::report).collect(),
     })
 }
 
-/// The doubts about recordings of a fit that the fit itself does not settle. Gains have a standard
-/// deviation of `gain_deviation`, and torques may be late by `most_delay_s`.
+/// The doubts about recordings that their `purpose` does not settle.
 ///
 /// # Errors
 /// See [`check_log`].
 pub(crate) fn doubts_before_fit(
     description: &RobotDescription,
     recordings: &[Recording],
-    gain_deviation: f64,
-    most_delay_s: f64,
+    purpose: Purpose,
 ) -> Result<Vec<String>, IdentificationError> {
-    let found = Comparison::new(description, recordings)?;
-    Ok(doubts::of(&found, Purpose::Identification { gain_deviation, most_delay_s }))
+    let (_, doubts) = compare(description, recordings, purpose)?;
+    Ok(doubts)
 }
 
-impl Comparison {
-    fn new(
-        description: &RobotDescription,
-        recordings: &[Recording],
-    ) -> Result<Self, IdentificationError> {
-        let joints = description.joints.len();
-        let arm = Prior::of(description, vec![FRICTION_SPEED_RAD_S; joints], 0.0)?;
-        let motions = motions(recordings, joints)?;
-        let states = States::new(&motions);
-        let few = states.thinned(layout::ROWS);
-        let mut layout = Layout::find(&arm, &few);
-        let is_exchange_tied = layout.settle_exchange(&arm, &few);
-        let mut ties = Ties { is_exchange_tied, signs: Vec::new() };
-        let mut channels = Channel::all(&arm, &states, &layout);
-        let before = layout.clone();
-        for joint in 0..joints {
-            let is_turned =
-                layout.has_declared_sign(joint) && channels[layout.torques[joint]].sign == Some(-1);
-            if is_turned && layout.settle_sign(joint, &arm, &few) {
-                ties.signs.push(joint);
-            }
-        }
-        if layout != before {
-            channels = Channel::all(&arm, &states, &layout);
-        }
-        Ok(Self {
-            seconds: motions.iter().map(|motion| motion.samples() as f64 / motion.rate_hz).sum(),
-            period_s: states.period_s(),
-            layout,
-            channels,
-            ties,
-            farthest: Farthest::of(description, &motions),
-        })
-    }
+/// The findings about all recordings together, and the doubts about them and their parts.
+fn compare(
+    description: &RobotDescription,
+    recordings: &[Recording],
+    purpose: Purpose,
+) -> Result<(Comparison, Vec<String>), IdentificationError> {
+    let joints = description.joints.len();
+    let arm = Prior::of(description, vec![FRICTION_SPEED_RAD_S; joints], 0.0)?;
+    let motions = motions(recordings, joints)?;
+    let whole = Comparison::of_torques(&arm, &motions).with_limits(description, &motions);
+    let parts = Part::all(&motions);
+    let doubted = |part: &Part| {
+        let found = Comparison::of_torques(&arm, &part.motions(&motions));
+        Doubted { part: part.name(&motions), doubts: doubts::of(&found, purpose) }
+    };
+    let of_parts: Vec<Doubted> = match parts.as_slice() {
+        // The only part is the whole.
+        [_] => Vec::new(),
+        parts => parts.iter().map(doubted).collect(),
+    };
+    let doubts = told(doubts::of(&whole, purpose), &of_parts);
+    Ok((whole, doubts))
 }
 
-/// The motions of the first recordings that are long enough.
+/// The motions of the recordings that are long enough.
 fn motions(recordings: &[Recording], joints: usize) -> Result<Vec<Motion>, IdentificationError> {
-    let mut left_s = MOST_CHECKED_S;
     let mut motions = Vec::new();
     for recording in recordings {
         let low_pass_hz = LOW_PASS_HZ.min(LOW_PASS_SHARE * recording.rate_hz);
-        if left_s < 2.0 * HORIZONS_S[HORIZONS_S.len() - 1] {
-            break;
-        }
         match Motion::new(recording, joints, low_pass_hz) {
-            Ok(motion) => {
-                let motion = motion.beginning(left_s);
-                left_s -= motion.samples() as f64 / motion.rate_hz;
-                motions.push(motion);
-            }
+            Ok(motion) => motions.push(motion),
             Err(IdentificationError::Short { .. }) => {}
             Err(error) => return Err(error),
         }

@@ -8,6 +8,9 @@ use crate::arm::{NUMBERS, Prior};
 use crate::motion::{Motion, whole};
 use crate::torques::ROWS_PER_SECOND;
 
+/// The most rows that are compared together: those of three minutes.
+pub const MOST: usize = 4500;
+
 /// Speeds at which two kinds of Coulomb friction bend, rad/s. A sum of both has any bend between.
 pub const FRICTION_SPEEDS_RAD_S: [f64; 2] = [0.02, 0.15];
 
@@ -66,11 +69,14 @@ impl JointRows {
 }
 
 impl<'a> States<'a> {
-    pub fn new(motions: &'a [Motion]) -> Self {
+    /// [`ROWS_PER_SECOND`], or fewer if there were more than `most` rows.
+    pub fn new(motions: &'a [Motion], most: usize) -> Self {
+        let seconds: f64 = motions.iter().map(Motion::seconds).sum();
+        let rows_per_second = ROWS_PER_SECOND.min(most as f64 / seconds);
         let (mut rows, mut states, mut begins) = (Vec::new(), Vec::new(), Vec::new());
         for (at, motion) in motions.iter().enumerate() {
             begins.push(rows.len());
-            let every = whole(motion.rate_hz / ROWS_PER_SECOND).max(1);
+            let every = whole(motion.rate_hz / rows_per_second).max(1);
             let known = motion.uncertain()..motion.samples().saturating_sub(motion.uncertain());
             let coulomb =
                 FRICTION_SPEEDS_RAD_S.map(|speed| motion.coulomb(&vec![speed; motion.joints]));

@@ -7,6 +7,7 @@
 
 mod fit;
 mod generated;
+mod parts;
 mod real;
 
 use generated::{Log, arm, drawn};
@@ -257,11 +258,13 @@ fn motions_and_torques_beyond_the_limits_are_named() {
     let [position, speed, torque] = doubts.as_slice() else { panic!("{doubts:#?}") };
     assert!(position.starts_with("q goes beyond the limits of the robot: joint 3 "), "{position}");
     assert!(
-        position.contains(", joint 4 reaches -") && position.contains(" of 0.5 rad. "),
+        position.contains(", joint 4 reaches -")
+            && position.contains(" of 0.5 rad (")
+            && position.contains(" s into 2). Are"),
         "{position}"
     );
     assert!(speed.contains(" the limits of the robot: joint 5 reaches "), "{speed}");
-    assert!(speed.contains(" of 0.01 rad/s. Are"), "{speed}");
+    assert!(speed.contains(" of 0.01 rad/s ("), "{speed}");
     assert!(torque.starts_with("u goes beyond the limits of the robot: joint 2 "), "{torque}");
 
     // Noise makes no speed.

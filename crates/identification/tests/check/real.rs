@@ -3,7 +3,7 @@
 use std::ops::{ControlFlow, Range};
 use std::path::{Path, PathBuf};
 
-use identification::{Recording, Settings, check_log, identify};
+use identification::{Recording, Settings, check_log, identify, identify_load};
 use spec::{RobotDescription, RobotModel};
 
 /// The folder of recordings, if it lies beside the repository.
@@ -88,5 +88,26 @@ fn a_real_ur10e_raises_no_doubts_and_its_mistakes_do() {
         let amperes = read(&path, 125.0, 1..7, 13..19, &[1.0; 6]);
         let doubts = check_log(&arm.description, &[amperes]).unwrap().doubts;
         assert!(doubts.iter().any(|doubt| doubt.contains("columns.gains")), "{doubts:?}");
+    }
+}
+
+#[test]
+fn real_logs_and_one_with_a_load_raise_no_doubts_together() {
+    let Some(folder) = folder() else { return };
+    let folder = folder.join("ur10e");
+    let text = std::fs::read_to_string(folder.join("ur10e.urdf")).unwrap();
+    let described = urdf::read(&text, &urdf::Options::default()).unwrap().description;
+    let gains = [14.87, 13.26, 11.13, 10.62, 11.03, 11.47];
+    let log =
+        |name: &str| read(&folder.join(name).with_extension("csv"), 125.0, 1..7, 13..19, &gains);
+    let fit = ["ur-20_02_12-40sec_12harm", "ur-20_02_12-50sec_12harm"].map(log);
+    let validation = [log("ur-20_02_19_14harm50sec")];
+    let settings = Settings { motion_steps: 0, gain_deviation: 0.15, ..Settings::default() };
+    let unheard = &mut || ControlFlow::Continue(());
+    let found = identify(&described, &fit, &validation, &settings, unheard).unwrap();
+    let loaded = [log("ur-20_02_19_14harm50secLoad")];
+    let load = identify_load(&described, &found.arm, &loaded, &[], &settings, unheard).unwrap();
+    for warning in found.report.warnings.iter().chain(&load.report.warnings) {
+        assert!(warning.contains("hardly seen"), "{warning}");
     }
 }
