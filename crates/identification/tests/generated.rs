@@ -165,7 +165,7 @@ fn truth(description: &RobotDescription) -> Vec<f64> {
 
 #[test]
 fn intervals_contain_the_truth_as_often_as_they_say() {
-    const ARMS: u64 = 100;
+    const ARMS: u64 = 200;
 
     let described = described();
     let (mut inside, mut all, mut friction) = (0, 0, (0, 0));
