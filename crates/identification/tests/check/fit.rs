@@ -91,6 +91,35 @@ fn doubts_that_a_fit_settles_itself_are_left_out() {
     assert!(found.iter().all(|warning| !warning.contains("times the arm's")), "{found:?}");
 }
 
+/// A single parabola with a wide step was off by up to 3 of its standard deviations.
+#[test]
+fn a_delay_beside_strong_friction_is_as_uncertain_as_it_says() {
+    const ARMS: u32 = 8;
+
+    for delay_s in [0.0, 0.008] {
+        let (mut squares_s2, mut squares) = (0.0, 0.0);
+        for seed in 0..ARMS {
+            let mut truth = drawn(&arm(3), seed.into());
+            for joint in &mut truth.joints {
+                joint.friction.as_mut().unwrap().phi2_s_rad = 100.0;
+            }
+            let mut log = Log::of(&truth, seed.into());
+            log.delay_s = delay_s;
+            let settings = Settings { most_delay_s: 0.05, ..torques_only() };
+            let unheard = &mut || ControlFlow::Continue(());
+            let found = identify(&arm(3), &[log.recording()], &[], &settings, unheard).unwrap();
+            let delay = found.report.parameters.last().unwrap();
+            let error_s = delay.value - delay_s;
+            squares_s2 += error_s.powi(2) / f64::from(ARMS);
+            squares += (error_s / delay.deviation).powi(2) / f64::from(ARMS);
+        }
+        let (error_s, of_deviations) = (squares_s2.sqrt(), squares.sqrt());
+        println!("{delay_s} s: {error_s} s, {of_deviations} standard deviations");
+        assert!(error_s < 1e-4, "{delay_s} s: {error_s} s");
+        assert!((0.3..1.6).contains(&of_deviations), "{delay_s} s: {of_deviations}");
+    }
+}
+
 #[test]
 fn torques_without_the_weight_are_named() {
     let said = after(|log| log.gravity = 0.0);
