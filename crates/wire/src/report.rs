@@ -318,7 +318,7 @@ measures! {
         /// The largest change of the error from one sample to the next, averaged over scenarios and
         /// joints.
         #[serde(default, skip_serializing_if = "Option::is_none")]
-        pub largest_jump_deg: Option<Interval> = Continuity "largest" Degrees,
+        pub largest_jump_deg: Option<Interval> = Continuity "mean largest" Degrees,
         /// Root mean square of the predictions' jitter, which is their part above the signal's band.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         pub jitter_deg: Option<Interval> = Jitter "jitter" Degrees,

@@ -88,7 +88,7 @@ pub struct TrashedItem {
     pub kind: ItemKind,
     /// Its id among those of its kind.
     pub id: i64,
-    /// The name of its job.
+    /// The name by which people know it: one that they gave, or that of its job.
     pub name: String,
     /// Size of its files and of the files of items that were deleted with it.
     pub bytes: u64,

@@ -139,8 +139,8 @@ fn measures_are_shown_where_they_were_measured() {
     assert_eq!(
         lines(&continuity(&report)),
         [
-            "predictor  scenarios        first sample, °  jump, °  largest, °  left limits  diverged",
-            "robomorph  in distribution             0.35     0.19        0.80        1.5 %     0.0 %",
+            "predictor  scenarios        first sample, °  jump, °  mean largest, °  left limits  diverged",
+            "robomorph  in distribution             0.35     0.19             0.80        1.5 %     0.0 %",
         ]
     );
     assert_eq!(
