@@ -1,13 +1,14 @@
 //! The robot that a command is about, which a server may keep.
 
-use anyhow::{Context, bail, ensure};
+use anyhow::{Context, anyhow, bail, ensure};
 use clap::Args;
+use reqwest::StatusCode;
 use spec::{Digest, RobotModel};
 use urdf::Options;
 use wire::{RobotUrdf, Robots};
 
 use crate::arguments::OptionalServerArguments;
-use crate::client::Client;
+use crate::client::{Client, ClientError};
 use crate::robots::{Robot, RobotArguments, Urdf, described};
 
 /// Flags for a robot of a file, of the program or of a server.
@@ -40,7 +41,8 @@ impl AnyRobotArguments {
             let missing = self.robot.read().err().map(|error| error.to_string());
             bail!("{}; --server URL names a server that keeps it", missing.unwrap_or_default());
         };
-        self.robot.no_urdf("a robot of the server")?;
+        self.robot
+            .no_urdf("a robot of the server", "send its URDF again with `torqued robot add`")?;
         let not_here = || format!("{name} is neither a file nor a built-in robot");
         kept(&client, &name).await.with_context(not_here)
     }
@@ -57,8 +59,11 @@ async fn kept(client: &Client, name: &str) -> anyhow::Result<Robot> {
         Ok(id) => id,
         Err(_) => id_of(client, name).await?,
     };
-    let wire::Robot { description, urdf: reading, mut doubts, .. } = client.robot(id).await?;
-    let description = description.with_context(|| format!("robot {id} has no description"))?;
+    let wire::Robot { description, urdf: reading, mut doubts, .. } =
+        client.robot(id).await.map_err(or_listed)?;
+    let description = description.with_context(|| {
+        format!("the server sent robot {id} without its description; its version may be another")
+    })?;
     let description = described(&description.to_string())
         .with_context(|| format!("robot {id} of the server, whose version may be another"))?;
     let mut urdf = None;
@@ -75,6 +80,16 @@ async fn kept(client: &Client, name: &str) -> anyhow::Result<Robot> {
         }
     }
     Ok(Robot { model: RobotModel::Described(Box::new(description)), urdf, doubts })
+}
+
+/// The error with the command that lists the robots, if there is no such robot.
+fn or_listed(error: ClientError) -> anyhow::Error {
+    match error {
+        ClientError::Refused { status: StatusCode::NOT_FOUND, message, .. } => {
+            anyhow!("{message}; `torqued robot list` lists those that it keeps")
+        }
+        error => error.into(),
+    }
 }
 
 /// The arm of a URDF that the server has accepted.

@@ -79,7 +79,7 @@ impl RobotArguments {
     pub fn read(&self) -> anyhow::Result<Robot> {
         let Some(text) = self.text()? else {
             let model = self.built_in()?;
-            self.no_urdf("a built-in robot")?;
+            self.no_urdf("a built-in robot", "give its description as a file")?;
             return Ok(Robot { model, urdf: None, doubts: Vec::new() });
         };
         let place = || self.place();
@@ -91,7 +91,7 @@ impl RobotArguments {
                 Ok(Robot { model, urdf: Some(Urdf { text, arm }), doubts })
             }
             Some('{') => {
-                self.no_urdf("a description as JSON")?;
+                self.no_urdf("a description as JSON", "edit the description")?;
                 let description = described(&text).with_context(place)?;
                 let model = RobotModel::Described(Box::new(description));
                 Ok(Robot { model, urdf: None, doubts: Vec::new() })
@@ -123,9 +123,11 @@ impl RobotArguments {
         parameters
     }
 
-    /// The robot's name on a server, if it is neither in a file nor built in.
+    /// The robot's name on a server, if it is neither in a file nor built in. A folder may have the name
+    /// or the id of a robot.
     pub fn name_on_server(&self) -> Option<Cow<'_, str>> {
-        let is_here = self.is_standard_input() || self.arm.exists() || self.built_in().is_ok();
+        let is_file = self.arm.exists() && !self.arm.is_dir();
+        let is_here = self.is_standard_input() || is_file || self.built_in().is_ok();
         (!is_here).then(|| self.arm.to_string_lossy())
     }
 
@@ -193,11 +195,11 @@ impl RobotArguments {
         })
     }
 
-    /// Refuses the options that only a URDF has.
+    /// Refuses the options that only a URDF has, and says what to do `instead`.
     ///
     /// # Errors
     /// One of them is given.
-    pub fn no_urdf(&self, what: &str) -> anyhow::Result<()> {
+    pub fn no_urdf(&self, what: &str, instead: &str) -> anyhow::Result<()> {
         let given = [
             ("--base", self.base.is_some()),
             ("--tip", self.tip.is_some()),
@@ -209,7 +211,7 @@ impl RobotArguments {
             given.iter().filter(|(_, is_given)| *is_given).map(|(name, _)| *name).collect();
         ensure!(
             given.is_empty(),
-            "{} is {what}, and {} only for a URDF; edit the description instead",
+            "{} is {what}, and {} only for a URDF; {instead} instead",
             self.place(),
             match given.as_slice() {
                 [option] => format!("{option} is"),
@@ -336,6 +338,7 @@ mod tests {
         assert!(missing.ends_with("the built-in robots are panda, ur10e"), "{missing}");
         assert_eq!(arguments(&["no/such.urdf"]).unwrap().name_on_server().unwrap(), "no/such.urdf");
         assert_eq!(arguments(&["panda"]).unwrap().name_on_server(), None);
+        assert_eq!(arguments(&["/"]).unwrap().name_on_server().unwrap(), "/");
         let folder = arguments(&["/"]).unwrap().read().unwrap_err().to_string();
         assert_eq!(folder, "/ is a folder, allowed: a file");
     }

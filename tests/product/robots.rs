@@ -185,10 +185,16 @@ async fn a_server_keeps_an_arm_that_specs_name() {
     let message = at_server(&["show", "9"]);
     assert!(message.contains("9 is neither a file nor a built-in robot: "), "{message}");
     assert!(message.contains("there is no robot 9"), "{message}");
+    assert!(message.contains("`torqued robot list` lists those that it keeps"), "{message}");
     let message = at_server(&["check", "your arm"]);
     assert!(message.contains("no robot with the name or the digest \"your arm\""), "{message}");
     let message = at_server(&["show", "1", "--tip", "link1"]);
     assert!(message.contains("1 is a robot of the server, and --tip is only for"), "{message}");
+    assert!(!message.contains("edit the description"), "{message}");
+    let nobody = ["robot", "dynamics", "1", "--server", "http://127.0.0.1:1"];
+    let (code, _, message) = run_to_end(&mut torqued(&nobody));
+    assert_eq!(code, Some(4), "{message}");
+    assert!(message.contains("no answer from http://127.0.0.1:1"), "{message}");
     for command in ["show", "check", "dynamics"] {
         let message = refused(&[command, "1"]);
         assert!(message.contains("--server URL names a server that keeps it"), "{message}");
