@@ -135,10 +135,8 @@ impl DatasetReader {
 
     /// An empty series with memory for this many trajectories.
     pub fn empty(&self, robots: usize) -> Result<Series, TaskError> {
-        let noise = MeasurementNoise {
-            position_rad: self.spec.position_deviation_rad(),
-            torque_nm: self.spec.torque_noise_nm(),
-        };
+        let noise =
+            MeasurementNoise::new(self.spec.position_deviation_rad(), self.spec.torque_noise_nm());
         Ok(Series::with_capacity(self.shape(robots), self.spec.rate_hz())?.with_noise(noise))
     }
 

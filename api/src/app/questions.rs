@@ -247,7 +247,7 @@ pub fn question(request: &PredictionRequest, about: &AboutModel) -> Result<Quest
 
 /// The noise of torques is not known.
 pub fn noise_of_positions(position_rad: f64) -> MeasurementNoise {
-    MeasurementNoise { position_rad, torque_nm: 0.0 }
+    MeasurementNoise::new(position_rad, 0.0)
 }
 
 /// The model's input. The rows were checked before, so an error is a fault of this program.

@@ -360,10 +360,8 @@ fn question(
     let y = y[known].iter().flatten().copied().collect();
     let shape = Shape { robots: 1, samples: context + horizon, joints };
     let series = series_of(shape, context, rate_hz, u, y)?;
-    let noise = MeasurementNoise {
-        position_rad: stored.data.position_deviation_rad(),
-        torque_nm: stored.data.torque_noise_nm(),
-    };
+    let noise =
+        MeasurementNoise::new(stored.data.position_deviation_rad(), stored.data.torque_noise_nm());
     Ok(asked(sampling, series.with_noise(noise)))
 }
 

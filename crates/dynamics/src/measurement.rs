@@ -21,7 +21,7 @@ pub(crate) fn measure(
     }
     let (torque_nm, position_rad) = (observations.torque_noise_nm, observations.position_noise_rad);
     let row = (series.samples() * series.joints()).max(1);
-    let noise = MeasurementNoise { position_rad: observations.position_deviation_rad(), torque_nm };
+    let noise = MeasurementNoise::new(observations.position_deviation_rad(), torque_nm);
     let (u, y) = series.add_noise(noise);
     if let Some(measured) = measured {
         y.copy_from_slice(measured);
@@ -58,7 +58,7 @@ pub fn add_position_noise(
     }
     let joints = series.joints();
     let row = (series.samples() * joints).max(1);
-    let noise = MeasurementNoise { position_rad: deviation_rad, torque_nm: 0.0 };
+    let noise = MeasurementNoise::new(deviation_rad, 0.0);
     let (_, y) = series.add_noise(noise);
     y.par_chunks_exact_mut(row).enumerate().for_each(|(robot, y)| {
         let draws = Draws::new(seed, first + robot as u64, Purpose::AddedPositionNoise, 0);

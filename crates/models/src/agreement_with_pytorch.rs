@@ -375,6 +375,6 @@ fn check_chain(
 fn chain(peer: &Peer, model: &SequenceModel, sampler: &SamplerSpec, mut noise: Noise) -> Vec<f32> {
     let steps = model.process().unwrap().steps(sampler, None);
     let (input, _) = peer.seen(&Device::cpu().inference());
-    let ask = Ask { steps: &steps, warm: None, noise: &mut noise, draw: Draw::Mean };
+    let ask = Ask { steps: &steps, warm: None, noise: &mut noise, draw: Draw::Mean, behind: 0 };
     host_values(model.answer(input, ask)).unwrap()
 }

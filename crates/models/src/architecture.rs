@@ -143,6 +143,9 @@ pub(crate) struct Ask<'a> {
     pub noise: &'a mut Noise,
     /// Whether a model that knows its uncertainty draws from it.
     pub draw: Draw,
+    /// Samples of the context with which the answer begins, at most two. Only the laws, which are
+    /// asked at multiples of their rate, are asked for some.
+    pub behind: usize,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -240,7 +243,7 @@ mod tests {
         let mut noise = Noise::new(std::iter::empty());
         let loss = model.loss(input.clone(), series(3), &mut noise);
         assert_eq!((loss.errors.dims(), loss.count), ([3, 3, 2], 18));
-        let ask = Ask { steps: &[], warm: None, noise: &mut noise, draw: Draw::Mean };
+        let ask = Ask { steps: &[], warm: None, noise: &mut noise, draw: Draw::Mean, behind: 0 };
         assert_eq!(model.answer(input, ask).dims(), [3, 3, 2]);
         assert_eq!(model.kept(extents), 24);
     }

@@ -23,10 +23,12 @@ pub(crate) struct Predictor<'a> {
     pub spec: &'a ModelSpec,
     pub framing: Framing,
     pub device: Device,
+    /// Samples of the context with which answers begin ([`Ask::behind`]).
+    pub behind: usize,
 }
 
 impl Predictor<'_> {
-    /// Positions `[sample, robot, horizon, joint]`, rad.
+    /// Positions `[sample, robot, behind + horizon, joint]`, rad.
     pub fn answer(
         &self,
         observed: &Observed<'_>,
@@ -34,7 +36,8 @@ impl Predictor<'_> {
         sampling: &Sampling,
         draw: Draw,
     ) -> Result<Vec<f32>, ModelError> {
-        let (robots, values) = (observed.robots(), observed.horizon() * observed.joints());
+        let robots = observed.robots();
+        let values = (self.behind + observed.horizon()) * observed.joints();
         let steps = self.steps(sampling, observed)?;
         let samples = sampling.samples;
         let questions = samples.saturating_mul(robots);
@@ -125,10 +128,11 @@ impl Predictor<'_> {
             generator(sampling.seed, Purpose::Sample, scenario, sample as u64)
         }));
         let seen = model_input(&question, &statistics, &frames, &self.device);
-        let ask = Ask { steps, warm, noise: &mut noise, draw };
+        let ask = Ask { steps, warm, noise: &mut noise, draw, behind: self.behind };
         let mut answer = host_values(self.model.answer(seen, ask))?;
-        for (y, frame) in answer.chunks_exact_mut(horizon * joints).zip(&frames) {
-            frame.restore(y, context);
+        let rows = answer.chunks_exact_mut((self.behind + horizon) * joints);
+        for (y, frame) in rows.zip(&frames) {
+            frame.restore(y, context - self.behind);
         }
         Ok(answer)
     }

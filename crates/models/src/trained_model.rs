@@ -109,7 +109,7 @@ impl TrainedModel {
             return self.fit(&decimated.observed());
         }
         let statistics = self.statistics(observed)?;
-        let predictor = self.predictor(observed);
+        let predictor = self.predictor(observed, 0);
         let interrupt = Interrupt::current();
         self.device.answer(|| interrupt.guard(|| Ok(predictor.fit(observed, &statistics))))
     }
@@ -136,7 +136,7 @@ impl TrainedModel {
         check_batch(batch, self.samples(), self.joints())?;
         let statistics = self.normalizer.statistics_of_batch(batch, self.context());
         let observed = batch.observed(0, self.context());
-        self.answer(&observed, &statistics, &Sampling::default(), Draw::Mean)
+        self.answer(&observed, &statistics, &Sampling::default(), Draw::Mean, 0)
     }
 
     /// Whether the model can give several answers to the same question.
@@ -202,11 +202,14 @@ impl TrainedModel {
         draw: Draw,
     ) -> Result<Vec<f32>, ModelError> {
         if let Some(decimated) = self.decimated(observed)? {
-            let answer = self.ask(&decimated.observed(), sampling, draw)?;
+            let observed = decimated.observed();
+            let statistics = self.statistics(&observed)?;
+            let behind = Decimated::BEHIND;
+            let answer = self.answer(&observed, &statistics, sampling, draw, behind)?;
             return Ok(decimated.restored(&answer));
         }
         let statistics = self.statistics(observed)?;
-        self.answer(observed, &statistics, sampling, draw)
+        self.answer(observed, &statistics, sampling, draw, 0)
     }
 
     /// Warnings about a question that is unlike the training, for a checkpoint that knows the ranges
@@ -241,7 +244,7 @@ impl TrainedModel {
         self.normalizer.statistics_of_observed(observed)
     }
 
-    fn predictor(&self, observed: &Observed<'_>) -> Predictor<'_> {
+    fn predictor(&self, observed: &Observed<'_>, behind: usize) -> Predictor<'_> {
         Predictor {
             model: &self.model,
             spec: &self.config.model,
@@ -252,6 +255,7 @@ impl TrainedModel {
                 rate_hz: self.rate_hz(),
             },
             device: self.device.inference(),
+            behind,
         }
     }
 
@@ -261,8 +265,9 @@ impl TrainedModel {
         statistics: &[Statistics],
         sampling: &Sampling,
         draw: Draw,
+        behind: usize,
     ) -> Result<Vec<f32>, ModelError> {
-        let predictor = self.predictor(observed);
+        let predictor = self.predictor(observed, behind);
         let interrupt = Interrupt::current();
         let answer = || predictor.answer(observed, statistics, sampling, draw);
         self.device.answer(|| interrupt.guard(answer))

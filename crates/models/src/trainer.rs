@@ -410,7 +410,7 @@ impl Trainer {
             let asked = batch.part(0..batch.robots().min(*predicted));
             let statistics = self.normalizer.statistics_of_batch(&asked, context);
             let (spec, framing) = (&self.identity.model, self.framing);
-            let predictor = Predictor { model: &model, spec, framing, device };
+            let predictor = Predictor { model: &model, spec, framing, device, behind: 0 };
             let sampling = Sampling { first_scenario: *first as u64, ..Sampling::default() };
             let observed = asked.observed(0, context);
             let answer = predictor.answer(&observed, &statistics, &sampling, Draw::Mean)?;

@@ -6,16 +6,15 @@ use crate::{MeasurementNoise, Observed, Series, Shape, ShapeError, Track};
 
 /// Knots of the polynomial between two predicted positions.
 const KNOTS: usize = 4;
-/// Knots of the context that the polynomial may use.
-const KEPT: usize = 2;
 
 /// A question at a lower rate.
 ///
 /// Every `factor`-th sample, counted back from the last one of the context and on from there, is a
 /// *knot*. A knot's position is the mean of the samples nearest to it, less what their curvature adds.
 /// At either end of a context, samples lie on one side, and a line through them gives the position
-/// instead. A torque is the mean from one knot to the next. So noise that is independent from sample
-/// to sample shrinks by the root of `factor`, nothing is delayed, and torques keep their impulse.
+/// instead, whose noise is larger. A torque is the mean from one knot to the next. So noise that is
+/// independent from sample to sample shrinks by the root of `factor`, nothing is delayed, and torques
+/// keep their impulse.
 #[derive(Debug)]
 pub struct Decimated {
     series: Series,
@@ -23,11 +22,12 @@ pub struct Decimated {
     context: usize,
     /// Samples of the horizon at the higher rate.
     horizon: usize,
-    /// The last positions of the context of each robot, `[robot, KEPT, joint]`, rad.
-    kept: Vec<f32>,
 }
 
 impl Decimated {
+    /// Knots of the context with which answers begin. The polynomial uses them.
+    pub const BEHIND: usize = 2;
+
     /// `observed` with the means of `factor` samples. `None` if its context has no two knots.
     ///
     /// # Errors
@@ -37,7 +37,7 @@ impl Decimated {
             Some(before) if factor >= 2 => 1 + before / factor,
             _ => 0,
         };
-        if context < KEPT {
+        if context < Self::BEHIND {
             return Ok(None);
         }
         let (joints, horizon) = (observed.joints(), observed.horizon());
@@ -49,17 +49,16 @@ impl Decimated {
             y.extend(positions(observed.y(robot), first, factor));
             u.extend(torques(observed.u(robot), first, factor, shape.samples));
         }
-        let kept = y
-            .chunks_exact(context * joints)
-            .flat_map(|robot| robot[(context - KEPT) * joints..].iter().copied())
-            .collect();
         let root = (factor as f64).sqrt();
-        let MeasurementNoise { position_rad, torque_nm } = observed.noise();
-        let noise =
-            MeasurementNoise { position_rad: position_rad / root, torque_nm: torque_nm / root };
+        let MeasurementNoise { position_rad, torque_nm, last_position_rad } = observed.noise();
+        let noise = MeasurementNoise {
+            position_rad: position_rad / root,
+            torque_nm: torque_nm / root,
+            last_position_rad: last_position_rad * noise_at_end(factor, context),
+        };
         let rate_hz = observed.rate_hz() / factor as f64;
         let series = Series::question(shape, context, rate_hz, u, y)?.with_noise(noise);
-        Ok(Some(Self { series, factor, context, horizon, kept }))
+        Ok(Some(Self { series, factor, context, horizon }))
     }
 
     /// The question.
@@ -67,18 +66,16 @@ impl Decimated {
         self.series.observed(self.context)
     }
 
-    /// Positions at the higher rate, `[answer, horizon, joint]`, from those at the knots. Answers
-    /// have the robots in turn. Between knots they follow the polynomial through the four nearest
-    /// ones.
+    /// Positions at the higher rate, `[answer, horizon, joint]`, from those at the knots, of which
+    /// [`Decimated::BEHIND`] are of the context. Between knots they follow the polynomial through the
+    /// four nearest ones.
     pub fn restored(&self, answers: &[f32]) -> Vec<f32> {
-        let Shape { robots, samples, joints } = self.series.shape();
-        let ahead = samples - self.context;
+        let Shape { samples, joints, .. } = self.series.shape();
+        let count = Self::BEHIND + samples - self.context;
         let mut restored = Vec::with_capacity(answers.len() * self.factor);
-        for (index, answer) in answers.chunks_exact(ahead * joints).enumerate() {
-            let kept = &self.kept[index % robots * KEPT * joints..][..KEPT * joints];
-            let knots: Vec<f32> = kept.iter().chain(answer).copied().collect();
+        for knots in answers.chunks_exact(count * joints) {
             for sample in 0..self.horizon {
-                let (used, weights) = self.weights(sample, KEPT + ahead);
+                let (used, weights) = self.weights(sample, count);
                 restored.extend((0..joints).map(|joint| {
                     let at = used.clone().map(|knot| f64::from(knots[knot * joints + joint]));
                     let weighted = at.zip(&weights).map(|(value, weight)| value * weight);
@@ -93,7 +90,7 @@ impl Decimated {
     fn weights(&self, sample: usize, knots: usize) -> (Range<usize>, Vec<f64>) {
         let factor = self.factor as f64;
         // In knots, from the first one kept.
-        let at = (KEPT - 1) as f64 + (sample + 1) as f64 / factor;
+        let at = (Self::BEHIND - 1) as f64 + (sample + 1) as f64 / factor;
         let count = KNOTS.min(knots);
         let first = whole(at).saturating_sub(KNOTS / 2 - 1).min(knots - count);
         let used = first..first + count;
@@ -169,6 +166,27 @@ impl Window {
     }
 }
 
+/// The noise of the last position of a context with so many knots, where a sample's is 1.
+fn noise_at_end(factor: usize, knots: usize) -> f64 {
+    let [middle, end] = [Window::around(factor), Window::before(factor)];
+    // The last window, and in the curvature the two before it.
+    let shares = match knots {
+        0..3 => [1.0, 0.0, 0.0],
+        _ => {
+            // A window at the beginning of the context makes no difference worth counting.
+            let curvature = end.excess / (1.0 + end.excess - middle.excess);
+            [1.0 - curvature, 2.0 * curvature, -curvature]
+        }
+    };
+    let mut weights = vec![0.0; 3 * factor + 1];
+    for (knot, (share, window)) in shares.into_iter().zip([&end, &middle, &middle]).enumerate() {
+        let first = (3 - knot) * factor - window.before;
+        let samples = weights[first..].iter_mut();
+        samples.zip(&window.weights).for_each(|(sum, weight)| *sum += share * weight);
+    }
+    weights.iter().map(|weight| weight * weight).sum::<f64>().sqrt()
+}
+
 /// The position at each knot, `[knot, joint]`.
 fn positions(y: Track<'_>, first: usize, factor: usize) -> Vec<f32> {
     let [start, middle, end] =
@@ -237,7 +255,7 @@ mod tests {
     fn asked(factor: usize, context: usize, samples: usize) -> (Series, Decimated) {
         let (u, y) = recording(samples, 1000.0);
         let shape = Shape { robots: 1, samples, joints: 2 };
-        let noise = MeasurementNoise { position_rad: 1e-4, torque_nm: 0.2 };
+        let noise = MeasurementNoise::new(1e-4, 0.2);
         let series = Series::new(shape, 1000.0, u, y).unwrap().with_noise(noise);
         let decimated = Decimated::new(&series.observed(context), factor).unwrap().unwrap();
         (series, decimated)
@@ -270,8 +288,8 @@ mod tests {
             let (series, decimated) = asked(factor, context, samples);
             let observed = decimated.observed();
             let first = (context - 1) % factor;
-            let ahead = observed.context()..observed.samples();
-            let answer: Vec<f32> = ahead
+            let first_knot = observed.context() - Decimated::BEHIND;
+            let answer: Vec<f32> = (first_knot..observed.samples())
                 .flat_map(|knot| {
                     let time = (first + knot * factor) as f64 / 1000.0;
                     [time.sin(), 0.1 * time.powi(3)].map(narrow)
@@ -283,6 +301,25 @@ mod tests {
             for (found, expected) in restored.iter().zip(expected) {
                 assert!((found - expected).abs() < 2e-6, "{factor}: {found} {expected}");
             }
+        }
+    }
+
+    /// Each robot has its impulse at another sample, so the last positions are the samples' weights.
+    #[test]
+    fn the_noise_of_the_last_position_is_told() {
+        for (factor, context) in [(16, 200), (4, 30), (3, 5)] {
+            let shape = Shape { robots: context, samples: context + 1, joints: 1 };
+            let mut y = vec![0.0; context * (context + 1)];
+            y.iter_mut().step_by(context + 2).for_each(|position| *position = 1.0);
+            let series = Series::new(shape, 1000.0, vec![0.0; y.len()], y).unwrap();
+            let series = series.with_noise(MeasurementNoise::new(0.2, 0.0));
+            let decimated = Decimated::new(&series.observed(context), factor).unwrap().unwrap();
+            let observed = decimated.observed();
+            let weight = |robot: usize| f64::from(observed.y(robot)[observed.context() - 1][0]);
+            let squares: f64 = (0..context).map(|robot| weight(robot).powi(2)).sum();
+            let told = observed.noise().last_position_rad;
+            assert!((0.2 * squares.sqrt() / told - 1.0).abs() < 1e-5, "{factor}: {squares} {told}");
+            assert!(told > 1.5 * observed.noise().position_rad);
         }
     }
 

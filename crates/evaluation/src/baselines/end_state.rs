@@ -38,7 +38,7 @@ pub(super) fn end_state(
     rate_hz: f64,
     noise: MeasurementNoise,
 ) -> Option<EndState> {
-    let MeasurementNoise { position_rad, torque_nm } = noise;
+    let MeasurementNoise { position_rad, torque_nm, .. } = noise;
     if position_rad <= 0.0 || torque_nm <= 0.0 {
         return None;
     }
@@ -312,7 +312,7 @@ mod tests {
         )
         .unwrap();
         let observed = series.observed(8);
-        let known = MeasurementNoise { position_rad: 1e-4, torque_nm: 0.1 };
+        let known = MeasurementNoise::new(1e-4, 0.1);
         let end = |arm: &Robot, noise| end_state(arm, observed.u(0), observed.y(0), 60.0, noise);
         assert!(end(&arm, known).is_none());
         assert!(end(&Robot::panda(), known).is_some());

@@ -223,7 +223,7 @@ impl Filter<'_> {
     fn run(&self, scale: f64) -> Belief {
         let joints = self.measured.joints;
         let mut belief = self.prior();
-        belief.measure(&self.innovations(1), joints, self.variance());
+        belief.measure(&self.innovations(1), joints, self.variance(1));
         let deviations = self.residual_torques(scale);
         let mut room = vec![0.0; 6 * joints * joints];
         for (sample, step) in (2..).zip(self.steps) {
@@ -234,13 +234,17 @@ impl Filter<'_> {
                 f64::from(self.path.rate_hz),
                 &mut room,
             );
-            belief.measure(&self.innovations(sample), joints, self.variance());
+            belief.measure(&self.innovations(sample), joints, self.variance(sample));
         }
         belief
     }
 
-    fn variance(&self) -> f64 {
-        self.noise.position_rad.max(LEAST_NOISE).powi(2)
+    /// The variance of the measured position at a sample, rad².
+    fn variance(&self, sample: usize) -> f64 {
+        let is_last = sample + 1 == self.path.samples();
+        let MeasurementNoise { position_rad, last_position_rad, .. } = self.noise;
+        let deviation = if is_last { last_position_rad } else { position_rad };
+        deviation.max(LEAST_NOISE).powi(2)
     }
 
     fn prior(&self) -> Belief {
@@ -257,7 +261,7 @@ impl Filter<'_> {
             let prior = &self.law.prior;
             belief.mean[2 * joints + joint] = prior.mean[number] - f64::from(fitted[joint]);
             let variances = [
-                INITIAL_ANGLE.powi(2) * self.variance(),
+                INITIAL_ANGLE.powi(2) * self.variance(1),
                 INITIAL_VELOCITY.powi(2),
                 prior.spread[number].powi(2),
             ];

@@ -362,8 +362,9 @@ impl Model for Lagrangian {
         };
         let draws: Vec<&[f32]> = normals.chunks_exact(law.normals_per_draw()).collect();
         let instructions = InstructionSet::best();
-        let answer = law.predict(instructions, &recorded, input.measurement_noise, &draws);
-        let shape = [robots, samples - context, joints];
+        let noise = input.measurement_noise;
+        let answer = law.predict(instructions, &recorded, noise, &draws, ask.behind);
+        let shape = [robots, ask.behind + samples - context, joints];
         Tensor::from_data(TensorData::new(answer, shape), &input.u.device())
     }
 

@@ -24,19 +24,21 @@ impl Law {
     /// instruction sets. `draws` is empty, or has [`Law::normals_per_draw`] standard normal numbers
     /// for each robot. Without draws a robot is the most likely one. With draws it is another one
     /// that the context allows. A robot with negative masses that reaches a pose of too little
-    /// inertia is fitted again without them.
+    /// inertia is fitted again without them. Answers begin with the last `behind` positions of the
+    /// context, at most two, as the most likely robot or the draw had them.
     pub fn predict(
         &self,
         instructions: InstructionSet,
         robots: &[Recorded<'_>],
         noise: MeasurementNoise,
         draws: &[&[f32]],
+        behind: usize,
     ) -> Vec<f32> {
         let Some(first) = robots.first() else { return Vec::new() };
         let smoother = smoother_of(first, noise);
         let filter = smoother.as_ref().map(|smoother| (smoother, noise));
         let mut found =
-            self.predict_within(instructions, robots, filter, draws, Bounds::Dissipation);
+            self.predict_within(instructions, robots, filter, draws, behind, Bounds::Dissipation);
         let redone = found.with_too_little_inertia();
         if !redone.is_empty() {
             let robots: Vec<Recorded<'_>> = redone.iter().map(|&robot| robots[robot]).collect();
@@ -47,6 +49,7 @@ impl Law {
                 &robots,
                 filter,
                 &draws,
+                behind,
                 Bounds::DissipationAndMasses,
             );
             for (place, &robot) in redone.iter().enumerate() {
@@ -79,6 +82,7 @@ impl Law {
         robots: &[Recorded<'_>],
         filter: Option<(&Smoother, MeasurementNoise)>,
         draws: &[&[f32]],
+        behind: usize,
         bounds: Bounds,
     ) -> Rollouts {
         let interrupt = Interrupt::current();
@@ -101,7 +105,8 @@ impl Law {
                 robots.iter().zip(&places).zip(&torques).map(|((robot, &place), u)| {
                     Start::new(robot, u, &posteriors[place].most_likely)
                 });
-            return self.roll_out(instructions, &starts.collect::<Vec<_>>());
+            let starts: Vec<Start<'_>> = starts.collect();
+            return self.roll_out(instructions, &starts).behind(behind, &starts);
         }
         let residuals: Vec<ResidualTorques> = asked
             .par_iter()
@@ -120,6 +125,7 @@ impl Law {
             .collect();
         let starts = robots.iter().zip(&drawn);
         let starts = starts.map(|(robot, drawn)| Start::new(robot, &drawn.u, &drawn.state));
-        self.roll_out(instructions, &starts.collect::<Vec<_>>())
+        let starts: Vec<Start<'_>> = starts.collect();
+        self.roll_out(instructions, &starts).behind(behind, &starts)
     }
 }

@@ -60,6 +60,21 @@ impl Rollouts {
         self.positions[robot * horizon..][..horizon].copy_from_slice(other);
     }
 
+    /// The same with the last `samples` positions of each robot's context in front.
+    pub fn behind(mut self, samples: usize, starts: &[Start<'_>]) -> Self {
+        if samples == 0 || starts.is_empty() {
+            return self;
+        }
+        let horizon = self.positions.len() / starts.len();
+        let mut positions = Vec::with_capacity(self.positions.len() + starts.len() * samples);
+        for (at, Start { recorded, .. }) in starts.iter().enumerate() {
+            positions.extend(&recorded.y[(recorded.samples() - samples) * recorded.joints..]);
+            positions.extend(&self.positions[at * horizon..][..horizon]);
+        }
+        self.positions = positions;
+        self
+    }
+
     fn append(&mut self, mut other: Self) {
         self.positions.append(&mut other.positions);
         self.enough_inertia.append(&mut other.enough_inertia);

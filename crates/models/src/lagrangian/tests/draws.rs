@@ -36,13 +36,13 @@ fn draws_have_the_same_bits_on_every_processor_and_in_every_company() {
     let normals = normals(&law, robots.len());
     let draws: Vec<&[f32]> = normals.chunks_exact(law.normals_per_draw()).collect();
     for noise in [EXACT, NOISE] {
-        let together = law.predict(InstructionSet::best(), &robots, noise, &draws);
+        let together = law.predict(InstructionSet::best(), &robots, noise, &draws, 0);
         for instructions in InstructionSet::available() {
-            assert_eq!(law.predict(instructions, &robots, noise, &draws), together);
+            assert_eq!(law.predict(instructions, &robots, noise, &draws, 0), together);
         }
         let answers: Vec<&[f32]> = together.chunks_exact((SAMPLES - CONTEXT) * 7).collect();
         for ((robot, draw), answer) in robots.iter().zip(&draws).zip(&answers) {
-            let alone = law.predict(InstructionSet::best(), &[*robot], noise, &[*draw]);
+            let alone = law.predict(InstructionSet::best(), &[*robot], noise, &[*draw], 0);
             assert_eq!(alone, *answer);
         }
         assert!(answers[0] != answers[1], "two draws of one robot are the same");
@@ -54,7 +54,7 @@ fn spread(law: &Law, robot: &Recorded<'_>, noise: MeasurementNoise, count: usize
     let normals = normals(law, count);
     let draws: Vec<&[f32]> = normals.chunks_exact(law.normals_per_draw()).collect();
     let robots = vec![*robot; count];
-    let answers = law.predict(InstructionSet::best(), &robots, noise, &draws);
+    let answers = law.predict(InstructionSet::best(), &robots, noise, &draws, 0);
     let horizon = answers.len() / count;
     let of_joint = |joint: usize| {
         let last = horizon - robot.joints + joint;

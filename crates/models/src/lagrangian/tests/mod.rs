@@ -86,11 +86,11 @@ impl Motions {
     }
 }
 
-const EXACT: MeasurementNoise = MeasurementNoise { position_rad: 0.0, torque_nm: 0.0 };
+const EXACT: MeasurementNoise = MeasurementNoise::new(0.0, 0.0);
 
 /// Predictions of the most likely robots.
 fn predict(law: &Law, robots: &[Recorded<'_>], noise: MeasurementNoise) -> Vec<f32> {
-    law.predict(InstructionSet::best(), robots, noise, &[])
+    law.predict(InstructionSet::best(), robots, noise, &[], 0)
 }
 
 #[test]
@@ -103,7 +103,11 @@ fn a_prediction_has_the_same_bits_on_every_processor_and_in_every_company() {
         // These laws are untrained, and some of them accelerate joints without end.
         assert!(together.iter().all(|position| position.is_finite()));
         for instructions in InstructionSet::available() {
-            assert_eq!(law.predict(instructions, &robots, EXACT, &[]), together, "{instructions}");
+            assert_eq!(
+                law.predict(instructions, &robots, EXACT, &[], 0),
+                together,
+                "{instructions}"
+            );
         }
         for (robot, answer) in
             robots.iter().zip(together.chunks_exact((SAMPLES - CONTEXT) * joints))
@@ -332,7 +336,7 @@ struct Noisy {
     measured: Vec<f32>,
 }
 
-const NOISE: MeasurementNoise = MeasurementNoise { position_rad: 1e-3, torque_nm: 0.0 };
+const NOISE: MeasurementNoise = MeasurementNoise::new(1e-3, 0.0);
 const LONG: usize = 320;
 
 impl Noisy {
@@ -388,7 +392,7 @@ fn without_noise_a_prediction_is_not_filtered() {
     let law = model(7).law();
     let motions = Motions::new(5, 7);
     let robots = motions.robots();
-    let none = MeasurementNoise { position_rad: 0.0, torque_nm: 0.3 };
+    let none = MeasurementNoise::new(0.0, 0.3);
     assert_eq!(predict(&law, &robots, none), predict(&law, &robots, EXACT));
 }
 
@@ -418,7 +422,7 @@ fn a_context_too_short_or_still_to_filter_has_a_finite_answer() {
         for position_rad in [1e-9, 1e-3, 0.1] {
             let y = vec![0.4; context * 3];
             let robot = Recorded { u: &u, y: &y, joints: 3, rate_hz: RATE_HZ };
-            let noise = MeasurementNoise { position_rad, torque_nm: 0.0 };
+            let noise = MeasurementNoise::new(position_rad, 0.0);
             let answer = predict(&law, &[robot], noise);
             assert_eq!(answer.len(), (40 - context) * 3);
             assert!(answer.iter().all(|value| (value - 0.4).abs() < 1e-3), "{answer:?}");

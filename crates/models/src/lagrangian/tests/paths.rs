@@ -54,11 +54,11 @@ fn a_robot_that_comes_to_a_pose_of_too_little_inertia_has_no_negative_mass() {
     let expected = [&free.positions[..], &without.positions, &free.positions].concat();
     assert_eq!(predict(&law, &[near, far, near], EXACT), expected);
     for instructions in InstructionSet::available() {
-        assert_eq!(law.predict(instructions, &[near, far, near], EXACT, &[]), expected);
+        assert_eq!(law.predict(instructions, &[near, far, near], EXACT, &[], 0), expected);
     }
     // The same holds for a draw, and for the robot of the filter.
     let normals = vec![0.0; law.normals_per_draw()];
-    let drawn = law.predict(InstructionSet::best(), &[near, far], EXACT, &[&normals, &normals]);
+    let drawn = law.predict(InstructionSet::best(), &[near, far], EXACT, &[&normals, &normals], 0);
     assert_eq!(drawn, expected[..2 * HORIZON]);
     let filtered = predict(&law, &[near, far], NOISE);
     for (found, expected) in filtered.iter().zip(&expected) {

@@ -99,7 +99,11 @@ fn predictions_of_a_told_arm_have_the_same_bits_on_every_processor() {
         let together = predict(&law, &robots, EXACT);
         assert!(together.iter().all(|position| position.is_finite()));
         for instructions in InstructionSet::available() {
-            assert_eq!(law.predict(instructions, &robots, EXACT, &[]), together, "{instructions}");
+            assert_eq!(
+                law.predict(instructions, &robots, EXACT, &[], 0),
+                together,
+                "{instructions}"
+            );
         }
     }
 }
