@@ -73,14 +73,14 @@ impl Law {
             let mut others = Regression::new(self.numbers);
             let seen = sums.iter().enumerate().filter(|(part, _)| *part != left_out);
             seen.for_each(|(_, sums)| others.add_all(sums));
-            let numbers = self.fit_with(&others, &path, posterior.numbers.bounds).mean;
+            let numbers = self.fit_with(&others, &path, posterior.numbers.bounds, None).mean;
             torques.extend(
                 equations.of(part).map(|equation| equation.residual_torque(self.numbers, &numbers)),
             );
         }
         let mut residuals = ResidualTorques { torques, joints: recorded.joints };
         if let Some(filtered) = filtered {
-            residuals.keep_within(&filtered.residual_torques);
+            residuals.keep_within(&filtered.law_errors);
         }
         residuals
     }

@@ -1,17 +1,18 @@
 //! Predictions from noisy positions: a Kalman filter with the learned law as its motion.
 //!
 //! First, positions are smoothed joint by joint and without the law ([`Smoother`]), and the
-//! robot's numbers are fitted to the result. Only the dampings change after that. Around this
-//! motion the law is linear. Forward differences, which are lanes of one call, give the change of
-//! the next state with angles, velocities, dampings and torques. A Kalman filter over the context
-//! then estimates angles, velocities and dampings together from the measured positions. The
-//! prediction begins at its last state.
+//! robot's numbers are fitted to the result. Around this motion the law is linear. Forward
+//! differences, which are lanes of one call, give the change of the next state with angles,
+//! velocities, dampings and torques. A Kalman filter over the context then estimates angles,
+//! velocities and dampings together from the measured positions. The prediction begins at its last
+//! state.
 //!
 //! The filter treats the law's errors as white noise of torques, a multiple of the noise that
 //! training found. It chooses, for each robot, the multiple under which the context is most likely.
 //! Errors of a law are not white, and they are larger on data unlike its training's. The multiple also
 //! says how much of the torques that the law leaves of a smoothed motion is its own error. The rest is
-//! what smoothing leaves of the noise, and the horizon does not have it.
+//! what smoothing leaves of the noise. It moves nothing, and it averages out in a fit. So numbers are
+//! fitted once more as if it were not there.
 
 use nalgebra::{Cholesky, DMatrix};
 use series::{MeasurementNoise, Smoother};
@@ -57,8 +58,9 @@ pub(super) struct FilteredContext {
     /// A root of the covariance at the end of the context, `[row, column]`: the angles in rad, then
     /// the velocities in rad/s.
     pub motion: DMatrix<f64>,
-    /// Standard deviation of each joint's residual torque, as the measured positions show it, N·m.
-    pub residual_torques: Vec<f32>,
+    /// Standard deviation of the law's own errors in each joint, as the measured positions show it, but
+    /// no less than in training, N·m.
+    pub law_errors: Vec<f32>,
 }
 
 /// Whether a context is long enough, and noisy enough, to be filtered.
@@ -78,19 +80,23 @@ impl Law {
     ) -> RobotPosterior {
         let smoothed = smoother.smooth_robot(robot.y, robot.joints);
         let path = Recorded { y: &smoothed, ..*robot };
-        let posterior = self.fit(instructions, &path, bounds);
-        let numbers = narrow(&posterior.mean);
+        let regression = self.regression_of(instructions, &path);
+        let fit = |most| self.fit_within(instructions, &path, &regression, bounds, most);
+        let numbers = narrow(&fit(None).mean);
         let steps = self.linearized(instructions, &path, &numbers);
         let filter =
             Filter { law: self, measured: robot, path: &path, numbers, steps: &steps, noise };
         let (belief, multiple) = filter.most_likely();
         let width = belief.mean.len();
         let motion = root_of_block(&belief.covariance, width, 2 * robot.joints);
-        let most_likely = filter.state(&belief);
-        let residual_torques = narrow(&filter.residual_torques(multiple));
-        let disturbance = self.disturbance(instructions, &path, &posterior.mean);
-        let filtered = Some(FilteredContext { smoothed, motion, residual_torques });
-        RobotPosterior { most_likely, numbers: posterior, filtered, disturbance }
+        let y = filter.last_positions(&belief);
+        let numbers = fit(Some(&filter.residual_torques(multiple)));
+        let most_likely = State { y, numbers: narrow(&numbers.mean) };
+        let law_errors = self.joints.iter().map(|joint| multiple.max(1.0) * f64::from(joint.noise));
+        let law_errors = narrow(&law_errors.collect::<Vec<_>>());
+        let disturbance = self.disturbance(instructions, &path, &numbers.mean);
+        let filtered = Some(FilteredContext { smoothed, motion, law_errors });
+        RobotPosterior { most_likely, numbers, filtered, disturbance }
     }
 
     /// The steps from sample 1 to the last, each linearized around the path.
@@ -212,7 +218,8 @@ impl Filter<'_> {
         (best, RATIO.powf(f64::from(step) + between))
     }
 
-    /// The standard deviation of each joint's residual torque, N·m.
+    /// The standard deviation of each joint's residual torque if the law's own errors are a `multiple`
+    /// of training's, N·m.
     fn residual_torques(&self, multiple: f64) -> Vec<f64> {
         let of_joint =
             |joint: &JointLaw| (multiple * f64::from(joint.noise)).hypot(self.noise.torque_nm);
@@ -289,8 +296,8 @@ impl Filter<'_> {
         (0..joints).map(|joint| angle(sample, joint)).chain((0..joints).map(velocity)).collect()
     }
 
-    #[expect(clippy::cast_possible_truncation, reason = "the law is computed in f32")]
-    fn state(&self, belief: &Belief) -> State {
+    /// The positions at the last two samples, `[sample, joint]`, rad.
+    fn last_positions(&self, belief: &Belief) -> Vec<f32> {
         let joints = self.measured.joints;
         let path = self.at(self.path.samples() - 1);
         let finite = belief.mean.iter().all(|more| more.is_finite());
@@ -298,13 +305,7 @@ impl Filter<'_> {
         let state: Vec<f64> = path.iter().zip(&mean).map(|(path, more)| path + more).collect();
         let period = 1.0 / f64::from(self.path.rate_hz);
         let before = (0..joints).map(|joint| state[joint] - period * state[joints + joint]);
-        let y: Vec<f32> = before.chain(state[..joints].iter().copied()).map(|q| q as f32).collect();
-        let mut numbers = self.numbers.clone();
-        let dampings = &mut numbers[self.law.numbers.dampings()];
-        for (damping, more) in dampings.iter_mut().zip(&mean[2 * joints..]) {
-            *damping = (*damping + *more as f32).max(0.0);
-        }
-        State { y, numbers }
+        narrow(&before.chain(state[..joints].iter().copied()).collect::<Vec<_>>())
     }
 }
 

@@ -72,10 +72,33 @@ impl Law {
         recorded: &Recorded<'_>,
         bounds: Bounds,
     ) -> Posterior {
+        let regression = self.regression_of(instructions, recorded);
+        self.fit_within(instructions, recorded, &regression, bounds, None)
+    }
+
+    /// The sums over the equations of a context.
+    pub fn regression_of(
+        &self,
+        instructions: InstructionSet,
+        recorded: &Recorded<'_>,
+    ) -> Regression {
         let (law, mut regression) = (self, Regression::new(self.numbers));
         let each = |equation: &Equation<'_>| regression.add(equation);
         with_f32_lanes!(instructions, L => L::run(ContextEquations { law, recorded, each }));
-        let mut found = self.fit_with(&regression, recorded, bounds);
+        regression
+    }
+
+    /// [`Law::fit`] with the context's sums. If it is known how large each joint's residual torque is
+    /// at `most`, N·m, what is above that does not count.
+    pub fn fit_within(
+        &self,
+        instructions: InstructionSet,
+        recorded: &Recorded<'_>,
+        regression: &Regression,
+        bounds: Bounds,
+        most: Option<&[f64]>,
+    ) -> Posterior {
+        let mut found = self.fit_with(regression, recorded, bounds, most);
         let masses = bounds == Bounds::DissipationAndMasses;
         if self.numbers.moments {
             if masses {
@@ -92,7 +115,7 @@ impl Law {
         if masses || self.has_enough_inertia(instructions, recorded, &narrow(&found.mean)) {
             return found;
         }
-        self.fit_with(&regression, recorded, Bounds::DissipationAndMasses)
+        self.fit_with(regression, recorded, Bounds::DissipationAndMasses, most)
     }
 
     /// The equations of a context.
@@ -116,13 +139,15 @@ impl Law {
         least >= LEAST_PIVOT
     }
 
-    /// Fits the numbers. The noise of a joint is raised to its residual torque where that exceeds
-    /// the noise of training, because the law is worse there or positions were smoothed.
+    /// Fits the numbers. The noise of a joint is raised to its residual torque, or to `most` of it,
+    /// where that exceeds the noise of training, because the law is worse there or positions were
+    /// smoothed.
     pub fn fit_with(
         &self,
         regression: &Regression,
         recorded: &Recorded<'_>,
         bounds: Bounds,
+        most: Option<&[f64]>,
     ) -> Posterior {
         let least = self.noise(recorded);
         let mut noise = least.clone();
@@ -131,6 +156,7 @@ impl Law {
         for _ in 0..NOISE_ROUNDS {
             for (joint, noise) in noise.iter_mut().enumerate() {
                 let residual = regression.residual_torque(joint, &posterior.mean);
+                let residual = most.map_or(residual, |most| residual.min(most[joint]));
                 *noise = least[joint].max(repeated * residual);
             }
             posterior = regression.bounded_posterior(&self.prior, &noise, bounds);

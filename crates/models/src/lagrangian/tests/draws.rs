@@ -151,7 +151,7 @@ fn residual_torques_do_not_contain_what_smoothing_leaves_of_the_noise() {
         let mut of_second = || {
             let residuals = robot.law.residual_torques(instructions, &recorded, &posterior);
             if let Some(filtered) = &mut posterior.filtered {
-                filtered.residual_torques.fill(f32::MAX);
+                filtered.law_errors.fill(f32::MAX);
             }
             let torques = residuals.torques.iter().skip(1).step_by(2);
             (torques.map(|torque| torque * torque).sum::<f32>() * 2.0
