@@ -143,15 +143,18 @@ fn what_leaves_no_room_is_refused() {
     let folder = folder.path();
     fs::write(folder.join("arm.urdf"), URDF).unwrap();
     for (flags, said) in [
-        (&["--clearance", "3"][..], "table_z is 0.2 m, allowed with a clearance of 3 m: below "),
-        (&["--margin", "1"], "margin is 1, allowed: 0 to 0.9"),
+        (&["--clearance", "3"][..], "--table-z is 0.2 m, allowed with a clearance of 3 m: below "),
+        (&["--margin", "1"], "--margin is 1, allowed: 0 to 0.9"),
         (&["--rate-hz", "2"], "--rate-hz is 2, allowed: 10 to 10000 Hz for this motion"),
-        (&["--noise-nm", "1"], "noise_nm has 1 numbers, allowed: 2, one per joint"),
-        (&["--base-frequency", "0.3"], "base_frequency is 0.3, allowed: a whole number of periods"),
+        (&["--noise-nm", "1"], "--noise-nm has 1 numbers, allowed: 2, one per joint"),
+        (
+            &["--base-frequency", "0.3"],
+            "--base-frequency is 0.3, allowed: a whole number of periods",
+        ),
     ] {
         let (code, _, errors) = excite(folder, flags);
         assert_eq!(code, Some(1), "{flags:?}");
-        assert!(errors.contains(said), "{errors}");
+        assert!(errors.contains(&format!("error: {said}")), "{errors}");
     }
 }
 

@@ -139,7 +139,7 @@ fn logs_that_do_not_fit_the_arm_are_refused_before_any_work() {
     for (flags, said) in [
         (&["--q", "q1,u1"][..], "--q names 2 columns, allowed: 1, one per joint"),
         (&["--time", "zeit"], "there is no column \"zeit\", only t, q1, u1"),
-        (&["--low-pass-hz", "70"], "low_pass_hz is 70 Hz, allowed for recording \"one.csv\""),
+        (&["--low-pass-hz", "70"], "--low-pass-hz is 70 Hz, allowed for recording \"one.csv\""),
         (&["--gain-deviation", "2"], "--gain-deviation is 2, allowed: 0 to 1"),
         (&["--most-delay-s", "1"], "--most-delay-s is 1, allowed: 0 to 0.1"),
         (&["--same-load"], "--load"),

@@ -152,7 +152,7 @@ async fn an_import_has_a_name_and_the_noise_of_its_encoders() {
     }
     let (code, _, errors) = command(&["--position-noise-rad", "0.2"]);
     assert_eq!(code, Some(1));
-    assert!(errors.contains("position_noise_rad is 0.2, allowed: 0 to 0.1"), "{errors}");
+    assert!(errors.contains("--position-noise-rad is 0.2, allowed: 0 to 0.1"), "{errors}");
 
     let evaluation = json!({
         "kind": "evaluate", "data": {"dataset": 2}, "context": 40,

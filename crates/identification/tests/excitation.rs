@@ -256,25 +256,25 @@ fn what_leaves_no_room_is_refused_with_its_value_and_what_is_allowed() {
     let refused =
         |settings: ExcitationSettings| excite(&description, &settings).unwrap_err().to_string();
     let short = refused(ExcitationSettings { seconds: 2.0, ..quick() });
-    assert_eq!(short, "seconds is 2, allowed: 5 to 600 s");
+    assert_eq!(short, "--seconds is 2, allowed: 5 to 600 s");
     let nan = refused(ExcitationSettings { seconds: f64::NAN, ..quick() });
-    assert_eq!(nan, "seconds is NaN, allowed: 5 to 600 s");
+    assert_eq!(nan, "--seconds is NaN, allowed: 5 to 600 s");
     let uneven = refused(ExcitationSettings { base_frequency_hz: Some(0.13), ..quick() });
     assert!(uneven.starts_with(
-        "base_frequency is 0.13, allowed: a whole number of periods in 10 s, such as 0.1 Hz"
+        "--base-frequency is 0.13, allowed: a whole number of periods in 10 s, such as 0.1 Hz"
     ));
     let few = refused(ExcitationSettings { harmonics: Some(1), ..quick() });
-    assert_eq!(few, "harmonics is 1, allowed: 2 to 30");
+    assert_eq!(few, "--harmonics is 1, allowed: 2 to 30");
     let margin = refused(ExcitationSettings { margin: 1.0, ..quick() });
-    assert_eq!(margin, "margin is 1, allowed: 0 to 0.9");
+    assert_eq!(margin, "--margin is 1, allowed: 0 to 0.9");
     let list = refused(ExcitationSettings { noise_nm: Some(vec![0.1; 2]), ..quick() });
-    assert_eq!(list, "noise_nm has 2 numbers, allowed: 3, one per joint");
+    assert_eq!(list, "--noise-nm has 2 numbers, allowed: 3, one per joint");
     let zero =
         refused(ExcitationSettings { accelerations_rad_s2: Some(vec![1.0, 0.0, 1.0]), ..quick() });
-    assert_eq!(zero, "accelerations of joint 2 is 0, allowed: 0.000001 to 100000");
+    assert_eq!(zero, "--accelerations of joint 2 is 0, allowed: 0.000001 to 100000");
     let table = refused(ExcitationSettings { table_z_m: Some(5.0), ..quick() });
     assert!(
-        table.starts_with("table_z is 5 m, allowed with a clearance of 0.1 m: below "),
+        table.starts_with("--table-z is 5 m, allowed with a clearance of 0.1 m: below "),
         "{table}"
     );
 

@@ -197,3 +197,42 @@ fn write_trajectory(path: &Path, rate_hz: f64, found: &Excitation) -> anyhow::Re
 fn pretty(value: &impl Serialize) -> anyhow::Result<String> {
     Ok(serde_json::to_string_pretty(value)? + "\n")
 }
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+
+    #[derive(Parser)]
+    struct Command {
+        #[command(flatten)]
+        excite: Arguments,
+    }
+
+    #[test]
+    fn an_error_of_a_setting_begins_with_the_flag_that_was_typed() {
+        for (flag, value) in [
+            ("--seconds", "2"),
+            ("--base-frequency", "0.13"),
+            ("--harmonics", "1"),
+            ("--margin", "1"),
+            ("--table-z", "200"),
+            ("--clearance", "11"),
+            ("--gain-deviation", "2"),
+        ] {
+            let Command { excite } = Command::parse_from(["excite", "panda", flag, value]);
+            let message = settings(&excite).check().unwrap_err().to_string();
+            assert!(message.starts_with(&format!("{flag} is {value}, allowed: ")), "{message}");
+        }
+        for flag in ["--accelerations", "--noise-nm"] {
+            let Command { excite: arguments } = Command::parse_from(["excite", "panda", flag, "1"]);
+            let panda = spec::RobotModel::panda();
+            let error = excite(panda.description(), &settings(&arguments)).unwrap_err();
+            assert_eq!(
+                error.to_string(),
+                format!("{flag} has 1 numbers, allowed: 7, one per joint")
+            );
+        }
+    }
+}

@@ -8,9 +8,9 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use anyhow::{Context, ensure};
+use anyhow::{Context, anyhow, ensure};
 use clap::Args;
-use identification::{Recording, Settings, identify, identify_load};
+use identification::{IdentificationError, Recording, Settings, identify, identify_load};
 use log::{LogArguments, LogFile};
 use spec::IdentifySpec;
 use worker::{ArmFile, FoundLoad, IdentifiedArm};
@@ -96,12 +96,13 @@ pub async fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     };
     let progress = &mut || ControlFlow::Continue(());
     let (fit, validation) = (recordings(&logs), recordings(&validation));
-    let found = identify(description, &fit, &validation, &settings, progress)?;
+    let found = identify(description, &fit, &validation, &settings, progress).map_err(with_flag)?;
     let per_load = if arguments.same_load { loads.len() } else { 1 };
     let load = |recordings: &[Recording]| -> anyhow::Result<FoundLoad> {
         let names: Vec<&str> = recordings.iter().map(|log| log.name.as_str()).collect();
         let progress = &mut || ControlFlow::Continue(());
-        let found = identify_load(description, &found.arm, recordings, &[], &settings, progress)?;
+        let found = identify_load(description, &found.arm, recordings, &[], &settings, progress)
+            .map_err(with_flag)?;
         Ok(FoundLoad { recordings: names.join(", "), found })
     };
     let loads = loads.chunks(per_load.max(1)).map(|files| load(&recordings(files)));
@@ -141,6 +142,16 @@ pub async fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     Ok(ExitCode::SUCCESS)
 }
 
+/// The error with the flag where it names the field of a spec.
+fn with_flag(error: IdentificationError) -> anyhow::Error {
+    match error {
+        IdentificationError::LowPass { .. } => {
+            anyhow!(error.to_string().replacen("low_pass_hz", "--low-pass-hz", 1))
+        }
+        error => error.into(),
+    }
+}
+
 fn settings(arguments: &Arguments, has_gains: bool) -> anyhow::Result<Settings> {
     const MOST_STEPS: usize = 100;
 
@@ -163,4 +174,23 @@ fn settings(arguments: &Arguments, has_gains: bool) -> anyhow::Result<Settings> 
     );
     let low_pass_hz = arguments.low_pass_hz;
     Ok(Settings { low_pass_hz, motion_steps, gain_deviation, most_delay_s })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_error_of_the_low_pass_names_the_flag() {
+        let low_pass = IdentificationError::LowPass {
+            recording: "a.csv".to_owned(),
+            low_pass_hz: 70.0,
+            rate_hz: 100.0,
+            below_hz: 50.0,
+        };
+        let message = with_flag(low_pass).to_string();
+        assert!(message.starts_with("--low-pass-hz is 70 Hz, allowed for "), "{message}");
+        let other = with_flag(IdentificationError::NoRecordings).to_string();
+        assert_eq!(other, "there are no recordings");
+    }
 }

@@ -10,7 +10,7 @@ use anyhow::{Context, bail, ensure};
 use clap::Args;
 use serde::Deserialize;
 use serde_json::{Value, json};
-use spec::{DataSpec, FileFormat, JobSpec};
+use spec::{DataSpec, FileFormat, JobSpec, MAX_POSITION_NOISE_RAD};
 use wire::{Dataset, ImportCounts, Job, JobState};
 
 use crate::arguments::{LabelArguments, OutputArguments, ServerArguments};
@@ -85,6 +85,10 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         (None, None) => bail!("--spec or --predictions-of is missing"),
     };
     if let Some(noise) = arguments.position_noise_rad {
+        ensure!(
+            (0.0..=MAX_POSITION_NOISE_RAD).contains(&noise),
+            "--position-noise-rad is {noise}, allowed: 0 to {MAX_POSITION_NOISE_RAD}"
+        );
         spec["position_noise_rad"] = json!(noise);
     }
     if arguments.unwrap {

@@ -8,7 +8,7 @@ pub enum ExcitationError {
     /// A setting has a value that is not allowed.
     #[error("{name} is {value}, allowed: {allowed}")]
     Setting {
-        /// The setting's name.
+        /// Its flag of `torqued excite`; `random_motions` has none.
         name: &'static str,
         /// Its value.
         value: f64,
@@ -18,7 +18,7 @@ pub enum ExcitationError {
     /// A list has another length than the arm has joints.
     #[error("{name} has {found} numbers, allowed: {joints}, one per joint")]
     Count {
-        /// The list's name.
+        /// Its flag of `torqued excite`.
         name: &'static str,
         /// Its length.
         found: usize,
@@ -28,7 +28,7 @@ pub enum ExcitationError {
     /// A number of a list is not allowed.
     #[error("{name} of joint {joint} is {value}, allowed: {least} to {most}")]
     OfJoint {
-        /// The list's name.
+        /// Its flag of `torqued excite`.
         name: &'static str,
         /// From 1.
         joint: usize,
@@ -75,7 +75,7 @@ pub enum ExcitationError {
     },
     /// No posture is clear of the table.
     #[error(
-        "table_z is {table_z_m} m, allowed with a clearance of {clearance_m} m: below {highest_m:.3} m, so that a posture \
+        "--table-z is {table_z_m} m, allowed with a clearance of {clearance_m} m: below {highest_m:.3} m, so that a posture \
          keeps the joints from the third on and the hand above the table"
     )]
     Table {

@@ -87,14 +87,14 @@ impl ExcitationSettings {
             let allowed = format!("{least} to {most}{unit}");
             Err(ExcitationError::Setting { name, value, allowed })
         };
-        setting("seconds", self.seconds, 5.0, 600.0, " s")?;
+        setting("--seconds", self.seconds, 5.0, 600.0, " s")?;
         let base_hz = self.base_frequency_hz();
-        setting("base_frequency", base_hz, 1.0 / self.seconds, 0.5, " Hz")?;
+        setting("--base-frequency", base_hz, 1.0 / self.seconds, 0.5, " Hz")?;
         let periods = self.seconds * base_hz;
         if (periods - periods.round()).abs() > WHOLE * periods {
             let usual_hz = periods.round() / self.seconds;
             return Err(ExcitationError::Setting {
-                name: "base_frequency",
+                name: "--base-frequency",
                 value: base_hz,
                 allowed: format!(
                     "a whole number of periods in {} s, such as {usual_hz} Hz, so that the motion ends at rest",
@@ -103,17 +103,17 @@ impl ExcitationSettings {
             });
         }
         let most = (HIGHEST_HZ / base_hz).floor().min(30.0);
-        setting("harmonics", self.harmonics() as f64, 2.0, most, "")?;
-        setting("margin", self.margin, 0.0, 0.9, "")?;
-        setting("table_z", self.table_z_m.unwrap_or(0.0), -100.0, 100.0, " m")?;
-        setting("clearance", self.clearance_m, 0.0, 10.0, " m")?;
-        setting("gain_deviation", self.gain_deviation, 0.0, 1.0, "")?;
+        setting("--harmonics", self.harmonics() as f64, 2.0, most, "")?;
+        setting("--margin", self.margin, 0.0, 0.9, "")?;
+        setting("--table-z", self.table_z_m.unwrap_or(0.0), -100.0, 100.0, " m")?;
+        setting("--clearance", self.clearance_m, 0.0, 10.0, " m")?;
+        setting("--gain-deviation", self.gain_deviation, 0.0, 1.0, "")?;
         setting("random_motions", self.random_motions as f64, 1.0, 10_000.0, "")
     }
 
     pub(crate) fn check_lists(&self, joints: usize) -> Result<(), ExcitationError> {
         for (name, values) in
-            [("accelerations", &self.accelerations_rad_s2), ("noise_nm", &self.noise_nm)]
+            [("--accelerations", &self.accelerations_rad_s2), ("--noise-nm", &self.noise_nm)]
         {
             let (least, most) = (1e-6, 1e5);
             let Some(values) = values else { continue };
