@@ -41,8 +41,8 @@ impl AnyRobotArguments {
             let missing = self.robot.read().err().map(|error| error.to_string());
             bail!("{}; --server URL names a server that keeps it", missing.unwrap_or_default());
         };
-        self.robot
-            .no_urdf("a robot of the server", "send its URDF again with `torqued robot add`")?;
+        let instead = "send the arm's URDF or an edited description with `torqued robot add`";
+        self.robot.no_urdf("a robot of the server", instead)?;
         let not_here = || format!("{name} is neither a file nor a built-in robot");
         kept(&client, &name).await.with_context(not_here)
     }
@@ -124,4 +124,29 @@ async fn id_of(client: &Client, name: &str) -> anyhow::Result<i64> {
         bail!("the robots {} of the server are called {name:?}, allowed: an id", ids.join(", "))
     };
     Ok(id)
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+
+    use super::*;
+
+    #[derive(Parser)]
+    struct Command {
+        #[command(flatten)]
+        robot: AnyRobotArguments,
+    }
+
+    #[tokio::test]
+    async fn a_robot_of_the_server_has_no_options_of_a_urdf() {
+        // The server is not asked.
+        let line = ["command", "crane", "--server", "127.0.0.1:1", "--tip", "a"];
+        let refused = Command::parse_from(line).robot.read().await.unwrap_err();
+        assert_eq!(
+            refused.to_string(),
+            "crane is a robot of the server, and --tip is only for a URDF; send the arm's URDF or an edited description \
+             with `torqued robot add` instead"
+        );
+    }
 }

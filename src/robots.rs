@@ -91,7 +91,10 @@ impl RobotArguments {
                 Ok(Robot { model, urdf: Some(Urdf { text, arm }), doubts })
             }
             Some('{') => {
-                self.no_urdf("a description as JSON", "edit the description")?;
+                self.no_urdf(
+                    "a description as JSON",
+                    "give the arm's URDF or edit the description",
+                )?;
                 let description = described(&text).with_context(place)?;
                 let model = RobotModel::Described(Box::new(description));
                 Ok(Robot { model, urdf: None, doubts: Vec::new() })
@@ -320,6 +323,15 @@ mod tests {
             let message = refused.unwrap_err().to_string();
             assert!(message.contains(&format!("{} is only for a URDF", option[0])), "{message}");
         }
+        let description = serde_json::to_string(RobotModel::panda().description()).unwrap();
+        let message = crate::exit::message(&read(description, &["--tip", "a"]).unwrap_err());
+        assert!(
+            message.ends_with(
+                "arm is a description as JSON, and --tip is only for a URDF; give the arm's URDF or edit the \
+                 description instead"
+            ),
+            "{message}"
+        );
     }
 
     #[test]

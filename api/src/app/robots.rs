@@ -60,7 +60,8 @@ impl SentRobot {
                 continue;
             }
             let Self::Urdf(_, options) = &mut self else {
-                let allowed = "left out: it is only for a URDF; edit the description instead";
+                let allowed = "left out: it is only for a URDF; send the arm's URDF or edit the \
+                               description instead";
                 return Err(ApiError::parameter(&parameter, value, allowed));
             };
             let refused = |allowed: &str| ApiError::parameter(&parameter, &value, allowed);

@@ -144,7 +144,8 @@ async fn what_is_no_robot_is_refused_with_the_part_the_value_and_what_is_allowed
         assert!(detail.contains(expected), "{query}: {detail}");
     }
     let detail = refused("/v1/robots?tip=a", "application/json", "{}", 400).await;
-    assert!(detail.contains("it is only for a URDF"), "{detail}");
+    let allowed = "it is only for a URDF; send the arm's URDF or edit the description instead";
+    assert!(detail.contains(allowed), "{detail}");
     assert_eq!(server.json("/v1/robots").await, json!({"robots": [], "next": null}));
 }
 
