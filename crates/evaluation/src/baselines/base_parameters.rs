@@ -9,7 +9,7 @@ use series::{JointMotion, Observed, Track, mean_torques};
 use super::NominalArm;
 use super::continuation::Continuation;
 use super::end_state::end_state;
-use super::filtered::smoothed;
+use super::filtered::{answer_with_arms, held, smoothed};
 use super::linear_arm::{FittedArm, LinearArm, Record};
 use super::rollout::to_f32;
 use crate::metrics::torques_of_arm;
@@ -79,9 +79,7 @@ impl BaseParameters {
         &self,
         [observed, measured]: [&Observed<'_>; 2],
         scenario: usize,
-        interrupt: &Interrupt,
     ) -> (Robot, Vec<f32>) {
-        interrupt.leave_if_raised();
         let (torques, positions) = (observed.u(scenario).values(), observed.y(scenario));
         let (joints, rate_hz) = (observed.joints(), observed.rate_hz());
         if let Some(fitted) = self.fit(torques, positions, rate_hz) {
@@ -103,8 +101,7 @@ impl BaseParameters {
         }
         let nominal = self.arm.nominal();
         let moved = self.continuation.simulate(nominal, torques, positions, None);
-        let held = || positions[positions.samples() - 1].repeat(observed.horizon());
-        (nominal.clone(), moved.unwrap_or_else(held))
+        (nominal.clone(), moved.unwrap_or_else(|| held(observed, scenario)))
     }
 }
 
@@ -125,15 +122,7 @@ impl Predictor for BaseParameters {
     }
 
     fn answer(&self, observed: &Observed<'_>, _: usize) -> Result<Answer, EvaluationError> {
-        let interrupt = Interrupt::current();
-        let smoothed = smoothed(observed)?;
-        let smoothed = smoothed.as_ref().map(|series| series.observed(observed.context()));
-        let asked = [smoothed.as_ref().unwrap_or(observed), observed];
-        let (arms, positions): (Vec<Robot>, Vec<Vec<f32>>) = (0..observed.robots())
-            .into_par_iter()
-            .map(|scenario| self.predict_one(asked, scenario, &interrupt))
-            .unzip();
-        Ok(Answer { positions: positions.concat(), arms: Some(arms), samples: None })
+        answer_with_arms(observed, |asked, scenario, _| self.predict_one(asked, scenario))
     }
 
     /// The torques of the fitted arms with their offsets. An answer has no offsets and perhaps more

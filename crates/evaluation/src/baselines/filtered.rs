@@ -1,6 +1,8 @@
 //! Baselines on contexts whose noise is removed first.
 
+use dynamics::Robot;
 use models::Interrupt;
+use rayon::prelude::*;
 use series::{JointMotion, Observed, Series, Shape, ShapeError, Smoother};
 
 use crate::predictor::Answer;
@@ -62,6 +64,32 @@ pub(super) fn smoothed(observed: &Observed<'_>) -> Result<Option<Series>, ShapeE
         y.extend(smoother.smooth_robot(observed.y(robot).values(), joints));
     }
     Series::question(observed.shape(), context, rate_hz, u, y).map(Some)
+}
+
+/// The answer of a predictor that fits arms. `predict_one` gets the window with [`smoothed`]
+/// positions, the measured window and a scenario. It gives an arm and the positions
+/// `[horizon, joint]`, rad.
+pub(super) fn answer_with_arms(
+    measured: &Observed<'_>,
+    predict_one: impl Fn([&Observed<'_>; 2], usize, &Interrupt) -> (Robot, Vec<f32>) + Sync,
+) -> Result<Answer, EvaluationError> {
+    let interrupt = Interrupt::current();
+    let smoothed = smoothed(measured)?;
+    let smoothed = smoothed.as_ref().map(|series| series.observed(measured.context()));
+    let asked = [smoothed.as_ref().unwrap_or(measured), measured];
+    let one = |scenario| {
+        interrupt.leave_if_raised();
+        predict_one(asked, scenario, &interrupt)
+    };
+    let (arms, positions): (Vec<Robot>, Vec<Vec<f32>>) =
+        (0..measured.robots()).into_par_iter().map(one).unzip();
+    Ok(Answer { positions: positions.concat(), arms: Some(arms), samples: None })
+}
+
+/// The last position of a scenario, over the horizon: `[horizon, joint]`, rad.
+pub(super) fn held(observed: &Observed<'_>, scenario: usize) -> Vec<f32> {
+    let positions = observed.y(scenario);
+    positions[positions.samples() - 1].repeat(observed.horizon())
 }
 
 #[cfg(test)]

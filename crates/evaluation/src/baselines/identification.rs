@@ -3,7 +3,6 @@
 use dynamics::{Anchor, Joints, Motion, Replay, Robot};
 use models::Interrupt;
 use nalgebra::{Cholesky, DMatrix, DVector};
-use rayon::prelude::*;
 use series::Observed;
 use spec::Integrator;
 
@@ -11,7 +10,7 @@ use super::NominalArm;
 use super::constant_velocity::slope_at;
 use super::continuation::{STRETCH_S, forgets_velocities, whole};
 use super::end_state::end_state;
-use super::filtered::smoothed;
+use super::filtered::{answer_with_arms, held};
 use super::prior::{Arm, Freedom, Prior};
 use crate::predictor::Answer;
 use crate::{EvaluationError, Predictor};
@@ -121,7 +120,6 @@ impl Identification {
         scenario: usize,
         interrupt: &Interrupt,
     ) -> (Robot, Vec<f32>) {
-        interrupt.leave_if_raised();
         let joints = self.prior.joints();
         let torques = observed.u(scenario).values();
         let track = observed.y(scenario);
@@ -163,10 +161,7 @@ impl Identification {
         let mut simulated = [fitted, nominal].into_iter().zip(q.chunks_exact(torques.len()));
         match simulated.find(is_finite) {
             Some((arm, q)) => (arm.robot, q[known..].to_vec()),
-            None => {
-                let held = positions[known - joints..].repeat((torques.len() - known) / joints);
-                (self.prior.nominal().clone(), held)
-            }
+            None => (self.prior.nominal().clone(), held(observed, scenario)),
         }
     }
 }
@@ -245,15 +240,9 @@ impl Predictor for Identification {
     }
 
     fn answer(&self, observed: &Observed<'_>, _: usize) -> Result<Answer, EvaluationError> {
-        let interrupt = Interrupt::current();
-        let smoothed = smoothed(observed)?;
-        let smoothed = smoothed.as_ref().map(|series| series.observed(observed.context()));
-        let asked = [smoothed.as_ref().unwrap_or(observed), observed];
-        let (arms, positions): (Vec<Robot>, Vec<Vec<f32>>) = (0..observed.robots())
-            .into_par_iter()
-            .map(|scenario| self.predict_one(asked, scenario, &interrupt))
-            .unzip();
-        Ok(Answer { positions: positions.concat(), arms: Some(arms), samples: None })
+        answer_with_arms(observed, |asked, scenario, interrupt| {
+            self.predict_one(asked, scenario, interrupt)
+        })
     }
 }
 

@@ -3,7 +3,6 @@
 use dynamics::{ArmState, Joints, Motion, Replay, Robot};
 use models::Interrupt;
 use nalgebra::{Cholesky, DMatrix, DVector};
-use rayon::prelude::*;
 use series::{MeasurementNoise, Observed, Track};
 use spec::Precision;
 
@@ -11,7 +10,7 @@ use super::NominalArm;
 use super::constant_velocity::slope_at;
 use super::continuation::{Continuation, whole};
 use super::end_state::EndState;
-use super::filtered::smoothed;
+use super::filtered::{answer_with_arms, held};
 use super::prior::{Freedom, Prior};
 use super::rollout::to_f32;
 use crate::predictor::Answer;
@@ -197,7 +196,6 @@ impl JointEkf {
         scenario: usize,
         interrupt: &Interrupt,
     ) -> (Robot, Vec<f32>) {
-        interrupt.leave_if_raised();
         let (torques, positions) = (observed.u(scenario), observed.y(scenario));
         let filtered = self.filter(torques, measured.y(scenario), measured.noise(), interrupt);
         if let Some(Belief { state: ArmState { q, qd }, parameters, .. }) = filtered {
@@ -211,8 +209,7 @@ impl JointEkf {
         let zeros = vec![0.0; self.prior.parameters()];
         let nominal = self.prior.arm_at(&zeros).robot;
         let moved = self.continuation.simulate(&nominal, torques.values(), positions, None);
-        let held = || positions[positions.samples() - 1].repeat(observed.horizon());
-        (nominal, moved.unwrap_or_else(held))
+        (nominal, moved.unwrap_or_else(|| held(observed, scenario)))
     }
 }
 
@@ -275,15 +272,9 @@ impl Predictor for JointEkf {
     }
 
     fn answer(&self, observed: &Observed<'_>, _: usize) -> Result<Answer, EvaluationError> {
-        let interrupt = Interrupt::current();
-        let smoothed = smoothed(observed)?;
-        let smoothed = smoothed.as_ref().map(|series| series.observed(observed.context()));
-        let asked = [smoothed.as_ref().unwrap_or(observed), observed];
-        let (arms, positions): (Vec<Robot>, Vec<Vec<f32>>) = (0..observed.robots())
-            .into_par_iter()
-            .map(|scenario| self.predict_one(asked, scenario, &interrupt))
-            .unzip();
-        Ok(Answer { positions: positions.concat(), arms: Some(arms), samples: None })
+        answer_with_arms(observed, |asked, scenario, interrupt| {
+            self.predict_one(asked, scenario, interrupt)
+        })
     }
 }
 
