@@ -16,9 +16,8 @@ impl ErrorHorizon {
     pub fn all(seconds: &[f64], rate_hz: f64, horizon: usize) -> Vec<Self> {
         let mut parts: Vec<Self> = Vec::new();
         for &seconds in seconds {
-            let asked = (seconds * rate_hz).round();
-            let samples = whole(asked).clamp(1, horizon.max(1));
-            let fits = samples as f64 == asked;
+            let samples = nearest_whole(seconds * rate_hz).clamp(1, horizon.max(1));
+            let fits = samples as f64 == (seconds * rate_hz).round();
             let seconds = if fits { seconds } else { samples as f64 / rate_hz };
             if parts.iter().all(|part| part.samples != samples) {
                 parts.push(Self { seconds, samples });
@@ -34,13 +33,14 @@ impl ErrorHorizon {
     }
 }
 
+/// The nearest whole number of samples.
 #[expect(
     clippy::cast_possible_truncation,
     clippy::cast_sign_loss,
     reason = "the cast saturates, and lengths are not negative"
 )]
-fn whole(samples: f64) -> usize {
-    samples as usize
+pub(crate) fn nearest_whole(samples: f64) -> usize {
+    samples.round() as usize
 }
 
 #[cfg(test)]

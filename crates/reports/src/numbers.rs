@@ -61,6 +61,16 @@ pub(crate) fn percent(share: f64) -> String {
     format!("{:.1} %", 100.0 * share)
 }
 
+/// The last step of a part of the horizon, from 0.
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "the cast saturates, and a step too late has no number"
+)]
+pub(crate) fn step_at(seconds: f64, rate_hz: f64) -> usize {
+    ((seconds * rate_hz).round() as usize).saturating_sub(1)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

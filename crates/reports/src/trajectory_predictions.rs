@@ -2,6 +2,7 @@
 
 use wire::{TrajectoryPrediction, TrajectoryPredictions, Unit};
 
+use crate::numbers::step_at;
 use crate::{Cell, Table, TableOf};
 
 /// Times at which errors are told, s.
@@ -46,15 +47,6 @@ pub fn table(predictions: &TrajectoryPredictions) -> Table {
         })
         .titled("Errors", &note)
         .without_empty_columns()
-}
-
-#[expect(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "a step of the horizon, and a far one has no error"
-)]
-fn step_at(seconds: f64, rate_hz: f64) -> usize {
-    ((seconds * rate_hz).round() as usize).saturating_sub(1)
 }
 
 /// The joint with the largest error, from 1.

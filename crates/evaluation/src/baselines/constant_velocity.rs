@@ -5,6 +5,7 @@ use nalgebra::{Matrix3, Vector3};
 use series::{Observed, Track};
 
 use super::rollout::to_f32;
+use crate::horizons::nearest_whole;
 use crate::{EvaluationError, Predictor};
 
 /// Starts at the last position of the context, and holds the velocity there.
@@ -84,13 +85,8 @@ pub(super) fn slope_among(
 }
 
 /// Samples in [`WINDOW_S`], both ends included.
-#[expect(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "rates are at most 1000 Hz"
-)]
 fn window(rate_hz: f64) -> usize {
-    LEAST_SAMPLES.max((rate_hz * WINDOW_S).round() as usize + 1)
+    LEAST_SAMPLES.max(nearest_whole(rate_hz * WINDOW_S) + 1)
 }
 
 #[cfg(test)]

@@ -7,6 +7,7 @@ use spec::RobotSpec;
 use super::NominalArm;
 use super::constant_velocity::slope_at;
 use super::end_state::EndState;
+use crate::horizons::nearest_whole;
 
 /// Time between two measured positions to which a simulation is set, s.
 pub(super) const STRETCH_S: f64 = 1.0 / 3.0;
@@ -69,11 +70,6 @@ pub(super) fn forgets_velocities(robot: &RobotSpec) -> bool {
 }
 
 /// The nearest whole number of samples, at least one.
-#[expect(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "rates are at most 1000 Hz"
-)]
 pub(super) fn whole(samples: f64) -> usize {
-    samples.round().max(1.0) as usize
+    nearest_whole(samples).max(1)
 }

@@ -10,6 +10,7 @@ use nalgebra::{Cholesky, DMatrix, DVector};
 use series::{MeasurementNoise, Track};
 
 use super::constant_velocity::{slope_among, slope_at};
+use crate::horizons::nearest_whole;
 
 /// The last part of the context that the filter passes, s.
 const WINDOW_S: f64 = 0.5;
@@ -141,7 +142,7 @@ impl Filter<'_> {
     /// The first and the last sample of the window.
     fn window(&self) -> (usize, usize) {
         let last = self.positions.samples() - 1;
-        (last.saturating_sub(samples_in(WINDOW_S, self.rate_hz)), last)
+        (last.saturating_sub(nearest_whole(WINDOW_S * self.rate_hz)), last)
     }
 
     /// The covariance after a sampling time. Damping and friction take velocities back, and the noise
@@ -184,7 +185,7 @@ impl Filter<'_> {
     /// The state after a sampling time, by the midpoint rule.
     fn moved(&self, mut state: EndState, u: Joints<f64>) -> EndState {
         let joints = self.arm.joints();
-        let steps = samples_in(1.0 / self.rate_hz, 1.0 / STEP_S).max(1);
+        let steps = nearest_whole(1.0 / self.rate_hz * (1.0 / STEP_S)).max(1);
         let step = 1.0 / (self.rate_hz * steps as f64);
         for _ in 0..steps {
             let EndState { q, qd } = state;
@@ -229,16 +230,6 @@ fn update(
 
 /// The difference of velocities for derivatives, rad/s.
 const SPEED_DIFFERENCE: f64 = 1e-4;
-
-/// The whole number of samples that fit best into a time.
-#[expect(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "rates are at most 1000 Hz"
-)]
-fn samples_in(seconds: f64, rate_hz: f64) -> usize {
-    (seconds * rate_hz).round() as usize
-}
 
 #[cfg(test)]
 mod tests {

@@ -5,6 +5,7 @@ use nalgebra::{DMatrix, DVector};
 use series::{JointMotion, LowPass};
 
 use super::ridge::{Equations, ridge};
+use crate::horizons::nearest_whole;
 
 /// An arm whose torques are linear in its parameters: the [`LINK_PARAMETERS`] of each link, then the
 /// damping, the friction φ1, the armature and the torque offset of each joint.
@@ -243,8 +244,8 @@ impl LinearArm {
         friction: &Friction,
     ) -> Option<Vec<Rows>> {
         let (joints, instants) = (self.joints(), record.motion.instants());
-        let uncertain = samples(UNCERTAIN_S * record.rate_hz);
-        let stride = samples(record.rate_hz / EQUATIONS_HZ).max(1);
+        let uncertain = nearest_whole(UNCERTAIN_S * record.rate_hz);
+        let stride = nearest_whole(record.rate_hz / EQUATIONS_HZ).max(1);
         let kept: Vec<usize> =
             (uncertain..instants.saturating_sub(uncertain)).step_by(stride).collect();
         if kept.is_empty() {
@@ -317,16 +318,6 @@ fn friction_shape(friction: &Friction, joint: usize, qd: f64) -> f64 {
     let Friction { phi2_s_rad, phi3_rad_s, .. } = friction;
     let sigmoid = |qd: f64| (1.0 + (-phi2_s_rad[joint] * (qd + phi3_rad_s[joint])).exp()).recip();
     sigmoid(qd) - sigmoid(0.0)
-}
-
-/// The nearest whole number of samples.
-#[expect(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "rates are at most 1000 Hz"
-)]
-fn samples(number: f64) -> usize {
-    number.round().max(0.0) as usize
 }
 
 #[cfg(test)]

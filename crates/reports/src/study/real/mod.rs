@@ -13,7 +13,7 @@ use wire::{
 use super::results::{Evaluation, Study};
 use super::tables::{interval, latency, source, table, text, trainings};
 use super::text::{SOURCES, image, setting};
-use crate::numbers::{degrees, value as significant};
+use crate::numbers::{degrees, step_at, value as significant};
 use crate::{Cell, Table, TableOf};
 pub use drawings::figures;
 
@@ -369,16 +369,6 @@ fn coverage(study: &Study) -> String {
         })
     });
     format!("{}\n{}", by_time.to_markdown(), by_joint.to_markdown())
-}
-
-/// The last step of a part of the horizon, from 0.
-#[expect(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "the cast saturates, and a step too late has no number"
-)]
-fn step_at(seconds: f64, rate_hz: f64) -> usize {
-    ((seconds * rate_hz).round() as usize).saturating_sub(1)
 }
 
 pub fn tables(study: &Study) -> Vec<Table> {
