@@ -68,31 +68,33 @@ pub struct IncomingFiles {
     /// The name that the sender gave the file.
     pub name: String,
     source: Source,
-    received: u64,
-    limit: u64,
-    patience: Patience,
+    allowance: Allowance,
 }
 
 /// A body that is received as a file, whatever it holds.
 pub struct IncomingBytes {
-    body: BoxStream<'static, Result<Bytes, axum::Error>>,
-    received: u64,
-    limit: u64,
-    patience: Patience,
+    body: BodyStream,
+    allowance: Allowance,
 }
 
-/// How long to wait for a sender.
+type BodyStream = BoxStream<'static, Result<Bytes, axum::Error>>;
+
+/// How many bytes a sender may send, and how long to wait for them.
 #[derive(Clone, Copy)]
-struct Patience {
-    /// For the next bytes.
+struct Allowance {
+    /// Bytes of the files that have arrived.
+    received: u64,
+    /// Bytes of all files.
+    limit: u64,
+    /// The longest wait for the next bytes.
     stall: Duration,
-    /// For all of them.
+    /// The end of the wait for all of them.
     deadline: Instant,
 }
 
 #[expect(clippy::large_enum_variant, reason = "one exists per request on its way in")]
 enum Source {
-    Body(BoxStream<'static, Result<Bytes, axum::Error>>),
+    Body(BodyStream),
     /// A part called `file`, and its form, in which only such parts follow.
     Form {
         file: Option<Field<'static>>,
@@ -110,9 +112,8 @@ impl FromRequest<App> for IncomingFiles {
     type Rejection = ApiError;
 
     async fn from_request(request: Request, app: &App) -> Result<Self, ApiError> {
-        let deadline = Instant::now() + UPLOAD_TIMEOUT;
-        let patience = Patience { stall: app.options().upload_stall, deadline };
-        let limit = app.options().max_upload_bytes;
+        let allowance = Allowance::of(app);
+        let limit = allowance.limit;
         let (mut parts, body) = request.into_parts();
         let parameters =
             <Query<Parameters> as axum::extract::FromRequestParts<App>>::from_request_parts(
@@ -129,7 +130,7 @@ impl FromRequest<App> for IncomingFiles {
                 return Err(ApiError::parameter("spec, name", "in the query", allowed));
             }
             let declared = declared.unwrap_or_default();
-            let form = from_form(&declared, body, limit, patience, &OF_PROGRAM).await?;
+            let form = from_form(&declared, body, allowance, &OF_PROGRAM).await?;
             return Ok(form.files);
         }
         let Some(format) = format_of(&essence) else {
@@ -145,9 +146,7 @@ impl FromRequest<App> for IncomingFiles {
             format: Some(format),
             name: usable(parameters.name.as_deref())?,
             source: Source::Body(body.into_data_stream().boxed()),
-            received: 0,
-            limit,
-            patience,
+            allowance,
         })
     }
 }
@@ -156,13 +155,12 @@ impl FromRequest<App> for IncomingForm {
     type Rejection = ApiError;
 
     async fn from_request(request: Request, app: &App) -> Result<Self, ApiError> {
-        let deadline = Instant::now() + UPLOAD_TIMEOUT;
-        let patience = Patience { stall: app.options().upload_stall, deadline };
-        let limit = app.options().max_upload_bytes;
+        let allowance = Allowance::of(app);
+        let limit = allowance.limit;
         let (parts, body) = request.into_parts();
         refuse_longer(&parts.headers, limit.saturating_add(FORM_BYTES), limit)?;
         let declared = parts.headers.get(CONTENT_TYPE).and_then(|value| value.to_str().ok());
-        from_form(declared.unwrap_or_default(), body, limit, patience, &OF_PAGE).await
+        from_form(declared.unwrap_or_default(), body, allowance, &OF_PAGE).await
     }
 }
 
@@ -196,10 +194,10 @@ fn usable(name: Option<&str>) -> Result<String, ApiError> {
 async fn from_form(
     declared: &str,
     body: Body,
-    limit: u64,
-    patience: Patience,
+    allowance: Allowance,
     texts: &Texts,
 ) -> Result<IncomingForm, ApiError> {
+    let limit = allowance.limit;
     let boundary = multer::parse_boundary(declared).map_err(|error| form_error(&error, limit))?;
     let sizes = SizeLimit::new()
         .whole_stream(limit.saturating_add(FORM_BYTES))
@@ -214,13 +212,13 @@ async fn from_form(
     let file = loop {
         let missing = texts.required.filter(|name| read.iter().all(|(known, _)| known != name));
         let expected = format!("part {:?}", missing.unwrap_or("file"));
-        let part = next_part(&mut form, limit, patience).await?;
+        let part = next_part(&mut form, allowance).await?;
         let name = part.as_ref().and_then(Field::name).unwrap_or_default().to_owned();
         let is_known = read.iter().any(|(known, _)| *known == name);
         match part {
             Some(part) if name == "file" && missing.is_none() => break part,
             Some(part) if name != "file" && !is_known => {
-                let text = patience.wait(part.bytes()).await?;
+                let text = allowance.wait(part.bytes()).await?;
                 read.push((name, text.map_err(|error| form_error(&error, limit))?));
             }
             other => return Err(wrong_part(&expected, other.as_ref())),
@@ -234,9 +232,7 @@ async fn from_form(
         format,
         name,
         source: Source::Form { file: Some(file), form },
-        received: 0,
-        limit,
-        patience,
+        allowance,
     };
     Ok(IncomingForm { texts: read.into_iter().map(|(name, it)| (name, text(it))).collect(), files })
 }
@@ -250,10 +246,9 @@ fn facts(file: &Field<'static>) -> Result<(Option<FileFormat>, String), ApiError
 
 async fn next_part(
     form: &mut Multipart<'static>,
-    limit: u64,
-    patience: Patience,
+    allowance: Allowance,
 ) -> Result<Option<Field<'static>>, ApiError> {
-    patience.wait(form.next_field()).await?.map_err(|error| form_error(&error, limit))
+    allowance.wait(form.next_field()).await?.map_err(|error| form_error(&error, allowance.limit))
 }
 
 fn wrong_part(expected: &str, found: Option<&Field<'static>>) -> ApiError {
@@ -286,7 +281,7 @@ impl IncomingFiles {
     /// When it does not arrive in time, or something else arrives.
     pub async fn next_file(&mut self) -> Result<bool, ApiError> {
         let Source::Form { file, form } = &mut self.source else { return Ok(false) };
-        let part = match next_part(form, self.limit, self.patience).await? {
+        let part = match next_part(form, self.allowance).await? {
             None => return Ok(false),
             Some(part) if part.name() == Some("file") => part,
             other => return Err(wrong_part("part \"file\" or the end", other.as_ref())),
@@ -316,31 +311,19 @@ impl IncomingFiles {
     /// # Errors
     /// When they do not arrive in time, are cut off, or are too many.
     pub async fn next(&mut self) -> Result<Option<Bytes>, ApiError> {
-        let (limit, patience) = (self.limit, self.patience);
-        let piece = match &mut self.source {
-            Source::Body(body) => patience
-                .wait(body.next())
-                .await?
-                .transpose()
-                .map_err(|error| ApiError::Body { reason: error.to_string() })?,
-            Source::Form { file, .. } => match file {
-                None => None,
-                Some(part) => {
-                    let piece = patience.wait(part.chunk()).await?;
-                    let piece = piece.map_err(|error| form_error(&error, limit))?;
-                    if piece.is_none() {
-                        // A form returns no other part while one is held.
-                        *file = None;
-                    }
-                    piece
-                }
-            },
+        let allowance = &mut self.allowance;
+        let file = match &mut self.source {
+            Source::Body(body) => return allowance.next_of(body).await,
+            Source::Form { file, .. } => file,
         };
-        self.received += piece.as_ref().map_or(0, |piece| piece.len() as u64);
-        if self.received > self.limit {
-            return Err(ApiError::UploadTooLarge { limit: self.limit });
+        let Some(part) = file else { return Ok(None) };
+        let piece = allowance.wait(part.chunk()).await?;
+        let piece = piece.map_err(|error| form_error(&error, allowance.limit))?;
+        if piece.is_none() {
+            // A form returns no other part while one is held.
+            *file = None;
         }
-        Ok(piece)
+        allowance.count(piece)
     }
 }
 
@@ -348,12 +331,10 @@ impl FromRequest<App> for IncomingBytes {
     type Rejection = ApiError;
 
     async fn from_request(request: Request, app: &App) -> Result<Self, ApiError> {
-        let limit = app.options().max_upload_bytes;
-        refuse_longer(request.headers(), limit, limit)?;
-        let deadline = Instant::now() + UPLOAD_TIMEOUT;
-        let patience = Patience { stall: app.options().upload_stall, deadline };
+        let allowance = Allowance::of(app);
+        refuse_longer(request.headers(), allowance.limit, allowance.limit)?;
         let body = request.into_body().into_data_stream().boxed();
-        Ok(Self { body, received: 0, limit, patience })
+        Ok(Self { body, allowance })
     }
 }
 
@@ -363,19 +344,34 @@ impl IncomingBytes {
     /// # Errors
     /// When they do not arrive in time, are cut off, or are too many.
     pub async fn next(&mut self) -> Result<Option<Bytes>, ApiError> {
-        let piece = self.patience.wait(self.body.next()).await?.transpose();
-        let piece = piece.map_err(|error| ApiError::Body { reason: error.to_string() })?;
-        self.received += piece.as_ref().map_or(0, |piece| piece.len() as u64);
-        if self.received > self.limit {
-            return Err(ApiError::UploadTooLarge { limit: self.limit });
-        }
-        Ok(piece)
+        self.allowance.next_of(&mut self.body).await
     }
 }
 
-impl Patience {
+impl Allowance {
+    fn of(app: &App) -> Self {
+        let options = app.options();
+        let deadline = Instant::now() + UPLOAD_TIMEOUT;
+        Self { received: 0, limit: options.max_upload_bytes, stall: options.upload_stall, deadline }
+    }
+
     async fn wait<T>(self, next: impl Future<Output = T>) -> Result<T, ApiError> {
         let until = self.deadline.min(Instant::now() + self.stall);
         timeout_at(until, next).await.map_err(|_| ApiError::UploadStalled { stall: self.stall })
+    }
+
+    /// The next bytes of a body.
+    async fn next_of(&mut self, body: &mut BodyStream) -> Result<Option<Bytes>, ApiError> {
+        let piece = self.wait(body.next()).await?.transpose();
+        self.count(piece.map_err(|error| ApiError::Body { reason: error.to_string() })?)
+    }
+
+    /// The bytes that have arrived, unless they are too many.
+    fn count(&mut self, piece: Option<Bytes>) -> Result<Option<Bytes>, ApiError> {
+        self.received += piece.as_ref().map_or(0, |piece| piece.len() as u64);
+        match self.received > self.limit {
+            true => Err(ApiError::UploadTooLarge { limit: self.limit }),
+            false => Ok(piece),
+        }
     }
 }
