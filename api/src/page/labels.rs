@@ -7,10 +7,11 @@ use axum::response::{IntoResponse, Redirect, Response};
 use axum::routing::{MethodRouter, post};
 use serde::Deserialize;
 use spec::Violation;
+use store::Labels;
 use wire::{ItemKind, Job, LabelChange, TextChange};
 
 use crate::app::App;
-use crate::app::labels::is_alias;
+use crate::app::labels::{is_alias, submitted};
 use crate::error::ApiError;
 use crate::extract::{Form, Path};
 use crate::limits::TAGS;
@@ -171,13 +172,12 @@ impl Fields {
             if text.is_empty() { TextChange::Remove } else { TextChange::Set(text) }
         };
         let name = self.name.trim().to_owned();
-        let tags = self.tags.split([' ', ',', '\t']).filter(|tag| !tag.is_empty());
         LabelChange {
             // If the name came from the job, it is still the job's.
             name: if name == self.shown { TextChange::Nothing } else { text(name) },
             // Browsers send CRLF line ends, as in mail.
             note: text(self.note.replace("\r\n", "\n").trim_end().to_owned()),
-            tags: Some(tags.map(str::to_owned).collect()),
+            tags: Some(words(&self.tags)),
             add_aliases: words_without(&self.aliases, &self.shown_aliases),
             remove_aliases: words_without(&self.shown_aliases, &self.aliases),
             ..LabelChange::default()
@@ -185,12 +185,18 @@ impl Fields {
     }
 }
 
+/// The labels of a new job, as somebody typed them.
+pub(super) fn typed_labels(name: &str, tags: &str) -> Result<Labels, ApiError> {
+    let name = Some(name.trim().to_owned()).filter(|name| !name.is_empty());
+    submitted(name, None, words(tags))
+}
+
+fn words(text: &str) -> Vec<String> {
+    text.split([' ', ',', '\t']).filter(|word| !word.is_empty()).map(str::to_owned).collect()
+}
+
 /// The words of a text that another does not have.
 fn words_without(text: &str, other: &str) -> Vec<String> {
-    let words = |text: &str| -> Vec<String> {
-        let words = text.split([' ', ',', '\t']).filter(|word| !word.is_empty());
-        words.map(str::to_owned).collect()
-    };
     let others = words(other);
     words(text).into_iter().filter(|word| !others.contains(word)).collect()
 }

@@ -12,13 +12,14 @@ use spec::{PresetPlace, SpecError, Violation};
 use store::Labels;
 use wire::{ItemKind, LabelChange, TextChange};
 
+use crate::app::App;
 use crate::app::submission::{Reuse, Submitted};
-use crate::app::{App, labels};
 use crate::error::ApiError;
 use crate::extract::{Form, Query};
 use crate::limits::SPEC_FORM_BYTES;
 use crate::page::answer::{InPage, PageError, html};
 use crate::page::follow_up::{self, Start};
+use crate::page::labels::typed_labels;
 use crate::page::parts::Commands;
 use crate::page::predict::{self, CheckpointChoice};
 use crate::page::spec_form::{Changes, Group, groups, names_checkpoints, sweep, values_of};
@@ -214,9 +215,7 @@ impl Beginning {
 /// Submits the spec. Name and tags are for a new job: one that is there keeps its own, because other
 /// people know it by them.
 async fn submit_fields(app: &App, fields: &Fields, reuse: Reuse) -> Result<Submitted, ApiError> {
-    let name = Some(fields.name.trim().to_owned()).filter(|name| !name.is_empty());
-    let tags = fields.tags.split([' ', ',', '\t']).filter(|tag| !tag.is_empty());
-    let labels = labels::submitted(name, None, tags.map(str::to_owned).collect())?;
+    let labels = typed_labels(&fields.name, &fields.tags)?;
     let text = Bytes::from(fields.spec.clone());
     label_new(app, app.submit(text, reuse, None, Labels::default()).await?, labels).await
 }

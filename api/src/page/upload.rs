@@ -9,13 +9,14 @@ use spec::{SpecError, Violation};
 use store::Labels;
 use wire::{Listed as _, Robot};
 
+use crate::app::App;
 use crate::app::listing::ListRequest;
 use crate::app::robots::SentRobot;
 use crate::app::submission::Reuse;
-use crate::app::{App, labels};
 use crate::error::ApiError;
 use crate::extract::RobotText;
 use crate::page::answer::{PageError, html};
+use crate::page::labels::typed_labels;
 use crate::page::launch::{again, label_new};
 use crate::page::parts::Commands;
 use crate::upload::IncomingForm;
@@ -133,7 +134,7 @@ pub async fn recordings(
     let IncomingForm { texts, mut files } = form?;
     let texts = Texts(texts);
     let imported = async {
-        let labels = typed_labels(&texts)?;
+        let labels = typed_labels(texts.of("name"), texts.of("tags"))?;
         let mapping = of_robot(texts.of("spec"), texts.of("robot"), texts.of("gravity"))?;
         files.spec = mapping.to_string().into();
         let imported = app.import(files, Reuse::SameDigest, None, Labels::default()).await?;
@@ -180,12 +181,6 @@ fn options(texts: &Texts) -> Vec<(String, String)> {
     let given = given.map(|name| (name, texts.of(name))).filter(|(_, text)| !text.is_empty());
     let locks = texts.of("lock").split_whitespace().map(|lock| ("lock", lock));
     given.chain(locks).map(|(name, text)| (name.to_owned(), text.to_owned())).collect()
-}
-
-fn typed_labels(texts: &Texts) -> Result<Labels, ApiError> {
-    let name = Some(texts.of("name").to_owned()).filter(|name| !name.is_empty());
-    let tags = texts.of("tags").split([' ', ',', '\t']).filter(|tag| !tag.is_empty());
-    labels::submitted(name, None, tags.map(str::to_owned).collect())
 }
 
 /// The mapping, as one of recordings of the chosen robot, whose torques contain its weight or not.
