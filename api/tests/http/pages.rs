@@ -7,7 +7,7 @@ use store::NewArtifact;
 use crate::fixture::{Server, followed, report, small_pipeline, small_simulation};
 use crate::{robots, uploads};
 
-async fn page(server: &Server, path: &str) -> String {
+pub async fn page(server: &Server, path: &str) -> String {
     let answer = server.get(path).await;
     assert_eq!(answer.status, 200, "{path}: {answer:?}");
     assert_eq!(answer.header("content-type"), "text/html; charset=utf-8");
@@ -223,26 +223,6 @@ async fn trajectories_are_turned_over_by_links_that_end_at_the_ends() {
 }
 
 #[tokio::test]
-async fn the_button_verifies_and_the_page_tells_the_outcome() {
-    let server = Server::start().await;
-    server.submitted(&small_simulation(1)).await;
-    assert!(!page(&server, "/datasets/1").await.contains("/datasets/1/verify"));
-    assert_eq!(server.post("/datasets/1/verify").await.status, 409);
-    server.work().await;
-    let answer = server.post("/datasets/1/verify").await;
-    let outcome = "/datasets/1#verification";
-    assert_eq!((answer.status.as_u16(), answer.header("location")), (303, outcome));
-    let task = server.claim().await.unwrap();
-    let result = json!({"shard": 0, "dataset": 1, "bytes": "equal"});
-    server.store.complete(task.fence, Some(&result)).await.unwrap();
-    for path in ["/datasets/1", "/", &format!("/jobs/{}", task.job)] {
-        let page = page(&server, path).await;
-        assert!(page.contains("the one shard agrees in every byte"), "{path}: {page}");
-    }
-    assert!(page(&server, "/").await.contains(outcome));
-}
-
-#[tokio::test]
 async fn an_import_tells_what_became_of_the_file() {
     let server = Server::start().await;
     let job = uploads::send_recordings(&server).await.json();
@@ -279,57 +259,6 @@ async fn what_is_doubtful_in_a_spec_is_told_with_the_job() {
     let page = page(&server, &format!("/jobs/{}", job["id"])).await;
     assert!(page.contains("class=\"warning aside\">robot.damping_nm_s_rad is "), "{page}");
     assert_eq!(server.submitted(&small_simulation(2)).await["warnings"], json!([]));
-}
-
-#[tokio::test]
-async fn the_button_cancels_and_leads_back() {
-    let server = Server::start().await;
-    let job = server.submitted(&small_simulation(1)).await;
-    let path = format!("/jobs/{}", job["id"]);
-    for _ in 0..2 {
-        let answer = server.post(&format!("{path}/cancel")).await;
-        assert_eq!((answer.status.as_u16(), answer.header("location")), (303, path.as_str()));
-    }
-    assert!(page(&server, &path).await.contains("cancelled"));
-}
-
-#[tokio::test]
-async fn a_failed_job_has_a_button_that_submits_it_again() {
-    let server = Server::start().await;
-    let job = server.submitted(&small_simulation(1)).await;
-    let path = format!("/jobs/{}", job["id"]);
-    let button = format!("{path}/retry\"");
-    for shown in ["/", &path] {
-        assert!(!page(&server, shown).await.contains(&button), "{shown}");
-    }
-    // Its reader saw an older page.
-    let answer = server.post(&format!("{path}/retry")).await;
-    assert_eq!((answer.status.as_u16(), answer.header("location")), (303, path.as_str()));
-
-    server.fail_next("the disk is full").await;
-    for shown in ["/", &path, "/datasets/1"] {
-        let page = page(&server, shown).await;
-        assert!(page.contains(&button) && !page.contains("Cancel"), "{shown}: {page}");
-    }
-    let answer = server.post(&format!("{path}/retry")).await;
-    assert_eq!(answer.status, 303);
-    let again = answer.header("location").to_owned();
-    assert_ne!(again, path);
-    assert!(page(&server, &again).await.contains("queued"));
-}
-
-#[tokio::test]
-async fn the_button_to_retry_is_as_guarded_as_the_one_to_cancel() {
-    let server = Server::start().await;
-    let job = server.submitted(&small_simulation(1)).await;
-    server.fail_next("the disk is full").await;
-    for button in ["cancel", "retry"] {
-        let path = format!("/jobs/{}/{button}", job["id"]);
-        let strange = [("origin", "https://evil.example"), ("sec-fetch-site", "cross-site")];
-        let answer = server.request(Method::POST, &path, &strange).await;
-        assert_eq!(answer.status, 403, "{path}");
-    }
-    assert_eq!(server.json("/v1/jobs").await["jobs"].as_array().unwrap().len(), 1);
 }
 
 #[tokio::test]
