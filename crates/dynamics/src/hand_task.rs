@@ -3,12 +3,12 @@
 use simd::{Kernel, Lanes, align_stack};
 
 use crate::Robot;
+use crate::gains::Gains;
 use crate::hand::{HandMotion, JointMotion, MOTION, Mount, NearTurns, Posture, TurnsAt};
 use crate::model::Model;
 use crate::reference::whole;
 use crate::structure::Structure;
 use crate::task_matrix::{Factors, Scratch};
-use crate::tracking::Gains;
 
 /// A task is singular where a pivot of its matrix is below this share of the entry that it comes
 /// from: two directions in which the hand moves are almost one.

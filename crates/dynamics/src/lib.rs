@@ -35,6 +35,7 @@ mod error;
 mod excitation;
 mod forward_dynamics;
 mod friction;
+mod gains;
 mod general;
 mod hand;
 mod hand_path;
@@ -71,6 +72,7 @@ pub use angle::Angle;
 pub use error::{DynamicsError, LostTrack};
 pub use excitation::{Chirp, Multisine, Pulses, Steps, Torques};
 pub use friction::Friction;
+pub use gains::Gains;
 pub use hand_path::{HandPath, LostPath, PathEnd};
 pub use inertia::RigidBody;
 pub use joints::{ArmState, Joints};
@@ -88,4 +90,4 @@ pub use simulate::{Trajectories, simulate, simulate_into, simulate_on, simulate_
 pub use single::{
     Evaluation, bias_forces, forward_dynamics, gravity, inverse_dynamics, mass_matrix,
 };
-pub use tracking::{Gains, Tracking};
+pub use tracking::Tracking;

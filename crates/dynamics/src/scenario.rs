@@ -5,6 +5,7 @@ use spec::{Cell, Family, Frequency, InitialState, Range, SimulateSpec};
 
 use crate::draws::{Draws, Purpose};
 use crate::excitation::{Torques, draw_chirps, draw_multisines, draw_pulses, draw_steps};
+use crate::gains::Known;
 use crate::hand_path::{Attempt, HandPath};
 use crate::inverse_kinematics::Following;
 use crate::randomization::draw_robot;
@@ -12,7 +13,7 @@ use crate::reference::{Reference, ReferenceState, whole};
 use crate::robot::Nominal;
 use crate::room::{Limits, Room};
 use crate::structure::Kind;
-use crate::tracking::{Known, Tracking};
+use crate::tracking::Tracking;
 use crate::{Joints, Robot};
 
 /// The random choices of one trajectory.
