@@ -17,6 +17,7 @@ mod observations;
 mod other_arms;
 mod replay;
 mod scenarios;
+mod simulated_alone;
 mod stability;
 
 use std::ops::{ControlFlow, Range};
