@@ -5,14 +5,14 @@
 //! differences, which are lanes of one call, give the change of the next state with angles,
 //! velocities, dampings and torques. A Kalman filter over the context then estimates angles,
 //! velocities and dampings together from the measured positions. The prediction begins at its last
-//! state.
+//! state, with its dampings.
 //!
 //! The filter treats the law's errors as white noise of torques, a multiple of the noise that
 //! training found. It chooses, for each robot, the multiple under which the context is most likely.
 //! Errors of a law are not white, and they are larger on data unlike its training's. The multiple also
 //! says how much of the torques that the law leaves of a smoothed motion is its own error. The rest is
 //! what smoothing leaves of the noise. It moves nothing, and it averages out in a fit. So numbers are
-//! fitted once more as if it were not there.
+//! fitted once more as if it were not there, and the context is filtered once more with these.
 
 use nalgebra::{Cholesky, DMatrix};
 use series::{MeasurementNoise, Smoother};
@@ -21,7 +21,7 @@ use simd::InstructionSet;
 use super::fitting::{RobotPosterior, State};
 use super::law::{JointLaw, Law, narrow};
 use super::recorded::Recorded;
-use super::regression::Bounds;
+use super::regression::{Bounds, Posterior};
 use super::rollout::Start;
 
 /// Smaller noise counts as this, rad, because positions are computed in f32.
@@ -82,21 +82,32 @@ impl Law {
         let path = Recorded { y: &smoothed, ..*robot };
         let regression = self.regression_of(instructions, &path);
         let fit = |most| self.fit_within(instructions, &path, &regression, bounds, most);
-        let numbers = narrow(&fit(None).mean);
-        let steps = self.linearized(instructions, &path, &numbers);
-        let filter =
-            Filter { law: self, measured: robot, path: &path, numbers, steps: &steps, noise };
-        let (belief, multiple) = filter.most_likely();
+        let filtered = |numbers: &Posterior| {
+            let numbers = narrow(&numbers.mean);
+            let steps = self.linearized(instructions, &path, &numbers);
+            let (law, steps) = (self, &steps);
+            let filter = Filter { law, measured: robot, path: &path, numbers, steps, noise };
+            let (belief, multiple) = filter.most_likely();
+            (filter.state(&belief), belief, multiple)
+        };
+        let (.., multiple) = filtered(&fit(None));
+        let numbers = fit(Some(&self.deviations(multiple, noise)));
+        let (most_likely, belief, multiple) = filtered(&numbers);
         let width = belief.mean.len();
         let motion = root_of_block(&belief.covariance, width, 2 * robot.joints);
-        let y = filter.last_positions(&belief);
-        let numbers = fit(Some(&filter.residual_torques(multiple)));
-        let most_likely = State { y, numbers: narrow(&numbers.mean) };
-        let law_errors = self.joints.iter().map(|joint| multiple.max(1.0) * f64::from(joint.noise));
-        let law_errors = narrow(&law_errors.collect::<Vec<_>>());
+        let exact = MeasurementNoise::default();
+        let law_errors = narrow(&self.deviations(multiple.max(1.0), exact));
         let disturbance = self.disturbance(instructions, &path, &numbers.mean);
         let filtered = Some(FilteredContext { smoothed, motion, law_errors });
         RobotPosterior { most_likely, numbers, filtered, disturbance }
+    }
+
+    /// The standard deviation of the residual torque of each joint, N·m, where the law's own errors
+    /// are a `multiple` of training's.
+    fn deviations(&self, multiple: f64, noise: MeasurementNoise) -> Vec<f64> {
+        let of_joint =
+            |joint: &JointLaw| (multiple * f64::from(joint.noise)).hypot(noise.torque_nm);
+        self.joints.iter().map(of_joint).collect()
     }
 
     /// The steps from sample 1 to the last, each linearized around the path.
@@ -218,20 +229,12 @@ impl Filter<'_> {
         (best, RATIO.powf(f64::from(step) + between))
     }
 
-    /// The standard deviation of each joint's residual torque if the law's own errors are a `multiple`
-    /// of training's, N·m.
-    fn residual_torques(&self, multiple: f64) -> Vec<f64> {
-        let of_joint =
-            |joint: &JointLaw| (multiple * f64::from(joint.noise)).hypot(self.noise.torque_nm);
-        self.law.joints.iter().map(of_joint).collect()
-    }
-
     /// Runs the filter with the law's torque noise `scale` times that of training.
     fn run(&self, scale: f64) -> Belief {
         let joints = self.measured.joints;
         let mut belief = self.prior();
         belief.measure(&self.innovations(1), joints, self.variance(1));
-        let deviations = self.residual_torques(scale);
+        let deviations = self.law.deviations(scale, self.noise);
         let mut room = vec![0.0; 6 * joints * joints];
         for (sample, step) in (2..).zip(self.steps) {
             belief.advance(
@@ -296,8 +299,8 @@ impl Filter<'_> {
         (0..joints).map(|joint| angle(sample, joint)).chain((0..joints).map(velocity)).collect()
     }
 
-    /// The positions at the last two samples, `[sample, joint]`, rad.
-    fn last_positions(&self, belief: &Belief) -> Vec<f32> {
+    #[expect(clippy::cast_possible_truncation, reason = "the law is computed in f32")]
+    fn state(&self, belief: &Belief) -> State {
         let joints = self.measured.joints;
         let path = self.at(self.path.samples() - 1);
         let finite = belief.mean.iter().all(|more| more.is_finite());
@@ -305,7 +308,13 @@ impl Filter<'_> {
         let state: Vec<f64> = path.iter().zip(&mean).map(|(path, more)| path + more).collect();
         let period = 1.0 / f64::from(self.path.rate_hz);
         let before = (0..joints).map(|joint| state[joint] - period * state[joints + joint]);
-        narrow(&before.chain(state[..joints].iter().copied()).collect::<Vec<_>>())
+        let y: Vec<f32> = before.chain(state[..joints].iter().copied()).map(|q| q as f32).collect();
+        let mut numbers = self.numbers.clone();
+        let dampings = &mut numbers[self.law.numbers.dampings()];
+        for (damping, more) in dampings.iter_mut().zip(&mean[2 * joints..]) {
+            *damping = (*damping + *more as f32).max(0.0);
+        }
+        State { y, numbers }
     }
 }
 
