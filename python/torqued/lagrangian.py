@@ -34,6 +34,8 @@ HALVINGS = 6
 """How often a draw is moved half-way to the most likely robot, until its pivots are large enough."""
 DRAWS = 7
 """Draws per robot whose score is part of the loss."""
+SCORED = 12
+"""One robot of so many is scored where `points` are more."""
 LEAST_DIFFERENCE = 1e-6
 """The least unit of the score, rad."""
 CALIBRATION_PACE = 30.0
@@ -236,10 +238,10 @@ class Lagrangian(nn.Module):
 
         The likelihood uses `points` samples of each context, at equal distances, with a first one that PyTorch
         draws. Only the score uses the horizon. It scores draws of the robots `chosen` [batch], by default one in
-        `points`, with the normal numbers `normals` [batch, draw, number + 1 + STRETCH].
+        `points` or in SCORED, with the normal numbers `normals` [batch, draw, number + 1 + STRETCH].
         """
         if chosen is None:
-            chosen = torch.rand(len(u), device=u.device) < 1 / self.points
+            chosen = torch.rand(len(u), device=u.device) < 1 / min(self.points, SCORED)
         if normals is None:
             normals = torch.randn(len(u), DRAWS, sum(self.counts) + 1 + STRETCH).to(u)
         batch, context, _ = y_context.shape
@@ -265,7 +267,7 @@ class Lagrangian(nn.Module):
         if not chosen.any():
             return likelihood + 0.0 * self.doubt.sum()
         score = self.score(u[chosen], y_context[chosen], y_horizon[chosen], normals[chosen])
-        return likelihood + score.mean() * chosen.sum() * self.points / batch
+        return likelihood + score.mean() * chosen.sum() * min(self.points, SCORED) / batch
 
     def score(self, u: Tensor, y_context: Tensor, y_horizon: Tensor, normals: Tensor) -> Tensor:
         """The fair continuous ranked probability score of draws, in units of their spread before scaling, [batch,

@@ -205,7 +205,8 @@ struct Filter<'a> {
 
 impl Filter<'_> {
     /// The belief at the end of the context, for the tried noise multiple under which the context is
-    /// most likely, and the most likely multiple, which may lie between those that are tried.
+    /// most likely, and the most likely multiple. That may lie between those that are tried, and is
+    /// infinite beyond the largest.
     fn most_likely(&self) -> (Belief, f64) {
         let run = |step: i32| self.run(RATIO.powi(step));
         let (mut step, mut best) = (0_i32, run(0));
@@ -224,6 +225,8 @@ impl Filter<'_> {
         }
         let between = match beside {
             [Some(below), Some(above)] => lowest(below, best.negative_log_likelihood, above),
+            // The law's errors are at least as large as the largest that are tried.
+            [_, None] => f64::INFINITY,
             _ => 0.0,
         };
         (best, RATIO.powf(f64::from(step) + between))

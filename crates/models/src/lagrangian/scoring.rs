@@ -26,6 +26,10 @@ use crate::randomness::Noise;
 /// lanes of two vectors of eight.
 pub(super) const DRAWS: usize = 7;
 
+/// One robot of so many is scored where [`Lagrangian::points`] are more. A part of a batch does not know
+/// how large the batch is.
+const SCORED: usize = 12;
+
 /// The least unit of the score, rad, because positions are computed in f32.
 const LEAST_DIFFERENCE: f32 = 1e-6;
 
@@ -73,8 +77,8 @@ impl Score {
 
 impl Lagrangian {
     /// The mean score over the batch `[1, 1, 1]`. It is estimated from a random choice of robots,
-    /// one in [`Lagrangian::points`] but in the mean at least one of the batch, and is 0 where none is
-    /// chosen. Only [`Calibration`] has a gradient.
+    /// one in [`Lagrangian::points`] or in [`SCORED`], and is 0 where none is chosen. Only
+    /// [`Calibration`] has a gradient.
     pub(super) fn score(
         &self,
         batch: &HostBatch,
@@ -84,7 +88,7 @@ impl Lagrangian {
         let [robots, horizon, joints] = target.dims();
         let calibration = self.doubt.val() * CALIBRATION_PACE;
         let device = calibration.device();
-        let one_in = self.points.min(robots);
+        let one_in = self.points.min(SCORED);
         let chosen = noise.below(one_in);
         let chosen: Vec<usize> = (0..robots).filter(|&robot| chosen[robot] == 0).collect();
         if chosen.is_empty() || horizon < 3 {

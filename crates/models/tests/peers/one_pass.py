@@ -16,7 +16,7 @@ from safetensors.torch import save_file
 from torqued import FORMAT_VERSION, TrainedModel
 from torqued.checkpoint import network_of, wanted
 from torqued.frame import frames, known_series
-from torqued.lagrangian import DRAWS, STRETCH
+from torqued.lagrangian import DRAWS, SCORED, STRETCH
 
 from randomness import CUT, TRAINING, below, normals, words
 
@@ -136,7 +136,7 @@ def draws_of_step(network: torch.nn.Module, step: int) -> dict:
         source = words((0, TRAINING, step, row))
         # The points of the context have only one possible start.
         below(source, 1)
-        chosen.append(below(source, network.points) == 0)
+        chosen.append(below(source, min(network.points, SCORED)) == 0)
         drawn.append(torch.tensor(normals(source, count), dtype=torch.float64).unflatten(0, (DRAWS, -1)))
     return {"chosen": torch.tensor(chosen), "normals": torch.stack(drawn)}
 
