@@ -125,7 +125,7 @@ test("a run that a client of MLflow logs appears in the list of all runs, and it
       await page.waitForURL(/logged\/[0-9a-f]{32}$/);
       const metric = { key: "loss", value: 0.5, timestamp: Date.now(), step: 1 };
       await ask("log-metric", { run_id: run.info.run_id, ...metric });
-      await page.locator("#latest").getByText("loss").first().waitFor({ timeout: 30_000 });
+      await page.getByRole("heading", { name: "Latest metrics" }).waitFor({ timeout: 30_000 });
     } finally {
       await page.close();
       await server.stop();
