@@ -244,7 +244,7 @@ impl App {
     }
 }
 
-/// What a predictor may be called.
+/// The names that a predictor may have.
 enum Predictor {
     Baseline(String),
     Checkpoint { id: i64, architecture: String, own_name: String },

@@ -15,7 +15,7 @@ use crate::page::parts::Link;
 /// Datasets that a cue has links to.
 const LINKS: usize = 5;
 
-/// What the page of a list says about the data of its errors.
+/// The sentence and the links of a list's page about the data of its errors.
 #[derive(Default)]
 pub struct Comparable {
     /// Whether the list is sorted by errors on different data.

@@ -50,7 +50,7 @@ const ROUNDING: f64 = 2e-5;
 const RATIO: f64 = 3.0;
 const STEPS: i32 = 6;
 
-/// What a filter says of a context of noisy positions.
+/// The findings of a filter about a context of noisy positions.
 #[derive(Debug)]
 pub(super) struct FilteredContext {
     /// Smoothed positions, to which the robot's numbers were fitted.
@@ -452,7 +452,7 @@ fn root_of_block(covariance: &[f64], width: usize, size: usize) -> DMatrix<f64> 
     Cholesky::new(block).map_or_else(|| DMatrix::zeros(size, size), Cholesky::unpack)
 }
 
-/// Where a parabola through the values at -1, 0 and 1 is lowest, if the middle one is the lowest of
+/// The place where a parabola through the values at -1, 0 and 1 is lowest, if the middle one is least of
 /// them; 0 for values that are not finite.
 fn lowest(below: f64, middle: f64, above: f64) -> f64 {
     let bend = below - 2.0 * middle + above;

@@ -41,7 +41,7 @@ pub(super) struct State {
 pub(super) struct RobotPosterior {
     pub most_likely: State,
     pub numbers: Posterior,
-    /// Where positions are filtered.
+    /// The findings of the filter, where positions are filtered.
     pub filtered: Option<FilteredContext>,
     /// The torque that the law does not explain, at the end of the context.
     pub disturbance: Disturbance,
