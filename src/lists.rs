@@ -199,7 +199,7 @@ impl<T: Listed> Arguments<T> {
         Ok(format!("{path}?{}", address.query().unwrap_or_default()))
     }
 
-    /// What to know about a list that is sorted by errors on different data.
+    /// The sentence that a list has if it is sorted by errors on different data.
     fn cue(&self, items: &[T]) -> Option<String> {
         let value = |name| self.declared.iter().find(|(known, _)| *known == name);
         let (_, sort) = value("sort")?;

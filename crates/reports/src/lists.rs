@@ -44,7 +44,7 @@ fn plain(cell: ListCell) -> String {
     }
 }
 
-/// What a list says that is sorted by errors on different data.
+/// The sentence that a list has if it is sorted by errors on different data.
 pub const NOT_COMPARABLE: &str = "Errors on different data are not comparable.";
 
 /// Whether `sort`, an order of a list, is by an error.

@@ -23,7 +23,7 @@ pub fn table(check: &LogCheck) -> Table {
     table
         .titled(
             "Torques beside the robot's",
-            "Of all recordings together. ±: standard deviation. Explained: the share of u's variance that the \
+            "All recordings are compared together. ±: standard deviation. Explained: the share of u's variance that the \
              robot explains, with friction, rotors and offsets that fit.",
         )
         .without_empty_columns()
