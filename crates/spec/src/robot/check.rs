@@ -11,6 +11,16 @@ use crate::{RobotModel, SpecError};
 const LENGTH_M: std::ops::RangeInclusive<f64> = -10.0..=10.0;
 const ANGLE_DEG: std::ops::RangeInclusive<f64> = -360.0..=360.0;
 const FRACTION: std::ops::RangeInclusive<f64> = 0.0..=0.9;
+/// Dampings of joints, N·m·s/rad.
+pub(crate) const DAMPING_NM_S_RAD: std::ops::RangeInclusive<f64> = 0.0..=1000.0;
+/// Rotor inertias of joints, kg·m². A large industrial arm has some tens.
+pub(crate) const ARMATURE_KG_M2: std::ops::RangeInclusive<f64> = 0.0..=10_000.0;
+/// Twice the Coulomb friction of joints, N·m.
+pub(crate) const PHI1_NM: std::ops::RangeInclusive<f64> = 0.0..=100_000.0;
+/// The steepness of friction at rest, s/rad.
+pub(crate) const PHI2_S_RAD: std::ops::RangeInclusive<f64> = 0.0..=1000.0;
+/// The velocity without friction, rad/s.
+pub(crate) const PHI3_RAD_S: std::ops::RangeInclusive<f64> = -10.0..=10.0;
 const NAME: std::ops::RangeInclusive<usize> = 1..=200;
 
 impl RobotDescription {
@@ -79,8 +89,8 @@ impl Check for JointDescription {
         }
         violations.within("velocity_rad_s", self.velocity_rad_s, 1e-3..=1000.0);
         violations.within("torque_nm", self.torque_nm, 1e-3..=1e5);
-        violations.within("damping_nm_s_rad", self.damping_nm_s_rad, 0.0..=1000.0);
-        violations.within("armature_kg_m2", self.armature_kg_m2, 0.0..=10.0);
+        violations.within("damping_nm_s_rad", self.damping_nm_s_rad, DAMPING_NM_S_RAD);
+        violations.within("armature_kg_m2", self.armature_kg_m2, ARMATURE_KG_M2);
         violations.within("multisine_divisor", self.multisine_divisor, 0.01..=100.0);
         if let Some(inertia) = self.least_inertia_kg_m2 {
             violations.within("least_inertia_kg_m2", inertia, 1e-9..=1e4);
@@ -94,9 +104,9 @@ impl Check for JointDescription {
 
 impl Check for JointFriction {
     fn check(&self, violations: &mut Violations) {
-        violations.within("phi1_nm", self.phi1_nm, 0.0..=100.0);
-        violations.within("phi2_s_rad", self.phi2_s_rad, 0.0..=1000.0);
-        violations.within("phi3_rad_s", self.phi3_rad_s, -10.0..=10.0);
+        violations.within("phi1_nm", self.phi1_nm, PHI1_NM);
+        violations.within("phi2_s_rad", self.phi2_s_rad, PHI2_S_RAD);
+        violations.within("phi3_rad_s", self.phi3_rad_s, PHI3_RAD_S);
     }
 }
 

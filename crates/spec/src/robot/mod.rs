@@ -1,7 +1,7 @@
 //! Robots as data: the parts of an arm, its limits, and the laws of its randomization.
 
 mod built_in;
-mod check;
+pub(crate) mod check;
 mod description;
 mod initial_state;
 mod reference;

@@ -5,6 +5,7 @@ use super::integrator::{Integrator, MAX_SUBSTEPS};
 use super::robot_spec::{Friction, Payload, RobotSpec};
 use super::spec::{MAX_TRAJECTORIES, Rejection, SimulateSpec};
 use crate::check::{Check, Violations};
+use crate::robot::check::{ARMATURE_KG_M2, DAMPING_NM_S_RAD, PHI1_NM, PHI2_S_RAD, PHI3_RAD_S};
 
 /// The largest number of frequencies of a grid.
 const MAX_GRID: usize = 200;
@@ -289,8 +290,8 @@ impl Check for RobotSpec {
         violations.within("damping_fraction", self.damping_fraction, fraction.clone());
         violations.within("armature_fraction", self.armature_fraction, fraction);
         violations.within("geometry_fraction", self.geometry_fraction, 0.0..=0.5);
-        violations.all_within("damping_nm_s_rad", &self.damping_nm_s_rad, &(0.0..=1000.0));
-        violations.all_within("armature_kg_m2", &self.armature_kg_m2, &(0.0..=10.0));
+        violations.all_within("damping_nm_s_rad", &self.damping_nm_s_rad, &DAMPING_NM_S_RAD);
+        violations.all_within("armature_kg_m2", &self.armature_kg_m2, &ARMATURE_KG_M2);
         if let Some(friction) = &self.friction {
             violations.part("friction", friction);
         }
@@ -302,9 +303,9 @@ impl Check for RobotSpec {
 
 impl Check for Friction {
     fn check(&self, violations: &mut Violations) {
-        violations.all_within("phi1_nm", &self.phi1_nm, &(0.0..=100.0));
-        violations.all_within("phi2_s_rad", &self.phi2_s_rad, &(0.0..=1000.0));
-        violations.all_within("phi3_rad_s", &self.phi3_rad_s, &(-10.0..=10.0));
+        violations.all_within("phi1_nm", &self.phi1_nm, &PHI1_NM);
+        violations.all_within("phi2_s_rad", &self.phi2_s_rad, &PHI2_S_RAD);
+        violations.all_within("phi3_rad_s", &self.phi3_rad_s, &PHI3_RAD_S);
         violations.within("phi1_fraction", self.phi1_fraction, 0.0..=0.9);
     }
 }
