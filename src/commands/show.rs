@@ -185,6 +185,9 @@ fn job_text(job: Job) -> String {
     }
     facts.add_some("now", job.progress.message.as_ref());
     facts.add_some("needs", list(&job.needs));
+    for of in &job.pipelines {
+        facts.add("pipeline", format!("{} (job {}), where it is {}", of.name, of.id, of.member));
+    }
     facts.add_some("dataset", job.dataset);
     facts.add_some("verifies", job.verifies.map(|id| format!("dataset {id}")));
     facts.add_some("run", job.run);

@@ -93,7 +93,7 @@ pub use queue::jobs::{Job, JobFilter, JobProgress, Page};
 pub use queue::leases::Lease;
 pub use queue::logs::{LogChunk, LogFilter, LogPage, NewLogChunk};
 pub use queue::pause::Queue;
-pub use queue::pipelines::Member;
+pub use queue::pipelines::{Member, Membership};
 pub use queue::reaper::{Reaped, Reaper, WorkerEnd};
 pub use queue::rules::Retry;
 pub use queue::statements::tasks::{ClaimedTask, IdlePoll, Progress, Task};

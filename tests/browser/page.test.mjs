@@ -402,7 +402,10 @@ test("a sweep launches a job for each value", async () => {
   await form.getByRole("button", { name: "Launch" }).click();
   await page.waitForURL(/\/jobs\/\d+$/);
   const sweep = await product.get(new URL(page.url()).pathname.replace("/jobs", "/v1/jobs"));
-  assert.deepEqual(sweep.members.map((it) => it.name), ["train-1", "train-2"]);
+  assert.deepEqual(sweep.members.map((it) => it.name), [
+    "train-1-learning-rate-0-001",
+    "train-2-learning-rate-0-0001",
+  ]);
   await fetch(`${product.url}/v1/jobs/${sweep.id}/cancel`, { method: "POST" });
   assertClean();
 });

@@ -4,9 +4,9 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use serde::Deserialize;
 use serde_json::Value;
-use spec::{Digest, Given};
+use spec::Given;
 use store::{CheckpointId, JobId, Listed, Listing, Store, StoreError, WhichCheckpoint};
-use wire::{Checkpoint, StoredFile};
+use wire::{Checkpoint, DrawnPredictor, StoredFile};
 
 use crate::app::App;
 use crate::app::archive::{Content, Member};
@@ -109,13 +109,19 @@ impl App {
         }
     }
 
-    /// The checkpoint after so many steps of a training with this digest, if it is there.
-    pub(crate) async fn checkpoint_of_step(
+    /// The checkpoint that an evaluation drew, if it is one and is there.
+    pub(crate) async fn drawn_checkpoint(
         &self,
-        digest: Digest,
-        step: u64,
+        predictor: &DrawnPredictor,
     ) -> Result<Option<i64>, ApiError> {
-        let found = self.store.checkpoint_by_digest(digest, WhichCheckpoint::Step(step)).await?;
+        let (Some(digest), Some(step)) = (predictor.digest, predictor.step) else {
+            return Ok(None);
+        };
+        let which = match predictor.weights {
+            Some(weights) => WhichCheckpoint::Weights(weights),
+            None => WhichCheckpoint::Step(step),
+        };
+        let found = self.store.checkpoint_by_digest(digest, which).await?;
         Ok(found.map(|checkpoint| checkpoint.id.0))
     }
 

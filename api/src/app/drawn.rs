@@ -61,7 +61,7 @@ impl App {
         for job in jobs.into_values().rev().filter(|job| job.kind == JobKind::Evaluate) {
             let Some(run) = job.run else { continue };
             let Some(drawn) = self.drawn_predictions(run).await? else { continue };
-            if drawn.predictor_of(checkpoint.digest, checkpoint.step).is_some() {
+            if drawn.predictor_of(checkpoint).is_some() {
                 return Ok(Some((job, drawn)));
             }
         }

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 use serde_json::Value;
 use spec::{Execution, JobKind, JobSpec, Product};
 use store::{JobId, Listed, Listing, Store, StoreError, Timestamp};
-use wire::{Job, JobProgress, JobState, Member, Progress};
+use wire::{Job, JobProgress, JobState, Member, Membership, Progress};
 
 use crate::app::App;
 use crate::app::resources::Resource;
@@ -121,6 +121,11 @@ impl App {
             let fits = |row: &&store::Job| row.kind.parse::<JobKind>().is_ok_and(fits);
             rows.iter().filter(fits).map(|row| row.id).collect()
         };
+        for row in self.store.memberships(&jobs).await? {
+            let store::Membership { job, pipeline, pipeline_name: name, name: member } = row;
+            let membership = Membership { id: pipeline.0, name, member };
+            known.pipelines.entry(job).or_default().push(membership);
+        }
         let pipelines = of_kind(|kind| kind == JobKind::Pipeline);
         let mut members = Vec::new();
         if !pipelines.is_empty() {
@@ -159,6 +164,8 @@ impl App {
 struct Known {
     needs: HashMap<JobId, Vec<i64>>,
     members: HashMap<JobId, Vec<Member>>,
+    /// The pipelines of each job.
+    pipelines: HashMap<JobId, Vec<Membership>>,
     /// For queued jobs, a sentence about why they wait.
     waits: HashMap<JobId, String>,
     checkpoints: HashMap<JobId, Vec<i64>>,
@@ -192,6 +199,7 @@ impl Known {
             progress: progress(row.progress),
             needs,
             members: self.members.remove(&row.id).unwrap_or_default(),
+            pipelines: self.pipelines.remove(&row.id).unwrap_or_default(),
             dataset: row.dataset.map(|id| id.0),
             verifies,
             run: row.run.map(|id| id.0),

@@ -16,7 +16,7 @@ use crate::page::answer::{InPage, PageError, html};
 use crate::page::follow_up;
 use crate::page::labels::{Labelled, moved_aliases};
 use crate::page::lineage::Lineage;
-use crate::page::parts::{Commands, Fact, FileRow, Link, Snippet};
+use crate::page::parts::{Commands, Fact, FileRow, Link, Snippet, pipelines};
 use crate::page::predictions::{Drawn, DrawnFigure};
 use crate::page::spec_text::Specification;
 use crate::page::text;
@@ -26,6 +26,7 @@ use crate::page::text;
 struct CheckpointPage {
     id: i64,
     job: i64,
+    pipelines: Vec<Link>,
     /// Its name, or that of its training and its step.
     title: String,
     labelled: Labelled,
@@ -83,6 +84,7 @@ pub async fn show(
     let page = CheckpointPage {
         id,
         job: job.id,
+        pipelines: pipelines(&job),
         title: match &checkpoint.name {
             Some(name) => name.clone(),
             None => format!("{}, step {}", job.name, text::count(checkpoint.step)),
@@ -133,7 +135,7 @@ async fn evaluated(
         }
         report => report?,
     };
-    let predictor = drawn.predictor_of(checkpoint.digest, checkpoint.step);
+    let predictor = drawn.predictor_of(checkpoint);
     let told = report.zip(predictor);
     Ok(told.map_or(String::new(), |(report, predictor)| {
         reports::evaluation::answer_for(&report, &predictor.name)

@@ -22,7 +22,8 @@ use crate::page::follow_up::{self, Start};
 use crate::page::labels::typed_labels;
 use crate::page::parts::Commands;
 use crate::page::predict::{self, CheckpointChoice};
-use crate::page::spec_form::{Changes, Group, groups, names_checkpoints, sweep, values_of};
+use crate::page::spec_form::{Changes, Group, groups, names_checkpoints, values_of};
+use crate::page::sweep::sweep;
 
 #[derive(Template)]
 #[template(path = "launch.html")]

@@ -32,6 +32,7 @@ mod rows;
 mod run;
 mod spec_form;
 mod spec_text;
+mod sweep;
 mod text;
 mod trash;
 mod upload;

@@ -3,7 +3,7 @@
 use axum::http::HeaderMap;
 use axum::http::header::HOST;
 use spec::JobKind;
-use wire::{Artifact, Job, JobState, Progress};
+use wire::{Artifact, Job, JobState, Membership, Progress};
 
 use crate::access;
 use crate::page::instant::Instant;
@@ -107,6 +107,7 @@ pub struct JobHeader {
     pub can_retry: bool,
     pub error: String,
     pub progress: Option<Bar>,
+    pub pipelines: Vec<Link>,
 }
 
 impl JobHeader {
@@ -123,8 +124,18 @@ impl JobHeader {
             can_retry: matches!(job.state, JobState::Failed | JobState::Cancelled),
             error: job.error.clone().unwrap_or_default(),
             progress: Bar::of(job.state, &job.progress),
+            pipelines: pipelines(job),
         }
     }
+}
+
+/// The pipelines that a job belongs to.
+pub fn pipelines(job: &Job) -> Vec<Link> {
+    let link = |of: &Membership| Link {
+        href: format!("/jobs/{}", of.id),
+        label: format!("{} / {}", of.name, of.member),
+    };
+    job.pipelines.iter().map(link).collect()
 }
 
 /// Lines to copy, all for the shell or all for Python.

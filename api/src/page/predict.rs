@@ -285,9 +285,7 @@ impl Viewers {
         };
         let mut checkpoints = Vec::new();
         for predictor in &drawn.predictors {
-            if let (Some(digest), Some(step)) = (predictor.digest, predictor.step) {
-                checkpoints.extend(app.checkpoint_of_step(digest, step).await?);
-            }
+            checkpoints.extend(app.drawn_checkpoint(predictor).await?);
         }
         if dataset.is_none() || checkpoints.is_empty() {
             return Ok(None);

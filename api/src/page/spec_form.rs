@@ -123,7 +123,7 @@ impl Changes {
 }
 
 /// Sets a field of an object that is there. Says whether it is.
-fn put(spec: &mut Value, path: &str, value: Value) -> bool {
+pub(super) fn put(spec: &mut Value, path: &str, value: Value) -> bool {
     let (object, name) = path.rsplit_once('.').unwrap_or(("", path));
     let object = if object.is_empty() { Some(spec) } else { spec.pointer_mut(&pointer(object)) };
     let fields = object.and_then(Value::as_object_mut);
@@ -171,35 +171,6 @@ pub fn values_of(typed: &str) -> Vec<Value> {
         Ok(Value::Array(values)) => values,
         _ => typed.split(',').map(str::trim).filter(|it| !it.is_empty()).map(value_of).collect(),
     }
-}
-
-/// The pipeline with a copy of a job for each of these values of a field.
-///
-/// # Errors
-/// When the job is a pipeline, the field is not there, or there is no value.
-pub fn sweep(spec: &Value, path: &str, values: &[Value]) -> Result<Value, SpecError> {
-    let refused = |value: &str, allowed: &str| Err(SpecError::one("sweep", value, allowed));
-    if spec["kind"] == "pipeline" {
-        return refused("over a pipeline", "a sweep over a single job");
-    }
-    if path == "kind" || !put(&mut spec.clone(), path, Value::Null) {
-        return refused(path, "a field of the spec");
-    }
-    if values.is_empty() {
-        return refused("without values", "values separated by commas, or a list in JSON");
-    }
-    let kind = spec["kind"].as_str().unwrap_or("job");
-    let jobs: Map<String, Value> = (1..)
-        .zip(values)
-        .map(|(number, value)| {
-            let mut job = spec.clone();
-            put(&mut job, path, value.clone());
-            (format!("{kind}-{number}"), job)
-        })
-        .collect();
-    let last = path.rsplit('.').next().unwrap_or(path);
-    let name: String = format!("{kind} over {last}").chars().take(100).collect();
-    Ok(json!({ "kind": "pipeline", "name": name, "jobs": jobs }))
 }
 
 /// The inputs for a spec with every default filled in. Violations stand beside their fields; those
@@ -460,22 +431,6 @@ mod tests {
             .map(|section| section.name.as_str())
             .collect();
         assert_eq!(open, ["", "optimizer"]);
-    }
-
-    #[test]
-    fn a_sweep_is_a_pipeline_with_a_job_for_each_value() {
-        let values = values_of("1e-3, 1e-4");
-        assert_eq!(values, values_of("[1e-3, 1e-4]"));
-        let swept = sweep(&training(), "optimizer.learning_rate", &values).unwrap();
-        let jobs = swept["jobs"].as_object().unwrap();
-        assert_eq!(jobs.keys().collect::<Vec<_>>(), ["train-1", "train-2"]);
-        assert_eq!(jobs["train-2"]["optimizer"]["learning_rate"], 1e-4);
-        spec::parse_json(swept.clone()).unwrap();
-        for (path, values) in [("paint.colour", &values[..]), ("steps", &[]), ("kind", &values[..])]
-        {
-            assert!(sweep(&training(), path, values).is_err(), "{path}");
-        }
-        assert!(sweep(&swept, "name", &values).is_err());
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! The page in a browser without scripts.
 
 use axum::http::Method;
-use serde_json::json;
+use serde_json::{Value, json};
 use store::NewArtifact;
 
 use crate::fixture::{Server, followed, report, small_pipeline, small_simulation};
@@ -319,20 +319,29 @@ async fn an_evaluation_and_its_checkpoint_show_the_predictions_that_were_drawn()
             "frequency_hz": 0.3, "trajectory": 17, "joint": joint, "rmse_deg": 2.5,
         })
     };
-    let list = json!({
-        "model": "robomorph",
-        "predictors": [
-            {"name": "robomorph", "kind": "checkpoint", "digest": checkpoint["digest"], "step": 100},
-            {"name": "arx", "kind": "baseline"},
-        ],
-        "scenarios": [scenario("worst", 4), scenario("median", 2)],
-    });
-    let files =
-        [("predictions.json", list.to_string()), ("prediction-worst.svg", "<svg/>".to_owned())];
-    for (name, text) in files {
+    let put = async |name: &'static str, text: String| {
         let artifact = NewArtifact { name, media_type: "text/plain", bytes: text.into() };
         server.store.put_artifact(report.fence, artifact).await.unwrap();
-    }
+    };
+    let put_list = async |weights: &Value| {
+        let list = json!({
+            "model": "robomorph",
+            "predictors": [
+                {
+                    "name": "robomorph", "kind": "checkpoint", "digest": checkpoint["digest"],
+                    "step": 100, "weights": weights,
+                },
+                {"name": "arx", "kind": "baseline"},
+            ],
+            "scenarios": [scenario("worst", 4), scenario("median", 2)],
+        });
+        put("predictions.json", list.to_string()).await;
+    };
+    put("prediction-worst.svg", "<svg/>".to_owned()).await;
+    // Those of another training by the same spec.
+    put_list(&checkpoint["digest"]).await;
+    assert!(!page(&server, "/checkpoints/1").await.contains("prediction-median.svg"));
+    put_list(&checkpoint["files"][0]["sha256"]).await;
     let path = format!("/evaluations/{}", report.job);
     assert!(!page(&server, &path).await.contains("<figure>"), "it has no report yet");
     server.finish(&report).await;

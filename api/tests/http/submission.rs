@@ -69,8 +69,16 @@ async fn a_pipeline_is_submitted_whole_and_runs_to_its_end() {
     let states: Vec<_> = members.iter().map(|member| member["state"].as_str().unwrap()).collect();
     assert_eq!(states, ["queued", "queued", "waiting", "waiting"]);
     assert!(members.iter().all(|member| member["reused"] == false));
+    let train = server.json(&format!("/v1/jobs/{}", members[2]["job"])).await;
+    let pipelines = json!([{"id": pipeline["id"], "name": "quickstart", "member": "train"}]);
+    assert_eq!(train["pipelines"], pipelines);
 
     server.work().await;
+    for path in ["/jobs/1", "/datasets/1", "/runs/1", "/checkpoints/1", "/evaluations/4"] {
+        let page = server.get(path).await.text().to_owned();
+        let link = format!("jobs/{}\" title=\"The pipeline", pipeline["id"]);
+        assert!(page.contains(&link) && page.contains("quickstart / "), "{path}: {page}");
+    }
 
     let pipeline = server.json(&format!("/v1/jobs/{}", pipeline["id"])).await;
     assert_eq!(pipeline["state"], "succeeded");

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use spec::{Digest, Family};
 
-use crate::PredictorKind;
+use crate::{Checkpoint, PredictorKind};
 
 /// The figures of single predictions that an evaluation has.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -18,9 +18,18 @@ pub struct DrawnPredictions {
 }
 
 impl DrawnPredictions {
-    /// The predictor that is the checkpoint at this step of the training with this digest.
-    pub fn predictor_of(&self, digest: Digest, step: u64) -> Option<&DrawnPredictor> {
-        let is_it = |it: &&DrawnPredictor| it.digest == Some(digest) && it.step == Some(step);
+    /// The predictor that is a checkpoint. Two trainings by one spec may have other weights, for
+    /// example those of two versions.
+    pub fn predictor_of(&self, checkpoint: &Checkpoint) -> Option<&DrawnPredictor> {
+        let has_its_weights = |it: &DrawnPredictor| {
+            it.weights
+                .is_none_or(|weights| checkpoint.files.iter().any(|file| file.sha256 == weights))
+        };
+        let is_it = |it: &&DrawnPredictor| {
+            it.digest == Some(checkpoint.digest)
+                && it.step == Some(checkpoint.step)
+                && has_its_weights(it)
+        };
         self.predictors.iter().find(is_it)
     }
 }
@@ -38,6 +47,9 @@ pub struct DrawnPredictor {
     /// The optimizer steps of a checkpoint.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub step: Option<u64>,
+    /// SHA-256 of a checkpoint's weights. Lists before 2026-11-30 lack it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub weights: Option<Digest>,
 }
 
 /// A scenario that is drawn.

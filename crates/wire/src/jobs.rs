@@ -40,6 +40,9 @@ pub struct Job {
     pub needs: Vec<i64>,
     /// The jobs of a pipeline. Each comes after those it needs.
     pub members: Vec<Member>,
+    /// The pipelines that it is a job of, the newest first.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub pipelines: Vec<Membership>,
     /// The dataset that a simulation or import fills.
     pub dataset: Option<i64>,
     /// The dataset that a verification checks.
@@ -122,6 +125,20 @@ pub struct Member {
     pub waits_for: Option<String>,
     /// Whether the job existed before the pipeline was submitted.
     pub reused: bool,
+}
+
+/// A pipeline that a job belongs to.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct Membership {
+    /// The pipeline's id.
+    #[schema(example = 6)]
+    pub id: i64,
+    /// The pipeline's name.
+    #[schema(example = "quickstart")]
+    pub name: String,
+    /// The job's name in the pipeline.
+    #[schema(example = "train-lagrangian")]
+    pub member: String,
 }
 
 impl Tabled for Job {

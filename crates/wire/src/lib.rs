@@ -70,7 +70,7 @@ pub use identification::{
     ParameterEstimate, TorqueResidual,
 };
 pub use imports::ImportCounts;
-pub use jobs::{Job, Member, Progress};
+pub use jobs::{Job, Member, Membership, Progress};
 pub use labels::{LabelChange, TextChange};
 pub use lists::{
     Checkpoints, Datasets, Evaluations, Jobs, List, ListCell, ListColumn, ListPage, Listed, Robots,

@@ -33,6 +33,19 @@ pub struct Member {
     pub reused: bool,
 }
 
+/// A pipeline that has a job as a member.
+#[derive(Clone, Debug)]
+pub struct Membership {
+    /// The job.
+    pub job: JobId,
+    /// The pipeline.
+    pub pipeline: JobId,
+    /// The pipeline's name.
+    pub pipeline_name: String,
+    /// The job's name in the pipeline.
+    pub name: String,
+}
+
 /// A member, with what its pipeline needs to know.
 #[derive(Clone, Debug)]
 pub(crate) struct MemberRow {
@@ -69,6 +82,23 @@ impl Store {
             }
         }
         Ok(members)
+    }
+
+    /// The pipelines that have these jobs as members and are not in the trash, sorted by job, the
+    /// newest pipeline of each first.
+    ///
+    /// # Errors
+    /// When the database fails.
+    #[boxed]
+    pub async fn memberships(&self, jobs: &[JobId]) -> Result<Vec<Membership>, StoreError> {
+        sql("SELECT member.job, member.pipeline, member.name, \
+             COALESCE(pipeline.given_name, pipeline.name) AS pipeline_name \
+             FROM pipeline_member AS member JOIN job AS pipeline ON pipeline.id = member.pipeline \
+             WHERE member.job IN {ids $1} AND pipeline.deleted_at IS NULL \
+             ORDER BY member.job, member.pipeline DESC, member.ordinal")
+        .bind(json(&jobs))
+        .all(&mut self.read("reading the pipelines of jobs"))
+        .await
     }
 }
 
@@ -212,5 +242,7 @@ from_row!(Member {
     ..row =>
     progress: JobProgress { unit: row.get("unit")?, ..JobProgress::default() },
 });
+
+from_row!(Membership { job, pipeline, pipeline_name, name });
 
 from_row!(MemberRow { name, job, state, cancel_requested, error });

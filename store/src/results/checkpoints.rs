@@ -116,6 +116,8 @@ pub enum WhichCheckpoint {
     Best,
     /// The one after this number of optimizer steps.
     Step(u64),
+    /// The one with a file of this SHA-256.
+    Weights(Digest),
 }
 
 impl Store {
@@ -337,10 +339,16 @@ impl Store {
                 "WHERE job.digest = $1 AND checkpoint.step = $2 AND checkpoint.deleted_at IS NULL \
                  ORDER BY checkpoint.id DESC LIMIT 1"
             )),
+            WhichCheckpoint::Weights(_) => sql(select_checkpoint!(
+                "WHERE job.digest = $1 AND checkpoint.deleted_at IS NULL AND checkpoint.id IN \
+                 (SELECT file.checkpoint FROM checkpoint_file AS file WHERE file.sha256 = $2) \
+                 ORDER BY checkpoint.id DESC LIMIT 1"
+            )),
         };
         let query = query.bind(digest);
         let query = match which {
             WhichCheckpoint::Step(step) => query.bind(step),
+            WhichCheckpoint::Weights(sha256) => query.bind(sha256),
             WhichCheckpoint::Final | WhichCheckpoint::Best => query,
         };
         let found = query.all(&mut reading).await?;

@@ -152,6 +152,16 @@ pub async fn one_checkpoint_of_a_training_is_the_best_and_one_the_last(f: Fixtur
     commit(&f, &task, 200, false).await;
     assert_eq!(marks().await, expected);
 
+    let with_weights =
+        |sha256| f.store.checkpoint_by_digest(digest, WhichCheckpoint::Weights(sha256));
+    for of_step in [100, 200] {
+        let which = WhichCheckpoint::Step(of_step);
+        let found = f.store.checkpoint_by_digest(digest, which).await.unwrap().unwrap();
+        let sha256 = found.file("model.safetensors").unwrap().sha256;
+        assert_eq!(with_weights(sha256).await.unwrap().unwrap().id, found.id);
+    }
+    assert!(with_weights(digest).await.unwrap().is_none(), "no file has the digest of a spec");
+
     let best = WhichCheckpoint::Best;
     let unfinished = f.store.checkpoint_by_digest(digest, best).await.unwrap();
     assert!(unfinished.is_none(), "another may yet be better");

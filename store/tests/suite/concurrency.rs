@@ -1,5 +1,6 @@
 //! Sixteen clients at once.
 
+use std::cmp::Reverse;
 use std::collections::HashSet;
 use std::future::Future;
 use std::time::Duration;
@@ -208,6 +209,12 @@ pub async fn a_job_that_several_pipelines_share_is_done_once(f: Fixture) {
         shared.insert(f.members(*pipeline).await[0]);
     }
     assert_eq!(shared.len(), 1);
+    let shared: Vec<JobId> = shared.into_iter().collect();
+    let memberships = f.store.memberships(&shared).await.unwrap();
+    let mut newest_first = pipelines.clone();
+    newest_first.sort_unstable_by_key(|pipeline| Reverse(*pipeline));
+    assert_eq!(memberships.iter().map(|of| of.pipeline).collect::<Vec<_>>(), newest_first);
+    assert!(memberships.iter().all(|of| of.job == shared[0] && !of.pipeline_name.is_empty()));
     let waiting = pipelines[0];
     at_once(&f, move |store, number| work_until(store, format!("w{number}"), waiting)).await;
     f.work_off().await;

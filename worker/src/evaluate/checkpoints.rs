@@ -20,6 +20,8 @@ pub(crate) struct LoadedCheckpoint {
     pub model: TrainedModel,
     /// Optimizer steps taken.
     pub step: u64,
+    /// SHA-256 of its weights.
+    pub weights: Option<Digest>,
     /// The name that people gave to it or to its run. Otherwise the training's name, which is the
     /// name in its pipeline if it has one.
     own_name: String,
@@ -64,6 +66,7 @@ impl LoadedCheckpoint {
         let read = |name| checkpoint::read(attempt, &checkpoint, name);
         let model = TrainedModel::load(&read(MODEL_FILE)?, &read(CONFIG_FILE)?, &attempt.device)?;
         let (id, step) = (checkpoint.id, checkpoint.step);
+        let weights = checkpoint.file(MODEL_FILE).map(|file| file.sha256);
         tracing::info!(checkpoint = %id, job = %checkpoint.job, step, "loaded");
 
         // A checkpoint of a training that failed or was cancelled can be evaluated too.
@@ -96,6 +99,7 @@ impl LoadedCheckpoint {
             info,
             model,
             step,
+            weights,
             own_name: own_name + &marks,
             trained_on: trained_on_together(lineage.trained_on),
             data: lineage.data,

@@ -62,6 +62,7 @@ impl ExampleInputs<'_> {
                 kind: info.kind,
                 digest: info.digest,
                 step: learned.map(|learned| learned.checkpoint.step),
+                weights: learned.and_then(|learned| learned.checkpoint.weights),
             })
         };
         Ok(chosen.predictors.iter().filter_map(drawn).collect())
