@@ -23,6 +23,7 @@ mod recording;
 mod resampling;
 mod rows;
 mod samples;
+mod selection;
 mod tables;
 mod turns;
 mod windows;

@@ -1,7 +1,5 @@
 //! Rows in the form that both formats share: several at a time, in the order of the file.
 
-use std::collections::HashMap;
-
 use spec::{ImportColumns, ImportSpec, MAX_JOINTS, TimeUnit};
 
 use crate::{Place, RowError};
@@ -75,66 +73,6 @@ pub(crate) fn channel_count(spec: &ImportSpec) -> usize {
 
 /// The largest number of channels of a sample: torques, positions, velocities.
 pub(crate) const MAX_CHANNELS: usize = 3 * MAX_JOINTS;
-
-/// Finds each column of `columns` among those of the file. Each must occur once. Spaces around a
-/// name count only if two columns differ in nothing else.
-///
-/// Returns their indices, in the order of [`ImportColumns::named`].
-///
-/// # Errors
-/// The missing columns, with the existing ones.
-pub(crate) fn find_columns(
-    columns: &ImportColumns,
-    existing: &[&str],
-) -> Result<Vec<usize>, String> {
-    let mut found = Vec::new();
-    let mut missing = Vec::new();
-    let mut fields = HashMap::new();
-    for (field, name) in columns.named() {
-        let Some(place) = find_column(name, existing)
-            .map_err(|()| format!("it has more than one column {name:?} (columns.{field})"))?
-        else {
-            missing.push(format!("{name:?} (columns.{field})"));
-            continue;
-        };
-        if let Some(other) = fields.insert(place, field.clone()) {
-            return Err(format!(
-                "columns.{field} and columns.{other} are both its column {:?}",
-                existing[place]
-            ));
-        }
-        found.push(place);
-    }
-    if missing.is_empty() {
-        return Ok(found);
-    }
-    Err(format!("it has no column {}; it has {}", missing.join(", "), listed(existing)))
-}
-
-/// The place of a column, if there is one; an error if there are several.
-fn find_column(name: &str, existing: &[&str]) -> Result<Option<usize>, ()> {
-    let equal: &dyn Fn(&str) -> bool = &|other| other == name;
-    let trimmed: &dyn Fn(&str) -> bool = &|other| other.trim() == name.trim();
-    for is_it in [equal, trimmed] {
-        let mut places = existing.iter().enumerate().filter(|(_, other)| is_it(other));
-        match (places.next(), places.next()) {
-            (Some((place, _)), None) => return Ok(Some(place)),
-            (Some(_), Some(_)) => return Err(()),
-            (None, _) => {}
-        }
-    }
-    Ok(None)
-}
-
-/// A list of names for an error, cut if there are too many.
-fn listed(names: &[&str]) -> String {
-    const SHOWN: usize = 50;
-    let shown: Vec<String> = names.iter().take(SHOWN).map(|name| format!("{name:?}")).collect();
-    match names.len().checked_sub(SHOWN) {
-        None | Some(0) => shown.join(", "),
-        Some(more) => format!("{} and {more} more", shown.join(", ")),
-    }
-}
 
 /// The error for a missing value.
 pub(crate) fn absent(place: Place, column: &str) -> RowError {

@@ -102,7 +102,7 @@ pub use given::Given;
 pub use identify::{IdentifyRobot, IdentifySpec};
 pub use import::{
     AngleUnit, CsvLayout, FileFormat, ImportColumns, ImportRanges, ImportSpec, ImportUnits,
-    LowPassHz, McapMessages, NamedFile, NoLowPass, Resampling, Split, TimeUnit,
+    LowPassHz, McapMessages, NamedFile, NoLowPass, Resampling, Split, TimeUnit, list_elements,
 };
 pub use job::JobSpec;
 pub use job_kind::JobKind;

@@ -27,7 +27,7 @@ pub struct LogArguments {
     #[arg(long, value_name = "COLUMN")]
     time: Option<String>,
 
-    /// The columns of positions in rad, from the base outwards: names, numbers such as `2-7`, or one column of lists [default: q1,q2,..; MCAP: position]
+    /// The columns of positions in rad, from the base outwards: names, numbers such as `2-7`, one column of lists, or elements of lists such as `state[0:6]` [default: q1,q2,..; MCAP: position]
     #[arg(long, value_name = "COLUMNS")]
     q: Option<String>,
 

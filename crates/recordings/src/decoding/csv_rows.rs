@@ -10,9 +10,8 @@ use spec::{CsvLayout, ImportSpec};
 use super::DecodeError;
 use super::line_count::Lines;
 use super::spaces::OneSpace;
-use crate::rows::{
-    MAX_BATCH_ROWS, Rows, TimeColumn, absent, channel_columns, check_name, find_columns,
-};
+use crate::rows::{MAX_BATCH_ROWS, Rows, TimeColumn, absent, channel_columns, check_name};
+use crate::selection::find_columns;
 use crate::{Place, RowError};
 
 /// Number of rows that are parsed at once.

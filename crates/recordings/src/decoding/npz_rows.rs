@@ -1,6 +1,7 @@
 //! Rows of a NumPy archive: arrays of one length, whose rows are read together.
 
 use std::io::{self, Read};
+use std::ops::Range;
 
 use arrow_array::types::{ArrowPrimitiveType, Float16Type};
 use parquet::file::reader::ChunkReader;
@@ -9,7 +10,8 @@ use spec::{ImportSpec, TimeUnit};
 use super::DecodeError;
 use super::zip::Archive;
 use crate::error::{Place, RowError};
-use crate::rows::{MAX_BATCH_ROWS, MAX_NAME_BYTES, Rows, TimeColumn, check_name, find_columns};
+use crate::rows::{MAX_BATCH_ROWS, MAX_NAME_BYTES, Rows, TimeColumn, check_name};
+use crate::selection::{MAX_ELEMENTS, find_elements};
 
 type Half = <Float16Type as ArrowPrimitiveType>::Native;
 
@@ -42,6 +44,8 @@ struct Array {
     element: Element,
     /// Number of elements per row.
     columns: usize,
+    /// The elements of each row that are read.
+    chosen: Range<usize>,
     content: Box<dyn Read>,
 }
 
@@ -79,33 +83,24 @@ impl NpzRows {
         let members = archive.names();
         let names: Vec<&str> =
             members.iter().filter_map(|name| name.strip_suffix(ENDING)).collect();
-        let places = find_columns(&spec.columns, &names).map_err(DecodeError::File)?;
+        let found = find_elements(spec, &names).map_err(DecodeError::File)?;
         let mut rows = None;
         let mut opened =
             Self { time: None, recording: None, channels: Vec::new(), rows: 0, next_row: 0 };
-        for ((field, _), place) in spec.columns.named().into_iter().zip(places) {
-            let name = names[place];
+        for ((field, _), selected) in spec.columns.named().into_iter().zip(found) {
+            let name = names[selected.place];
             let refused = |found: &str, allowed: &str| {
                 let what = format!("array {name:?} (columns.{field})");
                 DecodeError::File(format!("{what} {found}, allowed: {allowed}"))
             };
             let quantity = field.trim_end_matches("[0]");
-            let columns = if spec.has_one_column(quantity) { spec.joints() } else { 1 };
+            let expected = if spec.has_one_column(quantity) { spec.joints() } else { 1 };
             let mut content = archive.member(&format!("{name}{ENDING}"))?;
             let Header { element, is_column_major, shape } = read_header(&mut content)
                 .map_err(|reason| refused(&reason, "an array of numbers"))?;
-            let expected = match columns {
-                1 => "one number per row".to_owned(),
-                joints => format!("the shape (rows, {joints})"),
-            };
-            let (count, found) = match shape.as_slice() {
-                [rows] => (*rows, 1),
-                [rows, columns] => (*rows, *columns),
-                _ => return Err(refused(&format!("has the shape {shape:?}"), &expected)),
-            };
-            if found != columns as u64 || count > MAX_ROWS {
-                return Err(refused(&format!("has the shape {shape:?}"), &expected));
-            }
+            let (count, columns) = shape_of(&shape, selected.elements.as_ref(), expected)
+                .map_err(|allowed| refused(&format!("has the shape {shape:?}"), &allowed))?;
+            let chosen = selected.elements.unwrap_or(0..columns);
             if *rows.get_or_insert(count) != count {
                 let allowed = format!("{} as the others", rows.unwrap_or_default());
                 return Err(refused(&format!("has {count} rows"), &allowed));
@@ -121,22 +116,28 @@ impl NpzRows {
                 return Err(refused("has times with a unit", "no other units.time"));
             }
             let name = name.to_owned();
-            let array = |content, columns| Array { name: name.clone(), element, columns, content };
-            match field.as_str() {
-                "time" => opened.time = Some(array(content, 1)),
-                "recording" => opened.recording = Some(array(content, 1)),
-                _ if is_column_major && columns > 1 => {
-                    // Each column begins after all rows of those before.
-                    for column in 0..columns as u64 {
-                        let mut content = archive.member(&format!("{name}{ENDING}"))?;
-                        read_header(&mut content).map_err(DecodeError::File)?;
-                        let before = column * count * element.bytes as u64;
-                        io::copy(&mut content.by_ref().take(before), &mut io::sink())
-                            .map_err(|error| ended(&name, &error))?;
-                        opened.channels.push(array(content, 1));
-                    }
+            let array = |content, columns, chosen| {
+                let name = name.clone();
+                Array { name, element, columns, chosen, content }
+            };
+            let mut arrays = Vec::new();
+            if is_column_major && columns > 1 {
+                // Each column begins after all rows of those before.
+                for column in chosen {
+                    let mut content = archive.member(&format!("{name}{ENDING}"))?;
+                    read_header(&mut content).map_err(DecodeError::File)?;
+                    let before = column as u64 * count * element.bytes as u64;
+                    io::copy(&mut content.by_ref().take(before), &mut io::sink())
+                        .map_err(|error| ended(&name, &error))?;
+                    arrays.push(array(content, 1, 0..1));
                 }
-                _ => opened.channels.push(array(content, columns)),
+            } else {
+                arrays.push(array(content, columns, chosen));
+            }
+            match field.as_str() {
+                "time" => opened.time = arrays.pop(),
+                "recording" => opened.recording = arrays.pop(),
+                _ => opened.channels.extend(arrays),
             }
         }
         opened.rows = rows.unwrap_or_default();
@@ -171,6 +172,38 @@ impl NpzRows {
     }
 }
 
+/// The number of rows and of elements in each of an array with `expected` elements in a row, or with
+/// those that the spec names. The error says what is allowed.
+fn shape_of(
+    shape: &[u64],
+    named: Option<&Range<usize>>,
+    expected: usize,
+) -> Result<(u64, usize), String> {
+    let (rows, columns) = match shape {
+        [rows] if named.is_none() => (*rows, 1),
+        [rows, columns] => (*rows, usize::try_from(*columns).unwrap_or(usize::MAX)),
+        _ => (u64::MAX, 0),
+    };
+    let is_right = match named {
+        None => columns == expected,
+        Some(named) => (named.end..=MAX_ELEMENTS).contains(&columns),
+    };
+    if is_right && rows <= MAX_ROWS {
+        return Ok((rows, columns));
+    }
+    Err(match (named, expected) {
+        (Some(named), _) => {
+            format!("the shape (rows, columns) with {} to {MAX_ELEMENTS} columns", named.end)
+        }
+        (None, 1) => "one number per row".to_owned(),
+        (None, joints) if rows <= MAX_ROWS && columns > joints => format!(
+            "the shape (rows, {joints}), one column for each joint; name columns with [0], or a range with \
+             [0:{joints}]"
+        ),
+        (None, joints) => format!("the shape (rows, {joints})"),
+    })
+}
+
 fn ended(name: &str, error: &io::Error) -> DecodeError {
     DecodeError::File(format!("its array {name:?} cannot be read to its end: {error}"))
 }
@@ -197,9 +230,10 @@ impl Array {
     fn floats(&mut self, rows: usize) -> Result<Vec<Vec<f64>>, DecodeError> {
         let bytes = self.bytes(rows)?;
         let element = self.element;
-        let mut channels = vec![Vec::with_capacity(rows); self.columns];
+        let mut channels = vec![Vec::with_capacity(rows); self.chosen.len()];
         for row in bytes.chunks_exact(element.bytes * self.columns) {
-            for (channel, bytes) in channels.iter_mut().zip(row.chunks_exact(element.bytes)) {
+            let chosen = row.chunks_exact(element.bytes).skip(self.chosen.start);
+            for (channel, bytes) in channels.iter_mut().zip(chosen) {
                 channel.push(element.float(bytes));
             }
         }
@@ -213,7 +247,8 @@ impl Array {
             return Ok(TimeColumn::Decimal(values));
         }
         let bytes = self.bytes(rows)?;
-        let integers = bytes.chunks_exact(element.bytes).map(|bytes| element.integer(bytes));
+        let elements = bytes.chunks_exact(element.bytes).skip(self.chosen.start);
+        let integers = elements.step_by(self.columns).map(|bytes| element.integer(bytes));
         let times: Option<Vec<i64>> = integers.collect();
         let times = times.ok_or_else(|| {
             DecodeError::File("its times do not fit into 64 bits with a sign".to_owned())

@@ -19,9 +19,10 @@ use parquet::file::reader::{ChunkReader, Length};
 use parquet::file::serialized_reader::SerializedPageReader;
 use spec::{ImportSpec, TimeUnit};
 
-use super::parquet_values::{complete, floats, is_decimal, lists, names, time_column};
+use super::parquet_values::{Elements, complete, floats, is_decimal, lists, names, time_column};
 use super::{DecodeError, first_bytes, signature};
-use crate::rows::{MAX_BATCH_ROWS, Rows, find_columns};
+use crate::rows::{MAX_BATCH_ROWS, Rows, TimeColumn};
+use crate::selection::{MAX_ELEMENTS, find_elements};
 
 const MAGIC: &[u8] = b"PAR1";
 
@@ -42,9 +43,9 @@ pub(super) struct ParquetRows<R> {
     next_row: u64,
 }
 
-/// The names of the columns in the file, by their meaning.
+/// The columns in the file, by their meaning.
 struct Columns {
-    time: Option<String>,
+    time: Option<Channels>,
     /// The unit that the type of the time has.
     time_unit: Option<TimeUnit>,
     recording: Option<String>,
@@ -54,17 +55,19 @@ struct Columns {
 /// A column with one channel, or with lists of several.
 struct Channels {
     name: String,
-    /// Number of elements of each list; `None` for a flat column.
-    elements: Option<usize>,
+    /// The name in the spec, for errors.
+    asked: String,
+    /// The elements of each list; `None` for a flat column.
+    elements: Option<Elements>,
 }
 
 /// A requested column.
-#[derive(Clone, Copy)]
+#[derive(Clone)]
 struct Leaf {
     /// Its position among the leaves of the schema.
     leaf: usize,
-    /// Number of elements of each list; `None` for a flat column.
-    elements: Option<usize>,
+    /// The elements of each list; `None` for a flat column.
+    elements: Option<Elements>,
 }
 
 impl<R: ChunkReader + 'static> ParquetRows<R> {
@@ -80,12 +83,14 @@ impl<R: ChunkReader + 'static> ParquetRows<R> {
         let time_unit = check_types(metadata.metadata(), &leaves, spec)?;
         let schema = metadata.metadata().file_metadata().schema_descr();
         // In the order of `ImportColumns::named`.
-        let mut columns = leaves.iter().map(|leaf| Channels {
+        let named = spec.columns.named();
+        let mut columns = leaves.iter().zip(&named).map(|(leaf, (_, asked))| Channels {
             name: schema.column(leaf.leaf).path().parts()[0].clone(),
-            elements: leaf.elements,
+            asked: asked.trim().to_owned(),
+            elements: leaf.elements.clone(),
         });
         let columns = Columns {
-            time: spec.columns.time.as_ref().and_then(|_| columns.next()).map(|time| time.name),
+            time: spec.columns.time.as_ref().and_then(|_| columns.next()),
             time_unit,
             recording: spec
                 .columns
@@ -141,7 +146,7 @@ impl<R: ChunkReader + 'static> ParquetRows<R> {
 
     fn open_row_group(&self, index: usize) -> Result<ParquetRecordBatchReader, DecodeError> {
         for leaf in &self.leaves {
-            self.check_column(index, *leaf)?;
+            self.check_column(index, leaf)?;
         }
         let (file, metadata) = (self.file.clone(), self.metadata.clone());
         let builder = ParquetRecordBatchReaderBuilder::new_with_metadata(file, metadata);
@@ -153,7 +158,7 @@ impl<R: ChunkReader + 'static> ParquetRows<R> {
 
     /// Checks the number of values of a column. A decoder reads as many values as the row group has
     /// rows, and ignores further ones.
-    fn check_column(&self, row_group: usize, leaf: Leaf) -> Result<(), DecodeError> {
+    fn check_column(&self, row_group: usize, leaf: &Leaf) -> Result<(), DecodeError> {
         let metadata = self.metadata.metadata().row_group(row_group);
         let column = metadata.column(leaf.leaf);
         let rows = usize::try_from(metadata.num_rows()).unwrap_or(0);
@@ -169,14 +174,29 @@ impl<R: ChunkReader + 'static> ParquetRows<R> {
             pages.skip_next_page()?;
         }
         // A list that is too short is found with its row.
-        let (is_right, lists) = match leaf.elements {
-            None => (values == rows, String::new()),
-            Some(elements) => {
-                (values <= rows.saturating_mul(elements), format!(" of {elements} elements"))
+        let (most, lists) = match &leaf.elements {
+            None if values != rows => (0, String::new()),
+            None => return Ok(()),
+            Some(Elements::All(elements)) => {
+                (rows.saturating_mul(*elements), format!(" of {elements} elements"))
+            }
+            Some(Elements::Named(_)) => {
+                (rows.saturating_mul(MAX_ELEMENTS), format!(" of at most {MAX_ELEMENTS} elements"))
             }
         };
-        if is_right {
+        if values <= most {
             return Ok(());
+        }
+        if let Some(Elements::All(joints)) = leaf.elements
+            && let Some(found) = values.checked_div(rows).filter(|found| found * rows == values)
+        {
+            let name = &column.column_path().parts()[0];
+            return Err(DecodeError::File(format!(
+                "column {name:?} has lists of {found} numbers, allowed: {joints}, one for each joint; \
+                 name elements as {:?}, or a range as {:?}",
+                format!("{name}[0]"),
+                format!("{name}[0:{joints}]")
+            )));
         }
         let rows = format!("{rows} rows{lists}");
         Err(named(format!("its pages have {values} values where the row group has {rows}")))
@@ -294,31 +314,39 @@ fn find_leaves(metadata: &ParquetMetaData, spec: &ImportSpec) -> Result<Vec<Leaf
         .map(|(leaf, column)| (leaf, column.path().parts()[0].as_str()))
         .collect();
     let names: Vec<&str> = known.iter().map(|(_, name)| *name).collect();
-    let found = find_columns(&spec.columns, &names)
-        .map_err(|error| DecodeError::File(format!("{error}{}", nested(metadata, spec))))?;
-    let leaves = spec.columns.named().into_iter().zip(found).map(|((field, _), place)| {
-        let (leaf, name) = known[place];
-        let quantity = field.strip_suffix("[0]").filter(|quantity| spec.has_one_column(quantity));
-        match (is_list(leaf), quantity) {
-            (false, _) => Ok(Leaf { leaf, elements: None }),
-            (true, Some(_)) => Ok(Leaf { leaf, elements: Some(spec.joints()) }),
+    let found = find_elements(spec, &names)
+        .map_err(|error| DecodeError::File(format!("{error}{}", nested(metadata, spec, &names))))?;
+    let leaves = spec.columns.named().into_iter().zip(found).map(|((field, asked), column)| {
+        let (leaf, name) = known[column.place];
+        let is_of_all =
+            field.strip_suffix("[0]").is_some_and(|quantity| spec.has_one_column(quantity));
+        match (is_list(leaf), column.elements) {
+            (false, None) => Ok(Leaf { leaf, elements: None }),
+            (true, Some(elements)) => Ok(Leaf { leaf, elements: Some(Elements::Named(elements)) }),
+            (true, None) if is_of_all => {
+                Ok(Leaf { leaf, elements: Some(Elements::All(spec.joints())) })
+            }
             (true, None) => Err(DecodeError::File(format!(
-                "column {name:?} (columns.{field}) has lists, allowed: a flat column; a column with a list \
-                 of all joints is named alone, such as \"q\": [{name:?}]"
+                "column {name:?} (columns.{field}) has lists, allowed: a flat column, or an element such as \
+                 {:?}; a column with a list of all joints is named alone, such as \"q\": [{name:?}]",
+                format!("{name}[0]")
+            ))),
+            (false, Some(_)) => Err(DecodeError::File(format!(
+                "columns.{field} is {asked:?}, but the column {name:?} has no lists"
             ))),
         }
     });
     leaves.collect()
 }
 
-/// Words about requested elements of lists, such as `action[0]`, and about columns in structs.
-fn nested(metadata: &ParquetMetaData, spec: &ImportSpec) -> String {
+/// Words about requested columns in structs, and about lists of lists.
+fn nested(metadata: &ParquetMetaData, spec: &ImportSpec, known: &[&str]) -> String {
     let schema = metadata.file_metadata().schema_descr();
     let mut lists: Vec<&str> = schema
         .columns()
         .iter()
-        .filter(|column| column.path().parts().len() > 1 || column.max_rep_level() > 0)
         .filter_map(|column| column.path().parts().first().map(String::as_str))
+        .filter(|list| !known.contains(list))
         .filter(|list| {
             let is_asked_for = |name: &str| name.trim().split('[').next() == Some(list.trim());
             spec.columns.named().iter().any(|(_, name)| is_asked_for(name))
@@ -329,8 +357,7 @@ fn nested(metadata: &ParquetMetaData, spec: &ImportSpec) -> String {
     let all: Vec<String> = lists.iter().map(|list| format!("{list:?}")).collect();
     let have = if lists.len() == 1 { "has" } else { "have" };
     format!(
-        "; {} {have} lists or structs: a column with a list of all joints is named alone, such as \
-         \"q\": [{first:?}]",
+        "; {} {have} structs or lists of lists, allowed: numbers, or lists of numbers such as {first:?}",
         all.join(" and "),
     )
 }
@@ -344,7 +371,7 @@ fn check_types(
     let descriptor = metadata.file_metadata().schema_descr();
     let mut unit = None;
     for ((field, name), leaf) in spec.columns.named().into_iter().zip(leaves) {
-        let Leaf { leaf, elements } = *leaf;
+        let Leaf { leaf, ref elements } = *leaf;
         let mask = ProjectionMask::leaves(descriptor, [leaf]);
         let schema = parquet_to_arrow_schema_by_columns(descriptor, mask, None)?;
         let column = schema.fields().first().ok_or_else(|| {
@@ -427,16 +454,23 @@ const fn time_unit(unit: ArrowTimeUnit) -> TimeUnit {
 impl Columns {
     fn rows(&self, batch: &RecordBatch, first: u64) -> Result<Rows, DecodeError> {
         let column = |name: &str| complete(batch, name, first);
-        let numbers = |name: &str| floats(&column(name)?);
-        let time = |name: &str| time_column(&column(name)?, self.time_unit);
-        let time = self.time.as_deref().map(time).transpose()?;
+        let lists = |Channels { name, asked, .. }: &Channels, elements: &Elements| {
+            lists(&column(name)?, elements, first, asked)
+        };
+        let time = |time: &Channels| match &time.elements {
+            None => time_column(&column(&time.name)?, self.time_unit),
+            Some(elements) => {
+                Ok(TimeColumn::Decimal(lists(time, elements)?.pop().unwrap_or_default()))
+            }
+        };
+        let time = self.time.as_ref().map(time).transpose()?;
         let recording =
             self.recording.as_deref().map(|name| names(&column(name)?, first, name)).transpose()?;
         let mut channels = Vec::new();
-        for Channels { name, elements } in &self.channels {
-            match elements {
-                None => channels.push(numbers(name)?),
-                Some(elements) => channels.extend(lists(&column(name)?, *elements, first, name)?),
+        for columns in &self.channels {
+            match &columns.elements {
+                None => channels.push(floats(&column(&columns.name)?)?),
+                Some(elements) => channels.extend(lists(columns, elements)?),
             }
         }
         Ok(Rows { first, count: batch.num_rows(), time, recording, channels, ..Rows::default() })

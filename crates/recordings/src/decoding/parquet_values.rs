@@ -1,5 +1,6 @@
 //! The values of decoded columns of a Parquet file.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use arrow_array::cast::AsArray;
@@ -33,28 +34,46 @@ pub(super) fn complete(
     Ok(Arc::clone(column))
 }
 
-/// The elements of lists, one channel for each place in a list.
+/// The elements of lists that are read.
+#[derive(Clone)]
+pub(super) enum Elements {
+    /// All of them, which are so many.
+    All(usize),
+    /// Those that the spec names.
+    Named(Range<usize>),
+}
+
+/// The elements of lists, one channel for each place in a list. `name` is the column in errors.
 pub(super) fn lists(
     column: &ArrayRef,
-    elements: usize,
+    elements: &Elements,
     first: u64,
     name: &str,
 ) -> Result<Vec<Vec<f64>>, DecodeError> {
     let lists = column.as_list_opt::<i32>().ok_or_else(|| not_decoded(column))?;
-    let mut channels = vec![Vec::with_capacity(lists.len()); elements];
-    for (row, list) in (first + 1..).zip(lists.iter()) {
-        let list = list.unwrap_or_else(|| lists.values().slice(0, 0));
+    let values = floats(lists.values())?;
+    let (chosen, is_long_enough): (Range<usize>, &dyn Fn(usize) -> bool) = match elements {
+        Elements::All(count) => (0..*count, &|length| length == *count),
+        Elements::Named(named) => (named.clone(), &|length| length >= named.end),
+    };
+    let mut channels = vec![Vec::with_capacity(lists.len()); chosen.len()];
+    for (row, ends) in (first + 1..).zip(lists.value_offsets().windows(2)) {
         let place = Place::Row(row);
-        if list.len() != elements {
-            let found = format!("a list of {} elements", list.len());
-            let allowed = format!("{elements}, one for each joint of the robot");
+        let start = usize::try_from(ends[0]).unwrap_or_default();
+        let length = usize::try_from(ends[1] - ends[0]).unwrap_or_default();
+        if !is_long_enough(length) {
+            let found = format!("a list of {length} elements");
+            let allowed = match elements {
+                Elements::All(count) => format!("{count}, one for each joint of the robot"),
+                Elements::Named(named) => format!("at least {}", named.end),
+            };
             return Err(RowError::value(place, name, found, allowed).into());
         }
-        if list.null_count() > 0 {
-            return Err(absent(place, name).into());
-        }
-        for (channel, value) in channels.iter_mut().zip(floats(&list)?) {
-            channel.push(value);
+        for (channel, element) in channels.iter_mut().zip(chosen.clone()) {
+            if lists.values().is_null(start + element) {
+                return Err(absent(place, name).into());
+            }
+            channel.push(values[start + element]);
         }
     }
     Ok(channels)

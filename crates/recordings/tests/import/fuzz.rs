@@ -67,6 +67,8 @@ fn originals() -> Vec<(Vec<u8>, ImportSpec)> {
     let list_spec = spec("parquet", &with(parquet::of_lists()));
     files.push((parquet_of(lists.clone(), small_pages()), list_spec.clone()));
     files.push((parquet_of(lists, parquet::variants().swap_remove(5)), list_spec));
+    let one_list = parquet_of(parquet::with_one_list(&recordings), small_pages());
+    files.push((one_list, spec("parquet", &with(parquet::of_one_list()))));
     for is_deflated in [false, true] {
         files.push((npz::archive(&recordings, is_deflated), spec("npz", &with(npz::columns()))));
     }

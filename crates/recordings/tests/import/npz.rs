@@ -135,6 +135,7 @@ fn an_array_of_another_shape_or_type_is_named() {
     import(with("u", zeros("<i2", "(40, 7)", 560)), &spec).unwrap();
     for (name, content, parts) in [
         ("u", zeros("<f4", "(40, 6)", 960), ["\"u\" (columns.u[0])", "the shape (rows, 7)"]),
+        ("u", zeros("<f4", "(40, 8)", 1280), ["the shape [40, 8]", "a range with [0:7]"]),
         ("u", zeros("<f4", "(280,)", 1120), ["shape [280]", "the shape (rows, 7)"]),
         ("u", zeros("<f4", "(39, 7)", 1092), ["has 39 rows", "40 as the others"]),
         ("q", zeros("<c16", "(40, 7)", 4480), ["\"q\" (columns.q[0])", "\"<c16\""]),
@@ -148,6 +149,34 @@ fn an_array_of_another_shape_or_type_is_named() {
     }
     let lost = archive_of(&arrays(&recordings)[..3], false);
     check_refused(lost, &spec, &["no column \"q\" (columns.q[0])", "\"u\""]);
+}
+
+#[test]
+fn columns_of_an_array_are_named_by_their_place() {
+    let recordings = Recordings::of(&[40]);
+    let expected = import(recordings.csv(), &spec("csv", &json!({}))).unwrap();
+    let mut channels = vec![recordings.times.clone()];
+    channels.extend(recordings.channels.iter().cloned());
+    channels.push(vec![0.5; 40]);
+    let positions: Vec<String> = (8..15).map(|column| format!("log[{column}]")).collect();
+    let columns = json!({"time": "log[0]", "u": ["log[1:8]"], "q": positions});
+    let by_place = spec("npz", &json!({"columns": columns}));
+    let contents = [(false, rows(&channels)), (true, channels.concat())];
+    let archives = contents.map(|(is_column_major, values)| {
+        let content = bytes(values.into_iter().map(f64::to_le_bytes));
+        archive_of(&[("log", array("<f8", "(40, 16)", is_column_major, &content))], false)
+    });
+    for archive in &archives {
+        let found = import(archive.clone(), &by_place).unwrap();
+        assert_eq!(found.samples, expected.samples);
+    }
+    let mut refused = by_place;
+    refused.columns.u = vec!["log[15:22]".to_owned()];
+    check_refused(
+        archives[0].clone(),
+        &refused,
+        &["array \"log\" (columns.u[0]) has the shape [40, 16]", "22 to 1000 columns"],
+    );
 }
 
 #[test]

@@ -265,20 +265,23 @@ fn a_list_of_another_length_or_place_is_refused() {
     let shorter = file(&|k| row(if k == 57 { 6 } else { 7 }));
     check_refused(shorter, &lists, &[place, "a list of 6 elements", "7, one for each joint"]);
     let longer = file(&|_| row(8));
-    check_refused(longer, &lists, &["\"action.list.item\"", "rows of 7 elements"]);
+    check_refused(
+        longer,
+        &lists,
+        &[
+            "column \"action\" has lists of 8 numbers, allowed: 7",
+            "\"action[0]\"",
+            "\"action[0:7]\"",
+        ],
+    );
+    let unlike = file(&|k| row(if k == 7 { 9 } else { 8 }));
+    check_refused(unlike, &lists, &["\"action.list.item\"", "rows of 7 elements"]);
     let absent = file(&|k| if k == 57 { None } else { row(7) });
     check_refused(absent, &lists, &[place, "nothing"]);
     let hole = file(&|k| Some(vec![if k == 57 { None } else { Some(0.5) }; 7]));
     check_refused(hole, &lists, &[place, "nothing"]);
 
-    let whole = || file(&|_| row(7));
     let mut elements = lists.clone();
-    elements.columns.u = (0..7).map(|k| format!("action[{k}]")).collect();
-    check_refused(
-        whole(),
-        &elements,
-        &["\"action\" and \"observation.state\" have lists", "[\"action\"]"],
-    );
     elements.columns.u = (1..=7).map(|k| format!("tau_{k}")).collect();
     elements.columns.u[3] = "action".to_owned();
     let mut columns = Recordings::of(&[40, 40]).columns();
@@ -288,6 +291,73 @@ fn a_list_of_another_length_or_place_is_refused() {
     let mut flat = lists;
     flat.columns.u = vec!["tau_1".to_owned()];
     check_refused(both, &flat, &["\"tau_1\" (columns.u[0]) is Float32", "lists of 7 numbers"]);
+}
+
+/// The recordings with one column of lists: a time, torques, positions and a gripper.
+pub(super) fn with_one_list(recordings: &Recordings) -> Vec<(String, ArrayRef)> {
+    let mut columns = recordings.columns();
+    columns.truncate(1);
+    let values = |row: usize| {
+        let joints = recordings.channels.iter().map(move |values| super::narrow(values[row]));
+        let time = super::narrow(recordings.times[row]);
+        std::iter::once(time).chain(joints).chain([0.5]).map(Some).collect::<Vec<_>>()
+    };
+    let rows = (0..recordings.times.len()).map(|row| Some(values(row)));
+    let list = ListArray::from_iter_primitive::<Float32Type, _, _>(rows);
+    columns.push(("log".to_owned(), Arc::new(list)));
+    columns
+}
+
+/// The mapping of [`with_one_list`].
+pub(super) fn of_one_list() -> serde_json::Value {
+    let positions: Vec<String> = (8..15).map(|element| format!("log[{element}]")).collect();
+    json!({"time": "log[0]", "recording": "arm", "u": ["log[1:8]"], "q": positions})
+}
+
+#[test]
+fn elements_of_lists_are_columns() {
+    let recordings = Recordings::of(&[40, 40]);
+    let expected = import(recordings.csv(), &spec("csv", &json!({}))).unwrap();
+    let of_one_list = spec("parquet", &json!({"columns": of_one_list()}));
+    for properties in variants() {
+        let file = parquet_of(with_one_list(&recordings), properties);
+        assert_eq!(import(file, &of_one_list).unwrap().samples, expected.samples);
+    }
+    let mut out_of_range = recordings.clone();
+    out_of_range.channels[9][50] = 7.5;
+    let file = parquet_of(with_one_list(&out_of_range), small_pages());
+    check_refused(file, &of_one_list, &["row 51", "column \"log[10]\": 7.5 rad"]);
+
+    let refused = |field: &str, names: serde_json::Value, parts: &[&str]| {
+        let mut columns = json!({"u": ["log[1:8]"], "q": ["log[8:15]"]});
+        columns[field] = names;
+        let file = parquet_of(with_one_list(&recordings), small_pages());
+        check_refused(file, &spec("parquet", &json!({"columns": columns})), parts);
+    };
+    refused("q", json!(["log[8:16]"]), &["columns.q is \"log[8:16]\"", "8 elements, allowed: 7"]);
+    refused("q", json!(["log[8]"]), &["which is 1 element, allowed: 7"]);
+    refused("q", json!(["log[10:17]"]), &["row 1", "\"log[10:17]\"", "16 elements", "at least 17"]);
+    refused("q", json!(["log[7:14]"]), &["columns.q[0] and columns.u[0] are both", "\"log\""]);
+    refused("q", json!(["logs[8:15]"]), &["no column \"logs[8:15]\""]);
+    refused("time", json!("log[15:17]"), &["columns.time", "2 elements, allowed: 1"]);
+    refused("time", json!("arm[0]"), &["columns.time is \"arm[0]\"", "\"arm\" has no lists"]);
+    refused("recording", json!("log[0]"), &["columns.recording", "without lists"]);
+}
+
+#[test]
+fn a_column_may_be_called_like_an_element() {
+    let recordings = Recordings::of(&[40]);
+    let expected = import(recordings.csv(), &spec("csv", &json!({}))).unwrap();
+    let mut columns = recordings.columns();
+    for (at, (name, _)) in columns.iter_mut().skip(9).enumerate() {
+        *name = format!("log[{at}]");
+    }
+    columns.extend(with_one_list(&recordings).pop());
+    let positions: Vec<String> = (0..7).map(|at| format!("log[{at}]")).collect();
+    let mut named = spec("parquet", &json!({}));
+    named.columns.q = positions;
+    let file = parquet_of(columns, small_pages());
+    assert_eq!(import(file, &named).unwrap().samples, expected.samples);
 }
 
 #[test]

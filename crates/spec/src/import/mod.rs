@@ -2,9 +2,11 @@
 
 mod check;
 mod columns;
+mod elements;
 mod kind;
 mod spec;
 
+pub use elements::list_elements;
 pub use spec::{
     AngleUnit, CsvLayout, FileFormat, ImportColumns, ImportRanges, ImportSpec, ImportUnits,
     LowPassHz, McapMessages, NamedFile, NoLowPass, Resampling, Split, TimeUnit,

@@ -154,7 +154,8 @@ pub struct ImportColumns {
     #[serde(default)]
     pub recording: Option<String>,
     /// Torques, one column per joint from the base. `u` at a sample is held until the next one.
-    /// A single name is a column of lists with one element per joint.
+    /// A single name is a column of lists with one element per joint, or a range of elements such as
+    /// `state[0:6]`. `state[2]` is one element of the lists.
     pub u: Vec<String>,
     /// Positions, one column per joint, or one column of lists.
     pub q: Vec<String>,
@@ -399,38 +400,6 @@ impl ImportSpec {
             Some(robot) => robot.joints(),
             None => RobotModel::panda().description().joints.len(),
         }
-    }
-}
-
-impl ImportSpec {
-    /// The columns with a name for each joint. Those of a column of lists are its elements, such as
-    /// `action[0]`.
-    pub fn joint_columns(&self) -> ImportColumns {
-        let joints = self.joints();
-        let of_joints = |names: &[String]| match names {
-            [lists] if joints > 1 => (0..joints).map(|k| format!("{lists}[{k}]")).collect(),
-            names => names.to_vec(),
-        };
-        let ImportColumns { u, q, qd, .. } = &self.columns;
-        ImportColumns {
-            u: of_joints(u),
-            q: of_joints(q),
-            qd: qd.as_deref().map(of_joints),
-            ..self.columns.clone()
-        }
-    }
-}
-
-impl ImportSpec {
-    /// Whether a quantity, `u`, `q` or `qd`, has one column for all joints.
-    pub fn has_one_column(&self, quantity: &str) -> bool {
-        let names = match quantity {
-            "u" => Some(&self.columns.u),
-            "q" => Some(&self.columns.q),
-            "qd" => self.columns.qd.as_ref(),
-            _ => None,
-        };
-        names.is_some_and(|names| names.len() == 1)
     }
 }
 
