@@ -12,7 +12,7 @@ const FLAGS: [(&str, &str); 7] = [
 ];
 
 /// Fields of a mapping that have no flag.
-const FIELDS: [&str; 10] = [
+const FIELDS: [&str; 12] = [
     "units.time",
     "units.angle",
     "ranges.q_rad",
@@ -23,6 +23,8 @@ const FIELDS: [&str; 10] = [
     "columns.recording",
     "rate_hz",
     "\"format\"",
+    "mcap.joints",
+    "mcap.topic",
 ];
 
 /// A line for an error that names fields of a mapping, where flags declare the columns.

@@ -13,6 +13,7 @@ use spec::{ImportSpec, TimeUnit};
 
 use super::DecodeError;
 use super::joint_state::JointState;
+use super::mcap_columns::{Columns, Time};
 use super::section::{Section, Summed};
 use crate::error::{Place, RowError};
 use crate::rows::{MAX_BATCH_ROWS, Rows, TimeColumn};
@@ -55,59 +56,6 @@ pub(super) struct McapRows<R> {
     topic: Option<String>,
     columns: Columns,
     next_row: u64,
-}
-
-/// What a row takes from a message.
-struct Columns {
-    time: Option<Time>,
-    /// Fields for u, q and, if there is one, qd.
-    quantities: Vec<Quantity>,
-    joints: Vec<String>,
-    /// Whether the spec names no topic.
-    is_any_topic: bool,
-    /// The names of the last message, and the place of each joint among them.
-    places: Option<(Vec<String>, Option<Vec<usize>>)>,
-}
-
-#[derive(Clone, Copy)]
-enum Time {
-    Stamp,
-    Log,
-    Publish,
-}
-
-#[derive(Clone, Copy)]
-enum Quantity {
-    Position,
-    Velocity,
-    Effort,
-}
-
-const TIMES: [(&str, Time); 3] =
-    [("stamp", Time::Stamp), ("log_time", Time::Log), ("publish_time", Time::Publish)];
-
-const QUANTITIES: [(&str, Quantity); 3] = [
-    ("position", Quantity::Position),
-    ("velocity", Quantity::Velocity),
-    ("effort", Quantity::Effort),
-];
-
-impl Quantity {
-    fn of(self, message: &JointState) -> &[f64] {
-        match self {
-            Self::Position => &message.positions,
-            Self::Velocity => &message.velocities,
-            Self::Effort => &message.efforts,
-        }
-    }
-
-    fn name(self) -> &'static str {
-        match self {
-            Self::Position => "position",
-            Self::Velocity => "velocity",
-            Self::Effort => "effort",
-        }
-    }
 }
 
 /// A record: its opcode, and the reader of its content.
@@ -157,6 +105,13 @@ impl<R: ChunkReader + 'static> McapRows<R> {
         }
         if self.is_over && self.chosen.is_empty() {
             return Err(self.no_topic());
+        }
+        let has_rows = self.next_row > 0 || rows.count > 0;
+        if self.is_over
+            && !has_rows
+            && let Some(error) = self.columns.no_joint()
+        {
+            return Err(error);
         }
         self.next_row += rows.count as u64;
         rows.time = self.columns.time.map(|_| TimeColumn::Dated(times, TimeUnit::Ns));
@@ -321,69 +276,6 @@ impl<R: ChunkReader + 'static> McapRows<R> {
             }
         }
         rows.count += 1;
-        Ok(())
-    }
-}
-
-impl Columns {
-    fn of(spec: &ImportSpec) -> Result<Self, DecodeError> {
-        let refused = |field: &str, name: &str, allowed: &str| {
-            DecodeError::File(format!(
-                "columns.{field} is {name:?}, allowed in an MCAP file: {allowed}"
-            ))
-        };
-        let time = spec.columns.time.as_deref().map(|name| {
-            let known = TIMES.iter().find(|(known, _)| *known == name.trim());
-            let allowed = "\"stamp\", \"log_time\" or \"publish_time\"";
-            known.map(|(_, time)| *time).ok_or_else(|| refused("time", name, allowed))
-        });
-        if ![TimeUnit::S, TimeUnit::Ns].contains(&spec.units.time) {
-            let found = spec.units.time.as_str();
-            return Err(DecodeError::File(format!(
-                "units.time is {found:?}, allowed in an MCAP file: none, as its times are in ns"
-            )));
-        }
-        if let Some(name) = &spec.columns.recording {
-            return Err(refused("recording", name, "none; a file is one recording"));
-        }
-        let columns = &spec.columns;
-        let all = [("u", Some(&columns.u)), ("q", Some(&columns.q)), ("qd", columns.qd.as_ref())];
-        let of_joints = all.into_iter().filter_map(|(field, names)| Some((field, names?)));
-        let quantities = of_joints.map(|(field, names)| {
-            let allowed = "one of [\"position\"], [\"velocity\"] and [\"effort\"]";
-            let name = names.first().map_or("", |name| name.trim());
-            let known = QUANTITIES.iter().find(|(known, _)| *known == name && names.len() == 1);
-            known.map(|(_, quantity)| *quantity).ok_or_else(|| refused(field, name, allowed))
-        });
-        let joints = match &spec.mcap.joints {
-            Some(joints) => joints.clone(),
-            None => spec.robot().description().per_joint(|joint| joint.name.clone()),
-        };
-        Ok(Self {
-            time: time.transpose()?,
-            quantities: quantities.collect::<Result<_, _>>()?,
-            joints,
-            places: None,
-            is_any_topic: spec.mcap.topic.is_none(),
-        })
-    }
-
-    /// Finds the place of each joint among the names of a message; none in a message of other
-    /// joints.
-    fn find_joints(&mut self, message: &JointState, place: Place) -> Result<(), DecodeError> {
-        if self.places.as_ref().is_some_and(|(names, _)| *names == message.names) {
-            return Ok(());
-        }
-        let place_of = |joint: &String| message.names.iter().position(|name| name == joint);
-        let found: Vec<Option<usize>> = self.joints.iter().map(place_of).collect();
-        let is_other = found.iter().all(Option::is_none);
-        let missing = self.joints.iter().zip(&found).find(|(_, place)| place.is_none());
-        if let Some((joint, _)) = missing.filter(|_| !is_other) {
-            let found = format!("no joint {joint:?} among {}", message.names.join(", "));
-            let allowed = "all joints in each message, or none of them";
-            return Err(RowError::value(place, "name", found, allowed).into());
-        }
-        self.places = Some((message.names.clone(), found.into_iter().collect()));
         Ok(())
     }
 }

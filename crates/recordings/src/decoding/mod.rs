@@ -3,6 +3,7 @@
 mod csv_rows;
 mod joint_state;
 mod line_count;
+mod mcap_columns;
 mod mcap_rows;
 mod npz_rows;
 mod parquet_rows;

@@ -171,6 +171,9 @@ fn what_is_not_in_the_messages_is_named() {
     let mut renamed = default.clone();
     renamed.mcap.joints.as_mut().unwrap()[6] = "wrist".to_owned();
     check_refused(good(), &renamed, &["row 1", "no joint \"wrist\"", "panda_joint7"]);
+    renamed.mcap.joints = Some((1..=JOINTS).map(|joint| format!("joint{joint}")).collect());
+    let joints = ["joints joint1, joint2", "panda_joint7, finger; name yours in mcap.joints"];
+    check_refused(good(), &renamed, &joints);
     let mut topic = default.clone();
     topic.mcap.topic = Some("/states".to_owned());
     check_refused(good(), &topic, &["on the topic \"/states\"", "/joint_states, /rosout"]);
