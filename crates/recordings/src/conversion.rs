@@ -9,9 +9,10 @@ use wire::ImportCounts;
 use crate::error::{ImportError, RowError};
 use crate::frozen::Frozen;
 use crate::jumps::Jumps;
+use crate::lengths::Lengths;
 use crate::measured::{Keeper, Measured};
-use crate::recording::{Recording, rounded};
-use crate::rows::Rows;
+use crate::recording::{LikelyUnit, Recording, rounded};
+use crate::rows::{Rows, TimeColumn};
 use crate::samples::Sampling;
 use crate::tables::{ImportedTrajectories, Origin, TableSchemas, Tables};
 use crate::windows::Window;
@@ -37,6 +38,9 @@ pub struct Conversion<I> {
     tables: Tables,
     counts: ImportCounts,
     folded: Option<Folded>,
+    /// The first recording that is faster than any robot records, and the unit that its times probably have.
+    likely_unit: Option<(Option<String>, LikelyUnit)>,
+    lengths: Lengths,
     /// Keeps what was measured, if the arm is known.
     keeper: Option<Keeper>,
     /// The last lines of CSV files that were cut off, with the names of their files.
@@ -74,6 +78,8 @@ where
             tables,
             counts: ImportCounts::default(),
             folded: None,
+            likely_unit: None,
+            lengths: Lengths::default(),
             keeper: spec.robot.is_some().then(|| Keeper::new(spec.joints())),
             cut_lines: Vec::new(),
             spec,
@@ -136,12 +142,26 @@ where
             1 => "its only row is".to_owned(),
             rows => format!("its {rows} rows are"),
         };
+        let longest = self.lengths.most_samples;
+        let remedy = match &self.likely_unit {
+            Some((_, unit)) => format!("; {unit}"),
+            None if longest >= 2 => {
+                format!("; \"samples\": {longest} takes the longest recording")
+            }
+            None => String::new(),
+        };
         Err(ImportError::file(format!(
-            "it gives no trajectory: {rows} {} with {} together{repeated}, and a trajectory needs {}",
+            "it gives no trajectory: {rows} {} with {} together{repeated}, and a trajectory needs \
+             {}{remedy}",
             counted(recordings, "recording"),
             counted(dropped_samples, "sample"),
             self.spec.samples
         )))
+    }
+
+    /// The lengths and rates of the recordings so far.
+    pub const fn lengths(&self) -> &Lengths {
+        &self.lengths
     }
 
     /// The rows that were kept as they were measured: pieces from everywhere, for a check of their
@@ -163,6 +183,12 @@ where
                 .push("one row repeats the time of the row before and was left out".to_owned()),
             rows => warnings
                 .push(format!("{rows} rows repeat the time of the row before and were left out")),
+        }
+        if let Some((recording, unit)) = &self.likely_unit {
+            let recording = recording
+                .as_ref()
+                .map_or_else(|| "the recording".to_owned(), |name| format!("recording {name:?}"));
+            warnings.push(format!("{recording} is faster than any robot records; {unit}"));
         }
         warnings.extend(self.folded.as_ref().map(|folded| folded.warning(&self.spec)));
         warnings
@@ -229,7 +255,11 @@ where
             if let Some(keeper) = &mut self.keeper {
                 keeper.begin(name.as_deref());
             }
-            self.recording = Some(Recording::new(name, place, &self.spec));
+            let unit = match self.rows.time {
+                None | Some(TimeColumn::Dated(..)) => None,
+                Some(TimeColumn::Integer(_) | TimeColumn::Decimal(_)) => Some(self.spec.units.time),
+            };
+            self.recording = Some(Recording::new(name, place, unit, &self.spec));
         }
         if let Some(recording) = &mut self.recording {
             let name = &recording.name;
@@ -270,6 +300,10 @@ where
                 None => self.folded = Some(Folded { recording: name, rate_hz, others: 0 }),
             }
         }
+        if let Some(unit) = recording.likely_unit() {
+            self.likely_unit.get_or_insert((recording.name.clone(), unit));
+        }
+        self.lengths.add(recording.length());
         if self.spec.split == Split::Whole {
             self.check_length(&recording)?;
             self.keep_trajectory(recording.name.as_deref())?;
@@ -293,6 +327,9 @@ where
         if samples > expected {
             let (split, count) = (Split::in_a_row(self.spec.samples), samples / expected);
             allowed += &format!("; {split} cuts it into {}", counted(count, "window"));
+        }
+        if let Some(unit) = recording.likely_unit() {
+            allowed = format!("samples = {expected}; {unit}");
         }
         Err(RowError {
             recording: recording.name.clone(),

@@ -1,8 +1,12 @@
 //! A recording: checks its timing, and hands its rows to the resampling.
 
+use std::fmt;
+use std::ops::RangeInclusive;
+
 use spec::{ImportSpec, Resampling, TimeUnit};
 
 use crate::error::{Place, RowError};
+use crate::lengths::{Periods, RecordingLength};
 use crate::resampling::{Resampler, SAME_TIME};
 use crate::samples::Sample;
 
@@ -11,6 +15,13 @@ const PERIOD_TOLERANCE: f64 = 0.1;
 
 /// The part of a recording by which its length may differ from its number of samples.
 const RATE_TOLERANCE: f64 = 0.01;
+
+/// Periods that robots record with, s: 4 kHz to 10 Hz. Units differ by more than that, so at most one
+/// of them fits.
+const USUAL_PERIODS_S: RangeInclusive<f64> = 2.5e-4..=0.1;
+
+/// Below this mean period no robot records, s.
+const LEAST_PERIOD_S: f64 = 2e-5;
 
 /// From this multiple of the dataset's rate on, a recording whose samples are left out without a
 /// low-pass is doubtful.
@@ -24,16 +35,33 @@ pub(crate) struct Recording {
     start_s: f64,
     last_s: f64,
     last: Place,
+    /// The unit of times that the spec says; `None` if the file says its own.
+    unit: Option<TimeUnit>,
+    measured_periods: Periods,
     resampler: Resampler,
     /// Number of samples handed out.
     pub samples: u64,
 }
 
 impl Recording {
-    pub fn new(name: Option<String>, first: Place, spec: &ImportSpec) -> Self {
-        let resampler = Resampler::new(spec);
-        let (start_s, last_s) = (0.0, 0.0);
-        Self { name, first, rows: 0, start_s, last_s, last: first, resampler, samples: 0 }
+    pub fn new(
+        name: Option<String>,
+        first: Place,
+        unit: Option<TimeUnit>,
+        spec: &ImportSpec,
+    ) -> Self {
+        Self {
+            name,
+            first,
+            rows: 0,
+            start_s: 0.0,
+            last_s: 0.0,
+            last: first,
+            unit,
+            measured_periods: Periods::default(),
+            resampler: Resampler::new(spec),
+            samples: 0,
+        }
     }
 
     /// Whether the next row has the time of the row before.
@@ -58,10 +86,12 @@ impl Recording {
     pub fn accept(&mut self, sample: Sample) -> Result<(), RowError> {
         if self.rows == 0 {
             self.start_s = sample.time_s;
+        } else {
+            self.measured_periods.add(sample.time_s - self.last_s);
         }
         (self.last_s, self.last) = (sample.time_s, sample.place);
         self.rows += 1;
-        self.resampler.accept(sample)
+        self.resampler.accept(sample).map_err(|error| self.with_unit(error))
     }
 
     /// Tells that no rows follow.
@@ -69,7 +99,31 @@ impl Recording {
     /// # Errors
     /// As [`Self::accept`].
     pub fn finish(&mut self) -> Result<(), RowError> {
-        self.resampler.finish()
+        self.resampler.finish().map_err(|error| self.with_unit(error))
+    }
+
+    /// Its length and its rate, as its rows and its samples are so far.
+    pub fn length(&self) -> RecordingLength {
+        RecordingLength {
+            name: self.name.clone().unwrap_or_default(),
+            rows: self.rows,
+            seconds: self.last_s - self.start_s,
+            median_rate_hz: self.measured_periods.median_s().map(|period_s| 1.0 / period_s),
+            samples: self.samples,
+        }
+    }
+
+    /// The unit that its times probably have, if no robot records as fast as the spec says.
+    pub fn likely_unit(&self) -> Option<LikelyUnit> {
+        let period_s = (self.last_s - self.start_s) / self.periods();
+        (period_s < LEAST_PERIOD_S).then(|| likely_unit(period_s, self.unit?))?
+    }
+
+    fn with_unit(&self, mut error: RowError) -> RowError {
+        if let Some(unit) = self.likely_unit() {
+            error.allowed.push_str(&format!("; {unit}"));
+        }
+        error
     }
 
     /// The next sample of the dataset, as far as rows were accepted.
@@ -113,9 +167,11 @@ impl Recording {
                     "1/rate_hz = {} s, a tenth more or less; or resampling \"linear\"",
                     rounded(expected)
                 );
-                if let Some(unit) = likely_unit(period, expected, spec.units.time) {
+                if let Some(unit) = fitting_unit(period, expected, spec.units.time) {
                     allowed.push_str("; it would fit units.time ");
                     allowed.push_str(unit.as_str());
+                } else if let Some(unit) = self.first_unit(period) {
+                    allowed.push_str(&format!("; {unit}"));
                 }
                 Err(off(allowed))
             }
@@ -123,11 +179,19 @@ impl Recording {
                 if period > spec.max_gap_s + SAME_TIME * expected =>
             {
                 let limit = spec.max_gap_s;
-                let allowed = format!("at most max_gap_s = {limit}; a pause ends a recording");
-                Err(off(allowed))
+                let reason = match self.first_unit(period) {
+                    Some(unit) => unit.to_string(),
+                    None => "a pause ends a recording".to_owned(),
+                };
+                Err(off(format!("at most max_gap_s = {limit}; {reason}")))
             }
             Resampling::None | Resampling::Linear | Resampling::Mean => Ok(()),
         }
+    }
+
+    /// The unit that the times probably have if the first period is unusual. A later one is a pause.
+    fn first_unit(&self, period: f64) -> Option<LikelyUnit> {
+        (self.rows == 1).then(|| likely_unit(period, self.unit?))?
     }
 
     /// # Errors
@@ -164,8 +228,32 @@ impl Recording {
     }
 }
 
+/// A unit in which a recording has a usual period.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct LikelyUnit {
+    unit: TimeUnit,
+    period_s: f64,
+}
+
+impl fmt::Display for LikelyUnit {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { unit, period_s } = self;
+        write!(f, "with units.time {:?} rows are {} s apart", unit.as_str(), rounded(*period_s))
+    }
+}
+
+/// The unit in which the times would have a usual period, if they have an unusual one.
+fn likely_unit(period_s: f64, declared: TimeUnit) -> Option<LikelyUnit> {
+    let written = period_s / declared.seconds();
+    let of = |unit: TimeUnit| LikelyUnit { unit, period_s: written * unit.seconds() };
+    let mut units = TimeUnit::ALL.into_iter().map(of);
+    units
+        .find(|likely| USUAL_PERIODS_S.contains(&likely.period_s))
+        .filter(|likely| likely.unit != declared)
+}
+
 /// The unit in which the times would have the expected period.
-fn likely_unit(period: f64, expected: f64, declared: TimeUnit) -> Option<TimeUnit> {
+fn fitting_unit(period: f64, expected: f64, declared: TimeUnit) -> Option<TimeUnit> {
     let written = period / declared.seconds();
     TimeUnit::ALL
         .into_iter()
@@ -202,7 +290,8 @@ mod tests {
 
     /// Time, torque and position of the resulting samples.
     fn run(times: &[f64], spec: &ImportSpec) -> Result<Vec<(f64, f64, f64)>, String> {
-        let mut recording = Recording::new(Some("a".to_owned()), Place::Line(2), spec);
+        let unit = Some(spec.units.time);
+        let mut recording = Recording::new(Some("a".to_owned()), Place::Line(2), unit, spec);
         let mut samples = Vec::new();
         for (row, time) in (0..).zip(times) {
             let sample = sample(*time, row);
@@ -282,6 +371,37 @@ mod tests {
     fn a_wrong_unit_of_time_is_suggested() {
         let error = run(&[0.0, 100.0], &spec(&json!({}))).unwrap_err();
         assert!(error.contains("units.time ms"), "{error}");
+    }
+
+    #[test]
+    fn an_unusual_first_period_suggests_a_unit() {
+        let linear = |unit: &str| spec(&json!({"resampling": "linear", "units": {"time": unit}}));
+        for (unit, period, likely) in [("s", 2.0, "ms"), ("s", 2000.0, "us"), ("ms", 2000.0, "ns")]
+        {
+            let error = run(&[0.0, period], &linear(unit)).unwrap_err();
+            let expected = format!("with units.time {likely:?} rows are 0.002 s apart");
+            assert!(error.ends_with(&expected), "{error}");
+        }
+        let none = run(&[0.0, 2.0], &spec(&json!({}))).unwrap_err();
+        assert!(none.ends_with("with units.time \"ms\" rows are 0.002 s apart"), "{none}");
+        let pause = run(&[0.0, 0.1, 2.1], &linear("s")).unwrap_err();
+        assert!(pause.ends_with("a pause ends a recording"), "{pause}");
+    }
+
+    #[test]
+    fn an_impossible_rate_suggests_a_unit() {
+        let spec = spec(&json!({}));
+        let likely = |unit: Option<TimeUnit>, period_s: f64| {
+            let mut recording = Recording::new(None, Place::Line(2), unit, &spec);
+            for row in 0..10_u32 {
+                recording.accept(sample(f64::from(row) * period_s, row.into())).unwrap();
+            }
+            recording.likely_unit().map(|likely| likely.unit)
+        };
+        assert_eq!(likely(Some(TimeUnit::Us), 2e-6), Some(TimeUnit::Ms));
+        assert_eq!(likely(Some(TimeUnit::S), 2e-6), None);
+        assert_eq!(likely(Some(TimeUnit::Us), 1e-4), None);
+        assert_eq!(likely(None, 2e-6), None);
     }
 
     /// Every period is within a tenth, but after 400 samples the recording is off by 36 samples.

@@ -34,7 +34,10 @@ pub fn hint(error: &str) -> Option<String> {
         .filter(|(field, _)| error.contains(field))
         .map(|(field, flag)| format!("{field} is {flag}"))
         .collect();
-    let fields: Vec<&str> = FIELDS.into_iter().filter(|field| error.contains(field)).collect();
+    // A wrong unit explains a gap.
+    let is_explained = |field: &str| field == "max_gap_s" && error.contains("units.time");
+    let fields: Vec<&str> =
+        FIELDS.into_iter().filter(|field| error.contains(field) && !is_explained(field)).collect();
     match fields.as_slice() {
         [] => {}
         [field] => parts.push(format!("{field} is a field of a mapping, see --mapping")),
@@ -61,6 +64,8 @@ mod tests {
             wraps,
             "hint: \"unwrap\" is --unwrap; ranges.qd_rad_s is a field of a mapping, see --mapping"
         );
+        let gap = "at most max_gap_s = 0.1; with units.time \"ms\" rows are 0.002 s apart";
+        assert_eq!(hint(gap).unwrap(), "hint: units.time is a field of a mapping, see --mapping");
         assert_eq!(hint("line 502, column \"u3\": nothing"), None);
     }
 }

@@ -4,7 +4,9 @@ use std::fs::File;
 use std::ops::ControlFlow;
 
 use identification::{Log, LogRow, Recording, check_log};
-use recordings::{Conversion, Decoder, DecoderProgram, Files, Measured, MeasuredRow, TableSchemas};
+use recordings::{
+    Conversion, Decoder, DecoderProgram, Files, Lengths, Measured, MeasuredRow, TableSchemas,
+};
 use serde::Serialize;
 use spec::{Gravity, ImportSpec};
 use store::ObjectWriter;
@@ -18,6 +20,8 @@ use crate::error::{ImportRehearsalError, TaskError};
 pub struct Rehearsal {
     /// The counts and the warnings.
     pub import: ImportCounts,
+    /// The length and the rate of each recording.
+    pub lengths: Lengths,
     /// The torques beside those of the robot, if the spec names one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub check: Option<LogCheck>,
@@ -48,7 +52,8 @@ pub fn rehearse(
     let nowhere = || ObjectWriter::digest_only("rehearsal");
     let go_on = |_| ControlFlow::Continue(());
     let written = convert(rows, spec, nowhere(), nowhere(), &go_on)?;
-    Ok(Rehearsal { import: written.counts, check: check(spec, written.measured) })
+    let check = check(spec, written.measured);
+    Ok(Rehearsal { import: written.counts, lengths: written.lengths, check })
 }
 
 /// The recordings of a file as they were measured, and what was left out of them.

@@ -10,7 +10,7 @@ mod tests;
 
 use std::collections::BTreeMap;
 
-use recordings::{Conversion, Decoder, Files, Measured, Rows, TableSchemas};
+use recordings::{Conversion, Decoder, Files, Lengths, Measured, Rows, TableSchemas};
 use spec::{Column, DataSpec, Digest, ImportSpec};
 use store::{
     FileContent, ObjectWriter, ShardContents, ShardSummary, TableWriter, Upload, object_path,
@@ -79,6 +79,8 @@ pub(crate) struct WrittenImport {
     pub shard: ShardContents,
     pub counts: ImportCounts,
     pub summary: ShardSummary,
+    /// The lengths of the recordings.
+    lengths: Lengths,
     /// What a check of the torques looks at.
     measured: Vec<Measured>,
 }
@@ -117,6 +119,7 @@ pub(crate) fn convert(
         }
     }
     let measured = conversion.take_measured();
+    let lengths = conversion.lengths().clone();
     let counts = conversion.finish()?;
     let shard = ShardContents {
         first: 0,
@@ -125,7 +128,7 @@ pub(crate) fn convert(
         trajectories: trajectories.finish()?,
         robots: table.finish()?,
     };
-    Ok(WrittenImport { shard, counts, summary: summary.finish(), measured })
+    Ok(WrittenImport { shard, counts, summary: summary.finish(), lengths, measured })
 }
 
 /// The file's metadata: enough to make it again, byte for byte, from the same uploads.

@@ -131,16 +131,23 @@ struct Imported {
     parts: Vec<usize>,
 }
 
+fn conversion<I>(rows: I, spec: &ImportSpec) -> Conversion<I>
+where
+    I: Iterator<Item = Result<Rows, ImportError>>,
+{
+    let schemas = TableSchemas {
+        samples: store::table_schema(&spec.trajectory_columns()),
+        table: store::table_schema(&spec.table_columns()),
+    };
+    Conversion::new(rows, spec, schemas)
+}
+
 /// The trajectories of rows, or the error with all its causes.
 fn convert(
     rows: impl Iterator<Item = Result<Rows, ImportError>>,
     spec: &ImportSpec,
 ) -> Result<Imported, ImportError> {
-    let schemas = TableSchemas {
-        samples: store::table_schema(&spec.trajectory_columns()),
-        table: store::table_schema(&spec.table_columns()),
-    };
-    let mut conversion = Conversion::new(rows, spec, schemas);
+    let mut conversion = conversion(rows, spec);
     let (mut samples, mut table) = (Vec::new(), Vec::new());
     while let Some(imported) = conversion.next_trajectories()? {
         samples.push(imported.samples);

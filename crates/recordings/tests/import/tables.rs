@@ -131,6 +131,54 @@ fn a_file_without_a_trajectory_is_refused_with_what_it_has() {
     let recordings = Recordings::of(&[30, 20]);
     let spec = spec("csv", &json!({"split": {"kind": "windows", "stride": 1}}));
     check_refused(recordings.csv(), &spec, &["50 rows", "2 recordings", "needs 40"]);
+    check_refused(recordings.csv(), &spec, &["; \"samples\": 30 takes the longest recording"]);
+}
+
+/// Milliseconds that are declared as microseconds give recordings of few samples.
+#[test]
+fn a_rate_that_no_robot_records_suggests_another_unit_of_time() {
+    let mut recordings = Recordings::of(&[4001]);
+    recordings.times = (0..4001).map(|row| f64::from(row) * 2.0).collect();
+    let fields = |more: serde_json::Value| {
+        let mut fields = json!({
+            "units": {"time": "us"}, "resampling": "linear", "rate_hz": 500,
+            "ranges": {"qd_rad_s": [-1e6, 1e6]},
+        });
+        fields.as_object_mut().unwrap().extend(more.as_object().unwrap().clone());
+        spec("csv", &fields)
+    };
+    let likely = "with units.time \"ms\" rows are 0.002 s apart";
+    check_refused(recordings.csv(), &fields(json!({})), &["allowed: samples = 40", likely]);
+    let windows = json!({"split": {"kind": "windows", "stride": 40}});
+    check_refused(recordings.csv(), &fields(windows), &["it gives no trajectory", likely]);
+    let slow = fields(json!({"rate_hz": 100}));
+    check_refused(recordings.csv(), &slow, &["500000 Hz, allowed: at most 1024", likely]);
+    let imported = import(recordings.csv(), &fields(json!({"samples": 5}))).unwrap();
+    let [warning] = imported.counts.warnings.as_slice() else { panic!("{:?}", imported.counts) };
+    assert!(
+        warning.starts_with("recording \"arm 0\" is faster than any robot records"),
+        "{warning}"
+    );
+    assert!(warning.ends_with(likely), "{warning}");
+}
+
+#[test]
+fn recordings_have_a_length_and_a_rate() {
+    let csv = spec("csv", &json!({"resampling": "linear", "rate_hz": 30}));
+    let windows =
+        spec::ImportSpec { split: spec::Split::Windows { stride: 10 }, samples: 10, ..csv };
+    let file = Recordings::of(&[61, 31]).csv();
+    let lengths = super::decoder::reused(&file.into_bytes(), &windows, |rows| {
+        let mut conversion = super::conversion(rows, &windows);
+        while conversion.next_trajectories()?.is_some() {}
+        Ok(conversion.lengths().clone())
+    });
+    let lengths = lengths.unwrap();
+    assert_eq!((lengths.fewest_samples, lengths.most_samples), (16, 31));
+    let [first, second] = lengths.recordings.as_slice() else { panic!("{lengths:?}") };
+    assert_eq!((first.name.as_str(), first.rows, first.samples), ("arm 0", 61, 31));
+    assert!((first.seconds - 1.0).abs() < 1e-9, "{first:?}");
+    assert!((second.median_rate_hz.unwrap() - 60.0).abs() < 1e-6, "{second:?}");
 }
 
 /// A hundred overlapping windows of a short file, handed on in parts.
