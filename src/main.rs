@@ -5,6 +5,7 @@ mod output;
 
 mod allocator;
 mod arguments;
+mod bags;
 mod cli;
 mod client;
 mod commands;

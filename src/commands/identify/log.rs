@@ -15,6 +15,7 @@ use spec::{
 use worker::RehearsedFile;
 
 use super::hints::hint;
+use crate::bags::recorded_file;
 use crate::commands::import::format_of;
 use crate::commands::worker::decoder;
 use crate::exit::message;
@@ -115,6 +116,7 @@ impl LogReader<'_> {
 
     /// Reads a log.
     pub fn read(&self, path: &Path) -> anyhow::Result<LogFile> {
+        let path = &recorded_file(path)?;
         let place = || path.display().to_string();
         let content = File::open(path).with_context(place)?;
         let bytes = content.metadata().with_context(place)?.len();
@@ -409,6 +411,9 @@ mod tests {
     fn other_formats_have_names_only() {
         let lists = spec_of(&["--q", "observation.state", "--u", "action"], "log.parquet", "");
         assert_eq!(lists.unwrap().columns.q, ["observation.state"]);
+        let elements =
+            spec_of(&["--q", "state[0:2]", "--u", "i[3],i[1]"], "log.parquet", "").unwrap();
+        assert_eq!((elements.columns.q[0].as_str(), elements.columns.u.len()), ("state[0:2]", 2));
         let messages = spec_of(&[], "log.mcap", "").unwrap();
         assert_eq!(messages.columns.u, ["effort"]);
         assert_eq!(messages.columns.time.as_deref(), Some("stamp"));

@@ -25,7 +25,7 @@ pub struct Arguments {
     #[command(flatten)]
     robot: AnyRobotArguments,
 
-    /// Logs of the arm with times, positions and torques: text, Parquet, NumPy (.npz) or MCAP files
+    /// Logs of the arm with times, positions and torques: text, Parquet, NumPy (.npz) or MCAP files, or a bag's folder with one MCAP file
     #[arg(value_name = "LOG", required = true)]
     logs: Vec<PathBuf>,
 

@@ -14,13 +14,14 @@ use spec::{DataSpec, FileFormat, JobSpec, MAX_POSITION_NOISE_RAD};
 use wire::{Dataset, ImportCounts, Job, JobState};
 
 use crate::arguments::{LabelArguments, OutputArguments, ServerArguments};
+use crate::bags::recorded_file;
 use crate::client::{Client, RecordedFile, Reuse, Submitted};
 use crate::commands::watch;
 use crate::output::write_json;
 
 #[derive(Debug, Args)]
 pub struct Arguments {
-    /// The recordings, or a model's predictions: a Parquet, CSV, NumPy (.npz) or MCAP file. Several files become one dataset; their recordings are called as they are, without the extension
+    /// The recordings, or a model's predictions: a Parquet, CSV, NumPy (.npz) or MCAP file, or a bag's folder with one MCAP file. Several files become one dataset; their recordings are called as they are, without the extension
     #[arg(value_name = "FILE", required = true)]
     files: Vec<PathBuf>,
 
@@ -70,12 +71,14 @@ pub struct Arguments {
 
 pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let client = arguments.server.client()?;
-    let files = RecordedFile::named(&arguments.files);
+    let paths = arguments.files.iter().map(|path| recorded_file(path));
+    let paths = paths.collect::<anyhow::Result<Vec<PathBuf>>>()?;
+    let files = RecordedFile::named(&paths);
     let mut spec = match (&arguments.spec, arguments.predictions_of) {
-        (Some(path), _) => read_spec(path, &arguments.files)?,
+        (Some(path), _) => read_spec(path, &paths)?,
         (None, Some(dataset)) => {
             let dataset = client.dataset(dataset).await?;
-            let [file] = arguments.files.as_slice() else {
+            let [file] = paths.as_slice() else {
                 bail!("{} files of predictions, allowed: one", files.len());
             };
             let format = format_of(file)

@@ -22,7 +22,11 @@ const SIGNATURES: [(&[u8], &str, &str); 16] = [
     (b"\x93NUMPY", "a single NumPy array", "write arrays with numpy.savez"),
     (b"#ROSBAG", "a ROS bag", "write its messages as Parquet or CSV"),
     (b"\x89MCAP0", "an MCAP file", "say so: \"format\": \"mcap\""),
-    (b"SQLite format 3", "an SQLite database", "write the table as Parquet or CSV"),
+    (
+        b"SQLite format 3",
+        "an SQLite database, such as a ROS 2 bag",
+        "convert a bag with ros2 bag convert (output storage mcap), or write the table as Parquet or CSV",
+    ),
     (b"\xff\xfe", "text in UTF-16", "save it as UTF-8"),
     (b"\xfe\xff", "text in UTF-16", "save it as UTF-8"),
 ];
