@@ -53,7 +53,7 @@ pub use claim_loop::{WorkerOptions, run};
 pub use error::{ImportRehearsalError, RehearsalError, WorkerError};
 pub use folder::{DatasetFolder, FolderError, Verified};
 pub use identify::{ArmFile, ArmFileError, FoundLoad, IdentifiedArm};
-pub use import::{Rehearsal, RehearsedFile, read_logs, rehearse};
+pub use import::{Rehearsal, RehearsedFile, read_logs, recording_lengths, rehearse};
 pub use models::DeviceKind;
 pub use probe::{PROBE_LIMIT, ProbeError, Probed, probe, try_device};
 pub use rehearsal::{TrainingTimes, baseline_seconds, simulation_seconds, training_times};

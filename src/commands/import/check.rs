@@ -1,49 +1,24 @@
 //! `torqued import --check`: reads files as their import would, on this machine.
 
-use std::fs::File;
 use std::process::ExitCode;
 
-use anyhow::{Context, bail};
 use recordings::RecordingLength;
-use serde_json::{Value, json};
-use spec::{Digest, JobSpec, RobotReference};
-use worker::{Rehearsal, RehearsedFile};
+use serde_json::Value;
+use worker::Rehearsal;
 
+use super::local::LocalImport;
 use crate::arguments::OutputArguments;
 use crate::client::{Client, RecordedFile};
-use crate::commands::worker::decoder;
 use crate::output::write_json;
 
-/// Prints what the import of files would give. Only robots that `spec` names need the server.
+/// Prints what the import of files would give.
 pub(super) async fn run(
     client: &Client,
     files: &[RecordedFile],
-    mut spec: Value,
+    spec: Value,
     output: OutputArguments,
 ) -> anyhow::Result<ExitCode> {
-    for named in spec::named_robots(&mut spec)? {
-        let RobotReference::Id(id) = named.robot else {
-            bail!("{} is a digest, allowed with --check: {{\"robot\": ID}}", named.field);
-        };
-        *named.place = client.get(&format!("/v1/robots/{id}/description.json")).await?;
-    }
-    spec["kind"] = json!("import");
-    // No digest is needed where nothing is stored; those of several files have to differ.
-    let digests: Vec<Digest> =
-        (0..files.len()).map(|i| Digest::of(i.to_string().as_bytes())).collect();
-    RecordedFile::state(files, &digests, &mut spec);
-    let JobSpec::Import(spec) = spec::parse(spec.to_string().as_bytes())? else {
-        bail!("the spec is not that of an import");
-    };
-    let open = |RecordedFile { path, name }: &RecordedFile| -> anyhow::Result<RehearsedFile> {
-        Ok(RehearsedFile {
-            recording: name.clone(),
-            name: path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
-            content: File::open(path).with_context(|| format!("cannot read {}", path.display()))?,
-        })
-    };
-    let files = files.iter().map(open).collect::<anyhow::Result<Vec<_>>>()?;
-    let decoder = decoder()?;
+    let LocalImport { decoder, files, spec } = LocalImport::open(client, files, spec).await?;
     let found = tokio::task::spawn_blocking(move || worker::rehearse(&decoder, files, &spec));
     let found = found.await??;
     if output.json {

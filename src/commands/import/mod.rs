@@ -2,6 +2,8 @@
 //! them.
 
 mod check;
+mod local;
+mod samples;
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -96,6 +98,9 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     }
     if arguments.unwrap {
         spec["unwrap"] = json!(true);
+    }
+    if let Some(samples) = samples::count(&client, &files, &mut spec).await? {
+        eprintln!("note: samples is {samples}, the length of each recording");
     }
     if arguments.check {
         return check::run(&client, &files, spec, arguments.output).await;

@@ -5,7 +5,7 @@ use std::ops::ControlFlow;
 
 use identification::{Log, LogRow, Recording, check_log};
 use recordings::{
-    Conversion, Decoder, DecoderProgram, Files, Lengths, Measured, MeasuredRow, TableSchemas,
+    Conversion, Decoder, DecoderProgram, Files, Lengths, Measured, MeasuredRow, Rows, TableSchemas,
 };
 use serde::Serialize;
 use spec::{Gravity, ImportSpec};
@@ -46,14 +46,46 @@ pub fn rehearse(
     files: Vec<RehearsedFile>,
     spec: &ImportSpec,
 ) -> Result<Rehearsal, ImportRehearsalError> {
-    let rows = Files::new(files.into_iter().map(|RehearsedFile { recording, name, content }| {
-        Ok::<_, TaskError>((recording, Decoder::start(decoder, content, &name, spec)?))
-    }));
+    let rows = rows(decoder, files, spec);
     let nowhere = || ObjectWriter::digest_only("rehearsal");
     let go_on = |_| ControlFlow::Continue(());
     let written = convert(rows, spec, nowhere(), nowhere(), &go_on)?;
     let check = check(spec, written.measured);
     Ok(Rehearsal { import: written.counts, lengths: written.lengths, check })
+}
+
+/// The lengths of the recordings of files, at the rate of `spec`.
+///
+/// # Errors
+/// When the files cannot be imported as `spec` says.
+pub fn recording_lengths(
+    decoder: &DecoderProgram,
+    files: Vec<RehearsedFile>,
+    spec: &ImportSpec,
+) -> Result<Lengths, ImportRehearsalError> {
+    let mut conversion = Conversion::new(rows(decoder, files, spec), spec, schemas(spec));
+    while conversion.next_trajectories()?.is_some() {}
+    let lengths = conversion.lengths().clone();
+    conversion.finish().map_err(TaskError::from)?;
+    Ok(lengths)
+}
+
+/// The rows of files, each decoded in a process of its own.
+fn rows(
+    decoder: &DecoderProgram,
+    files: Vec<RehearsedFile>,
+    spec: &ImportSpec,
+) -> impl Iterator<Item = Result<Rows, TaskError>> {
+    Files::new(files.into_iter().map(|RehearsedFile { recording, name, content }| {
+        Ok::<_, TaskError>((recording, Decoder::start(decoder, content, &name, spec)?))
+    }))
+}
+
+fn schemas(spec: &ImportSpec) -> TableSchemas {
+    TableSchemas {
+        samples: store::table_schema(&spec.trajectory_columns()),
+        table: store::table_schema(&spec.table_columns()),
+    }
 }
 
 /// The recordings of a file as they were measured, and what was left out of them.
@@ -62,17 +94,11 @@ pub fn rehearse(
 /// When the file cannot be imported as `spec` says.
 pub fn read_logs(
     decoder: &DecoderProgram,
-    RehearsedFile { recording, name, content }: RehearsedFile,
+    file: RehearsedFile,
     spec: &ImportSpec,
 ) -> Result<(Vec<Log>, Vec<String>), ImportRehearsalError> {
-    let rows = Files::new(std::iter::once_with(|| {
-        Ok::<_, TaskError>((recording, Decoder::start(decoder, content, &name, spec)?))
-    }));
-    let schemas = TableSchemas {
-        samples: store::table_schema(&spec.trajectory_columns()),
-        table: store::table_schema(&spec.table_columns()),
-    };
-    let mut conversion = Conversion::new(rows, spec, schemas).keeping_all();
+    let rows = rows(decoder, vec![file], spec);
+    let mut conversion = Conversion::new(rows, spec, schemas(spec)).keeping_all();
     while conversion.next_trajectories()?.is_some() {}
     let logs = conversion.take_measured().into_iter().map(log).collect();
     let counts = conversion.finish().map_err(TaskError::from)?;

@@ -17,7 +17,7 @@ use store::{
 };
 use wire::ImportCounts;
 
-pub use check::{Rehearsal, RehearsedFile, read_logs, rehearse};
+pub use check::{Rehearsal, RehearsedFile, read_logs, recording_lengths, rehearse};
 
 use crate::attempt::Attempt;
 use crate::error::TaskError;
