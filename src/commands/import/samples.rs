@@ -28,7 +28,8 @@ pub(super) async fn count(
     counting["split"] = json!({"kind": "windows", "stride": 1_000_000});
     let LocalImport { decoder, files, spec: counting } =
         LocalImport::open(client, files, counting).await?;
-    let lengths = tokio::task::spawn_blocking(move || worker::recording_lengths(&decoder, files, &counting));
+    let lengths =
+        tokio::task::spawn_blocking(move || worker::recording_lengths(&decoder, files, &counting));
     let samples = common(&lengths.await??)?;
     spec["samples"] = json!(samples);
     Ok(Some(samples))

@@ -200,7 +200,8 @@ impl CsvRows {
         // Records of another length are refused before.
         let bytes = self.record.get(column.place).unwrap_or_default();
         let text = std::str::from_utf8(bytes).map_err(|_| {
-            RowError::value(place, &column.name, "bytes that are not UTF-8 text", "UTF-8")
+            let allowed = "UTF-8; convert the file, such as with `iconv -f latin1 -t utf8`";
+            RowError::value(place, &column.name, "bytes that are not UTF-8 text", allowed)
         })?;
         let text = text.trim();
         if text.is_empty() { Err(absent(place, &column.name)) } else { Ok(text) }
@@ -211,7 +212,11 @@ fn header_names(header: &ByteRecord) -> Result<Vec<&str>, DecodeError> {
     let mut names = Vec::with_capacity(header.len());
     for name in header {
         let name = std::str::from_utf8(name).map_err(|_| {
-            DecodeError::File("the names in its first line are not UTF-8".to_owned())
+            DecodeError::File(
+                "the names in its first line are not UTF-8; convert the file, such as with `iconv -f \
+                 latin1 -t utf8`"
+                    .to_owned(),
+            )
         })?;
         names.push(name.trim_start_matches('\u{feff}').trim());
     }

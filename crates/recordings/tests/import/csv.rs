@@ -226,6 +226,9 @@ fn what_is_no_csv_is_refused() {
     check_refused("\n\n", &spec, &["empty"]);
     check_refused(good().lines().next().unwrap(), &spec, &["0 rows"]);
     check_refused(vec![0xff; 1000], &spec, &["UTF-8"]);
+    let mut latin1 = b"\xfc,".to_vec();
+    latin1.extend(good().into_bytes());
+    check_refused(latin1, &spec, &["first line are not UTF-8", "`iconv -f latin1 -t utf8`"]);
     let mut bytes = good().into_bytes();
     let place = bytes.len() - 3;
     bytes[place] = 0xff;
