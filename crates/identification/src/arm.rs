@@ -11,9 +11,9 @@ use crate::IdentificationError;
 use crate::body::{self, LogCholesky};
 
 /// Numbers of a joint besides those of its link.
-pub(crate) const JOINT_NUMBERS: usize = 5;
+pub(crate) const JOINT_NUMBERS: usize = 6;
 /// Where a joint's own numbers begin among those of joint and link: Coulomb and viscous friction,
-/// offset, rotor inertia, gain.
+/// offset, rotor inertia, gain, bend.
 pub(crate) const OWN: usize = LINK_PARAMETERS;
 /// All numbers of a joint and its link.
 pub(crate) const NUMBERS: usize = LINK_PARAMETERS + JOINT_NUMBERS;
@@ -31,6 +31,9 @@ pub enum JointParameter {
     Rotor,
     /// Measured torque per torque. Motor currents times a nominal constant are often off by 10 %.
     Gain,
+    /// The speed of the bend at which Coulomb friction is 76 % of its final value, rad/s:
+    /// τ = τ_c tanh(q̇ / speed).
+    Bend,
 }
 
 /// A number of an arm that is identified.
@@ -64,27 +67,31 @@ impl Parameter {
         Self::Joint(JointParameter::Offset),
         Self::Joint(JointParameter::Rotor),
         Self::Joint(JointParameter::Gain),
+        Self::Joint(JointParameter::Bend),
     ];
 }
 
 /// The numbers of an arm. Every link and joint has [`NUMBERS`] of them, without bounds: those of
 /// [`body`], then the logarithms of Coulomb and viscous friction, the offset, and the logarithms of
-/// the rotor's inertia and of the gain. The numbers of a load in the hand may follow.
+/// the rotor's inertia, of the gain and of the bend's speed. The numbers of a load in the hand may
+/// follow.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Arm {
     nominal: Robot,
     /// Rated torques of the joints, N·m.
     rated_nm: Vec<f64>,
-    /// The speed at which the Coulomb friction of each joint is 76 % of its final value, rad/s:
-    /// τ = τ_c tanh(q̇ / speed).
-    pub(crate) friction_speeds_rad_s: Vec<f64>,
     /// How late torques are recorded against positions, s. Without it, simulations hold the torque of
     /// a sample until the next; with it, the torque of half a sample later.
     pub(crate) delay_s: Option<f64>,
     pub(crate) numbers: DVector<f64>,
 }
 
+/// The slowest bend that a description may have, rad/s. Friction that is steeper at rest needs shorter
+/// steps of the integrator than anybody takes.
+pub(crate) const LEAST_BEND_RAD_S: f64 = 0.002;
+
 /// The description's arm and how far from it an identified arm may be.
+#[derive(Clone)]
 pub(crate) struct Prior {
     /// The arm's name in reports.
     pub(crate) name: &'static str,
@@ -96,9 +103,8 @@ pub(crate) struct Prior {
 /// The described arm's name in reports.
 pub(crate) const DESCRIBED: &str = "description";
 
-/// The speeds of the bends of Coulomb friction that a description has, rad/s, if it has one for every
-/// joint.
-pub(crate) fn described_friction_speeds(description: &RobotDescription) -> Option<Vec<f64>> {
+/// The speeds of the bends that a description has, rad/s, if it has one for every joint.
+pub(crate) fn described_bends(description: &RobotDescription) -> Option<Vec<f64>> {
     let speed = |joint: &JointDescription| {
         let friction = joint.friction?;
         let is_odd = friction.phi3_rad_s == 0.0 && friction.phi2_s_rad > 0.0;
@@ -108,15 +114,19 @@ pub(crate) fn described_friction_speeds(description: &RobotDescription) -> Optio
 }
 
 impl Prior {
+    /// `bends_rad_s` has the speed of each joint's bend, near which it is expected.
+    ///
     /// # Errors
     /// When a link of the description cannot exist.
     pub(crate) fn of(
         description: &RobotDescription,
-        friction_speeds_rad_s: Vec<f64>,
+        bends_rad_s: &[f64],
         gain_deviation: f64,
     ) -> Result<Self, IdentificationError> {
         /// Standard deviation of the logarithms of friction and rotor inertia.
         const LOGARITHM: f64 = 1.5;
+        /// Standard deviation of the logarithm of a bend's speed.
+        const OF_BEND: f64 = 1.0;
 
         let spec = RobotSpec {
             gravity: Gravity::On,
@@ -141,18 +151,18 @@ impl Prior {
             let viscous = or_usual(described.damping_nm_s_rad, 0.005);
             let rotor = or_usual(described.armature_kg_m2, 0.001);
             let at = joint * NUMBERS;
-            let own = [coulomb.ln(), viscous.ln(), 0.0, rotor.ln(), 0.0];
+            let own = [coulomb.ln(), viscous.ln(), 0.0, rotor.ln(), 0.0, bends_rad_s[joint].ln()];
             for (k, value) in link.into_iter().chain(own).enumerate() {
                 numbers[at + k] = value;
             }
-            let own =
-                [LOGARITHM, LOGARITHM, offset_deviation_nm(rated_nm), LOGARITHM, gain_deviation];
+            let of_offset = offset_deviation_nm(rated_nm);
+            let own = [LOGARITHM, LOGARITHM, of_offset, LOGARITHM, gain_deviation, OF_BEND];
             for (k, value) in body::prior_deviations(&link).into_iter().chain(own).enumerate() {
                 deviations[at + k] = value;
             }
         }
         let rated_nm = description.per_joint(|joint| joint.torque_nm);
-        let arm = Arm { nominal, rated_nm, friction_speeds_rad_s, delay_s: None, numbers };
+        let arm = Arm { nominal, rated_nm, delay_s: None, numbers };
         Ok(Self { name: DESCRIBED, arm, deviations })
     }
 
@@ -162,10 +172,13 @@ impl Prior {
         Self { arm, deviations: self.deviations.clone(), ..*self }
     }
 
-    /// The same arm with other friction speeds, rad/s.
-    pub(crate) fn with_friction_speeds(&self, friction_speeds_rad_s: Vec<f64>) -> Self {
-        let arm = Arm { friction_speeds_rad_s, ..self.arm.clone() };
-        Self { arm, deviations: self.deviations.clone(), ..*self }
+    /// The same arm, whose bends are known.
+    pub(crate) fn with_known_bends(&self) -> Self {
+        let mut deviations = self.deviations.clone();
+        for joint in 0..self.arm.joints() {
+            deviations[joint * NUMBERS + OWN + BEND] = 0.0;
+        }
+        Self { arm: self.arm.clone(), deviations, ..*self }
     }
 
     /// ½ Σ ((numbers − the prior's) / deviations)².
@@ -210,6 +223,10 @@ const VISCOUS: usize = 1;
 const OFFSET: usize = 2;
 const ROTOR: usize = 3;
 const GAIN: usize = 4;
+const BEND: usize = 5;
+
+/// The places of a joint's Coulomb friction and of its bend in its own equations.
+pub(crate) const FRICTION: [usize; 2] = [OWN + COULOMB, OWN + BEND];
 
 impl Arm {
     /// The number of joints.
@@ -224,6 +241,20 @@ impl Arm {
 
     pub(crate) fn with_numbers(&self, numbers: DVector<f64>) -> Self {
         Self { numbers, ..self.clone() }
+    }
+
+    /// The same arm with bends at these speeds, rad/s.
+    pub(crate) fn bent_at(&self, bends_rad_s: &[f64]) -> Self {
+        let mut arm = self.clone();
+        for (joint, speed) in bends_rad_s.iter().enumerate() {
+            arm.numbers[joint * NUMBERS + OWN + BEND] = speed.ln();
+        }
+        arm
+    }
+
+    /// The speed of each joint's bend, rad/s.
+    pub(crate) fn bends_rad_s(&self) -> Vec<f64> {
+        (0..self.joints()).map(|joint| self.joint(joint)[BEND].exp()).collect()
     }
 
     fn link(&self, joint: usize) -> LogCholesky {
@@ -296,21 +327,27 @@ impl Arm {
             // τ_c tanh(x) = 2 τ_c / (1 + exp(−2x)) − τ_c.
             friction: Some(Friction {
                 phi1_nm: coulomb.map(|coulomb| 2.0 * coulomb),
-                phi2_s_rad: Joints::from_fn(joints, |joint| {
-                    2.0 / self.friction_speeds_rad_s[joint]
-                }),
+                phi2_s_rad: exp(BEND).map(|speed| 2.0 / speed),
                 phi3_rad_s: Joints::splat(joints, 0.0),
             }),
             ..self.nominal.clone()
         }
     }
 
-    /// The values in which torques are linear, `[joint][NUMBERS]`: the link's parameters, Coulomb
-    /// and viscous friction, offset, rotor inertia, and 0.
+    /// [`Arm::linear_about`] with the arm's own bends.
     pub(crate) fn linear(&self) -> DVector<f64> {
+        self.linear_about(&self.bends_rad_s())
+    }
+
+    /// The values in which torques are linear, `[joint][NUMBERS]`: the link's parameters, Coulomb
+    /// and viscous friction, offset, rotor inertia, 0, and Coulomb friction times the logarithm of the
+    /// ratio of the bend to that of the regression. Torques are linear in it for small changes.
+    pub(crate) fn linear_about(&self, bends_rad_s: &[f64]) -> DVector<f64> {
         let values = (0..self.joints()).flat_map(|joint| {
-            let [coulomb, viscous, offset, rotor, _] = self.joint(joint);
-            let own = [coulomb.exp(), viscous.exp(), offset, rotor.exp(), 0.0];
+            let [coulomb, viscous, offset, rotor, _, bend] = self.joint(joint);
+            let coulomb = coulomb.exp();
+            let of_bend = coulomb * (bend - bends_rad_s[joint].ln());
+            let own = [coulomb, viscous.exp(), offset, rotor.exp(), 0.0, of_bend];
             self.link_parameters(joint).into_iter().chain(own)
         });
         DVector::from_iterator(self.joints() * NUMBERS, values)
@@ -318,6 +355,11 @@ impl Arm {
 
     /// The derivatives of [`Arm::linear`], `[value, number]`.
     pub(crate) fn derivatives(&self) -> DMatrix<f64> {
+        self.derivatives_about(&self.bends_rad_s())
+    }
+
+    /// The derivatives of [`Arm::linear_about`], `[value, number]`.
+    pub(crate) fn derivatives_about(&self, bends_rad_s: &[f64]) -> DMatrix<f64> {
         let values = self.joints() * NUMBERS;
         let mut derivatives = DMatrix::zeros(values, self.numbers.len());
         if let Some(load) = self.load() {
@@ -331,14 +373,19 @@ impl Arm {
             derivatives
                 .view_mut((at, at), (LINK_PARAMETERS, LINK_PARAMETERS))
                 .copy_from(&body::derivatives(&self.link(joint)));
-            let own = at + LINK_PARAMETERS;
-            for (k, number) in self.joint(joint).into_iter().enumerate() {
+            let own = at + OWN;
+            let numbers = self.joint(joint);
+            let coulomb = numbers[COULOMB].exp();
+            for (k, number) in numbers.into_iter().enumerate() {
                 derivatives[(own + k, own + k)] = match k {
                     OFFSET => 1.0,
                     GAIN => 0.0,
+                    BEND => coulomb,
                     _ => number.exp(),
                 };
             }
+            derivatives[(own + BEND, own + COULOMB)] =
+                coulomb * (numbers[BEND] - bends_rad_s[joint].ln());
         }
         derivatives
     }
@@ -355,7 +402,7 @@ impl Arm {
     pub fn parameters(&self, joint: usize) -> [f64; NUMBERS] {
         let RigidBody { mass, com, inertia: i } =
             RigidBody::from_parameters(&body::parameters(&self.link(joint)));
-        let [coulomb, viscous, offset, rotor, gain] = self.joint(joint);
+        let [coulomb, viscous, offset, rotor, gain, bend] = self.joint(joint);
         let [[xx, xy, xz], [_, yy, yz], [_, _, zz]] = i;
         [
             mass,
@@ -373,6 +420,7 @@ impl Arm {
             offset,
             rotor.exp(),
             gain.exp(),
+            bend.exp(),
         ]
     }
 
@@ -383,13 +431,13 @@ impl Arm {
         let joint = |(at, joint): (usize, &JointDescription)| {
             let RigidBody { mass, com, inertia: [[xx, xy, xz], [_, yy, yz], [_, _, zz]] } =
                 robot.links[at];
-            let [coulomb, ..] = self.joint(at);
+            let [coulomb, _, _, _, _, bend] = self.joint(at);
             JointDescription {
                 damping_nm_s_rad: robot.damping[at],
                 armature_kg_m2: robot.armature[at],
                 friction: Some(JointFriction {
                     phi1_nm: 2.0 * coulomb.exp(),
-                    phi2_s_rad: 2.0 / self.friction_speeds_rad_s[at],
+                    phi2_s_rad: 2.0 / bend.exp().max(LEAST_BEND_RAD_S),
                     phi3_rad_s: 0.0,
                 }),
                 least_inertia_kg_m2: None,

@@ -79,7 +79,7 @@ impl Estimates {
 
 /// The covariance of the numbers after the data, whose second derivatives are `curvature`. Known
 /// numbers have none.
-fn posterior(curvature: &DMatrix<f64>, deviations: &DVector<f64>) -> DMatrix<f64> {
+pub(crate) fn posterior(curvature: &DMatrix<f64>, deviations: &DVector<f64>) -> DMatrix<f64> {
     let mut precision = whitened(curvature, deviations);
     for k in 0..precision.nrows() {
         precision[(k, k)] += 1.0;
@@ -181,5 +181,6 @@ pub(crate) fn named(parameter: Parameter) -> (String, &'static str) {
         Parameter::Joint(JointParameter::Offset) => ("offset".to_owned(), "N·m"),
         Parameter::Joint(JointParameter::Rotor) => ("rotor".to_owned(), "kg·m²"),
         Parameter::Joint(JointParameter::Gain) => ("gain".to_owned(), "1"),
+        Parameter::Joint(JointParameter::Bend) => ("bend".to_owned(), "rad/s"),
     }
 }

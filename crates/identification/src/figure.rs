@@ -29,7 +29,7 @@ impl Curves {
         let motions = std::slice::from_ref(&motion);
         Self {
             recording: motion.name.clone(),
-            torques: Torques::new(arm, motions).traces(&motion, &prior.arm, arm),
+            torques: Torques::traces(&motion, &prior.arm, arm),
             positions: Windows::back_to_back(motions).traces(&prior.arm, arm),
         }
     }

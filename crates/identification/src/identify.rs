@@ -5,7 +5,7 @@ use spec::RobotDescription;
 use wire::{ArmReport, HorizonErrors, TorqueResidual};
 
 use crate::IdentificationError;
-use crate::arm::{Arm, Prior, described_friction_speeds};
+use crate::arm::{Arm, Prior, described_bends};
 use crate::arx::Arx;
 use crate::check::{Purpose, doubts_before_fit};
 use crate::doubts::doubts;
@@ -61,7 +61,7 @@ impl Settings {
 
     /// The most steps of [`identify_load`], which looks for no delay.
     pub fn load_steps(&self) -> u64 {
-        (FRICTION_SPEEDS_RAD_S.len() + 2 + self.motion_steps) as u64
+        (BENDS_RAD_S.len() + 2 + self.motion_steps) as u64
     }
 }
 
@@ -70,8 +70,11 @@ const EVERY_S: f64 = 0.67;
 /// Seconds from one window of a report to the next.
 const REPORTED_EVERY_S: f64 = 1.0;
 
-/// Speeds that are tried for the bend of Coulomb friction, rad/s.
-const FRICTION_SPEEDS_RAD_S: [f64; 5] = [0.01, 0.02, 0.04, 0.08, 0.16];
+/// The speed at which the bend of Coulomb friction is expected where the description has none, rad/s.
+const BEND_RAD_S: f64 = 0.04;
+
+/// Searches for the bends begin at these speeds, rad/s.
+const BENDS_RAD_S: [f64; 5] = [0.01, 0.02, 0.04, 0.08, 0.16];
 
 /// Identifies the arm of a description from recordings. All have the same rate.
 ///
@@ -85,18 +88,20 @@ pub fn identify(
     progress: Progress<'_>,
 ) -> Result<Identification, IdentificationError> {
     let joints = description.joints.len();
-    let mut speeds = FRICTION_SPEEDS_RAD_S.map(|speed| vec![speed; joints]).to_vec();
-    speeds.extend(described_friction_speeds(description));
-    let priors = speeds
-        .into_iter()
-        .map(|speeds| Prior::of(description, speeds, settings.gain_deviation))
-        .collect::<Result<Vec<_>, _>>()?;
-    let mut found = search(priors, recordings, validation, settings, progress)?;
+    let described = described_bends(description);
+    let mut beginnings_rad_s = BENDS_RAD_S.map(|bend| vec![bend; joints]).to_vec();
+    beginnings_rad_s.extend(described.clone());
+    let expected_rad_s = described.unwrap_or_else(|| vec![BEND_RAD_S; joints]);
+    let prior = Prior::of(description, &expected_rad_s, settings.gain_deviation)?;
+    let mut found = search(&prior, &beginnings_rad_s, recordings, validation, settings, progress)?;
     let Settings { gain_deviation, most_delay_s, .. } = *settings;
     let purpose = Purpose::Identification { gain_deviation, most_delay_s };
     let all = [recordings, validation].concat();
     let doubts = doubts_before_fit(description, &all, purpose)?;
     found.report.warnings.splice(0..0, doubts);
+    if let Err(error) = found.arm.description(description).checked() {
+        found.report.warnings.push(format!("no job can take the identified arm: {error}"));
+    }
     Ok(found)
 }
 
@@ -117,7 +122,9 @@ pub fn identify_load(
     let Settings { gain_deviation, most_delay_s, .. } = *settings;
     // The delay is that of the arm.
     let settings = Settings { most_delay_s: 0.0, ..*settings };
-    let mut found = search(vec![Prior::loaded(arm)], recordings, validation, &settings, progress)?;
+    let beginnings_rad_s = [arm.bends_rad_s()];
+    let prior = Prior::loaded(arm);
+    let mut found = search(&prior, &beginnings_rad_s, recordings, validation, &settings, progress)?;
     let purpose = Purpose::Load { gain_deviation, most_delay_s };
     let all = [recordings, validation].concat();
     let doubts = doubts_before_fit(&arm.description(description), &all, purpose)?;
@@ -125,15 +132,16 @@ pub fn identify_load(
     Ok(found)
 }
 
-/// The prior whose regression leaves the least torque, and the arm from there.
+/// The best regression of those that begin with each of these bends, and the arm from there.
 fn search(
-    priors: Vec<Prior>,
+    prior: &Prior,
+    beginnings_rad_s: &[Vec<f64>],
     recordings: &[Recording],
     validation: &[Recording],
     settings: &Settings,
     progress: Progress<'_>,
 ) -> Result<Identification, IdentificationError> {
-    let joints = priors.first().map_or(0, |prior| prior.arm.joints());
+    let joints = prior.arm.joints();
     let motions = motions(recordings, joints, settings)?;
     let validation = self::motions(validation, joints, settings)?;
     check_together(motions.iter().chain(&validation))?;
@@ -143,7 +151,7 @@ fn search(
     let mut warnings = Vec::new();
     check_motion(&motions, joints, &mut warnings)?;
 
-    let mut best = torque_fit::best_of(priors, &motions, progress)?;
+    let mut best = torque_fit::best_of(prior, beginnings_rad_s, &motions, progress)?;
     let mut delay = None;
     let most_delay_s = settings.most_delay_s;
     if most_delay_s > 0.0 {
@@ -157,10 +165,11 @@ fn search(
         }
         (best, delay) = (fit, Some(found));
     }
-    let TorqueFit { prior, mut arm, torques, covariance, .. } = best;
+    let TorqueFit { prior, mut arm, mut torques, covariance, .. } = best;
     if settings.motion_steps > 0 {
         let steps = settings.motion_steps;
         arm = fit_motions(&motions, &prior, &arm, &torques, &covariance, steps, progress)?;
+        torques = torques.about(&arm, &motions);
     }
     let law = best_law(&motions);
     let Estimates { mut parameters, directions, correlated } =
@@ -170,7 +179,7 @@ fn search(
         parameters,
         directions,
         correlated,
-        torques: residuals(&torques, &prior, &arm),
+        torques: residuals(&motions, &prior, &arm),
         validation_torques: Vec::new(),
         horizons_s: HORIZONS_S.to_vec(),
         errors: errors(&motions, &prior, &arm, law.as_ref()),
@@ -178,7 +187,7 @@ fn search(
         warnings,
     };
     if !validation.is_empty() {
-        report.validation_torques = residuals(&Torques::new(&arm, &validation), &prior, &arm);
+        report.validation_torques = residuals(&validation, &prior, &arm);
         report.validation_errors = errors(&validation, &prior, &arm, law.as_ref());
     }
     let doubts = doubts(&report);
@@ -274,11 +283,14 @@ fn fit_motions(
     Ok(of(&minimize(arm.numbers.clone(), steps, at, cost, progress)?))
 }
 
-fn residuals(torques: &Torques, prior: &Prior, arm: &Arm) -> Vec<TorqueResidual> {
-    let deviations = torques.deviations_nm();
-    let both = torques.residuals_nm(&prior.arm).into_iter().zip(torques.residuals_nm(arm));
+fn residuals(motions: &[Motion], prior: &Prior, arm: &Arm) -> Vec<TorqueResidual> {
+    let [described, identified] = [&prior.arm, arm].map(|arm| {
+        let torques = Torques::new(arm, motions);
+        (torques.deviations_nm(), torques.residuals_nm(arm))
+    });
+    let both = described.1.into_iter().zip(identified.1);
     (1..)
-        .zip(deviations.into_iter().zip(both))
+        .zip(identified.0.into_iter().zip(both))
         .map(|(joint, (deviation_nm, (described_nm, identified_nm)))| TorqueResidual {
             joint,
             deviation_nm,

@@ -39,6 +39,12 @@ pub(crate) struct Motion {
 /// The ends of a recording that a low-pass and differences leave uncertain, s.
 pub(crate) const UNCERTAIN_S: f64 = 0.25;
 
+/// The derivative of tanh(ratio) by the logarithm of the bend's speed, where the ratio is that of a
+/// velocity to this speed.
+pub(crate) fn slope_of_bend(ratio: f64) -> f64 {
+    -ratio / ratio.cosh().powi(2)
+}
+
 impl Motion {
     /// # Errors
     /// See [`IdentificationError`].
@@ -74,11 +80,21 @@ impl Motion {
 
     /// The smooth torques of Coulomb friction of 1 N·m, `[sample][joint]`. Friction changes
     /// within a sample where a joint turns back, and the low-pass of the torques spreads that.
-    pub(crate) fn coulomb(&self, speeds_rad_s: &[f64]) -> Vec<Vec<f64>> {
-        let sign = |row: &Vec<f64>| {
-            row.iter().zip(speeds_rad_s).map(|(qd, speed)| (qd / speed).tanh()).collect()
+    pub(crate) fn coulomb(&self, bends_rad_s: &[f64]) -> Vec<Vec<f64>> {
+        self.of_ratios(bends_rad_s, f64::tanh)
+    }
+
+    /// The derivatives of [`Motion::coulomb`] by the logarithms of the bends' speeds.
+    pub(crate) fn slopes_of_bends(&self, bends_rad_s: &[f64]) -> Vec<Vec<f64>> {
+        self.of_ratios(bends_rad_s, slope_of_bend)
+    }
+
+    /// Smooth torques that follow from the ratio of each joint's velocity to the speed of its bend.
+    fn of_ratios(&self, bends_rad_s: &[f64], torque: fn(f64) -> f64) -> Vec<Vec<f64>> {
+        let of_row = |row: &Vec<f64>| {
+            row.iter().zip(bends_rad_s).map(|(qd, speed)| torque(qd / speed)).collect()
         };
-        self.filter.apply_to_columns(&self.qd.iter().map(sign).collect::<Vec<Vec<f64>>>())
+        self.filter.apply_to_columns(&self.qd.iter().map(of_row).collect::<Vec<Vec<f64>>>())
     }
 
     /// The smooth torques of each joint `later_s` after a sample, N·m.

@@ -6,7 +6,7 @@ use nalgebra::{DMatrix, DVector};
 use wire::ParameterEstimate;
 
 use crate::IdentificationError;
-use crate::arm::{Arm, Prior};
+use crate::arm::{Arm, LEAST_BEND_RAD_S, Prior};
 use crate::motion::Motion;
 use crate::normal_equations::{inverse, minimize};
 use crate::torques::Torques;
@@ -27,18 +27,32 @@ pub(crate) struct TorqueFit {
 }
 
 impl TorqueFit {
-    /// Fits an arm to the torques of motions.
+    /// Fits an arm to the torques of motions. The search begins with bends of Coulomb friction at
+    /// these speeds.
     ///
     /// # Errors
     /// See [`minimize`].
-    pub(crate) fn new(prior: Prior, motions: &[Motion]) -> Result<Self, IdentificationError> {
-        const ROUNDS: usize = 4;
+    pub(crate) fn new(
+        prior: Prior,
+        bends_rad_s: &[f64],
+        motions: &[Motion],
+    ) -> Result<Self, IdentificationError> {
+        /// In each round, weights and bends are those of the last.
+        const ROUNDS: usize = 6;
         const STEPS: usize = 40;
+        /// In one round, the speed of a bend changes by at most this factor.
+        const MOST_BENT: f64 = 1.5;
+        /// Torques are linear in bends that change by less.
+        const LINEAR: f64 = 1.01;
 
-        let mut arm = prior.arm.clone();
+        let mut arm = prior.arm.bent_at(bends_rad_s);
         let mut torques = Torques::new(&arm, motions);
         for _ in 0..ROUNDS {
+            if torques.bent_by(&arm) > LINEAR {
+                torques = torques.about(&arm, motions);
+            }
             torques.weigh(&arm);
+            let before_rad_s = arm.bends_rad_s();
             let of = |numbers: &DVector<f64>| arm.with_numbers(numbers.clone());
             let at = |numbers: &DVector<f64>| {
                 let mut equations = torques.normal_equations(&of(numbers));
@@ -49,6 +63,11 @@ impl TorqueFit {
                 |numbers: &DVector<f64>| torques.cost(&of(numbers)) + prior.distance(numbers);
             let no_progress = || ControlFlow::Continue(());
             arm = of(&minimize(arm.numbers.clone(), STEPS, at, cost, no_progress)?);
+            let kept = before_rad_s.into_iter().zip(arm.bends_rad_s());
+            let kept = kept.map(|(before, bend)| {
+                bend.clamp(before / MOST_BENT, before * MOST_BENT).max(LEAST_BEND_RAD_S)
+            });
+            arm = arm.bent_at(&kept.collect::<Vec<f64>>());
         }
         let mut equations = torques.normal_equations(&arm);
         equations.add_prior(&arm.numbers, &prior.arm.numbers, &prior.deviations);
@@ -64,14 +83,16 @@ impl TorqueFit {
     }
 }
 
-/// The prior whose regression leaves the least torque. Joints have different gears: where another
-/// prior explains a joint clearly better, the last trial has its friction speed for this joint.
+/// The regression that leaves the least torque, of those that begin with each of these bends. Joints
+/// have different gears: where another beginning explains a joint clearly better, the last trial begins
+/// with its bend of this joint.
 ///
 /// # Errors
-/// [`IdentificationError::NoRecordings`] without a prior, [`IdentificationError::Stopped`] when
+/// [`IdentificationError::NoRecordings`] without a beginning, [`IdentificationError::Stopped`] when
 /// `progress` breaks.
 pub(crate) fn best_of(
-    priors: Vec<Prior>,
+    prior: &Prior,
+    beginnings_rad_s: &[Vec<f64>],
     motions: &[Motion],
     progress: Progress<'_>,
 ) -> Result<TorqueFit, IdentificationError> {
@@ -79,31 +100,33 @@ pub(crate) fn best_of(
     /// chance.
     const CLEARLY: f64 = 2.0;
 
-    let mut try_prior = |prior: Prior| {
-        let fit = TorqueFit::new(prior, motions)?;
+    let mut try_bends = |bends_rad_s: &[f64]| {
+        let fit = TorqueFit::new(prior.clone(), bends_rad_s, motions)?;
         if progress().is_break() {
             return Err(IdentificationError::Stopped);
         }
         Ok(fit)
     };
-    let fits = priors.into_iter().map(&mut try_prior).collect::<Result<Vec<_>, _>>()?;
+    let each = beginnings_rad_s.iter().map(|bends_rad_s| try_bends(bends_rad_s));
+    let fits = each.collect::<Result<Vec<_>, _>>()?;
     let best = fits.iter().min_by(|a, b| a.misfit.total_cmp(&b.misfit));
     let best = best.ok_or(IdentificationError::NoRecordings)?;
     let left = |fit: &TorqueFit| fit.torques.residuals_nm(&fit.arm);
     let (left_of_best, samples) = (left(best), best.torques.independent_samples());
     let left_of_each: Vec<Vec<f64>> = fits.iter().map(left).collect();
-    let mut speeds = best.arm.friction_speeds_rad_s.clone();
-    for (joint, speed) in speeds.iter_mut().enumerate() {
+    let of_best = best.arm.bends_rad_s();
+    let mut bends_rad_s = of_best.clone();
+    for (joint, bend) in bends_rad_s.iter_mut().enumerate() {
         let mut least = left_of_best[joint] * (-CLEARLY / samples[joint]).exp();
         for (fit, left) in fits.iter().zip(&left_of_each) {
             if left[joint] < least {
-                (least, *speed) = (left[joint], fit.arm.friction_speeds_rad_s[joint]);
+                (least, *bend) = (left[joint], fit.arm.bends_rad_s()[joint]);
             }
         }
     }
-    let mixed = match speeds == best.arm.friction_speeds_rad_s {
+    let mixed = match bends_rad_s == of_best {
         true => None,
-        false => Some(try_prior(best.prior.with_friction_speeds(speeds))?),
+        false => Some(try_bends(&bends_rad_s)?),
     };
     let all = fits.into_iter().chain(mixed);
     all.min_by(|a, b| a.misfit.total_cmp(&b.misfit)).ok_or(IdentificationError::NoRecordings)
@@ -135,8 +158,10 @@ pub(crate) fn fit_delay(
 
     let weights = fit.torques.independent_samples();
     let prior = fit.prior;
+    // Friction of torques that are late looks smooth.
+    let bends_rad_s = prior.arm.bends_rad_s();
     let mut try_delay = |delay_s: f64| {
-        let fit = TorqueFit::new(prior.late_by(delay_s), motions)?;
+        let fit = TorqueFit::new(prior.late_by(delay_s), &bends_rad_s, motions)?;
         if progress().is_break() {
             return Err(IdentificationError::Stopped);
         }

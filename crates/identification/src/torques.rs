@@ -3,7 +3,7 @@
 use dynamics::{Joints, LINK_PARAMETERS, torque_regressor};
 use nalgebra::{DMatrix, DVector};
 
-use crate::arm::{Arm, JOINT_NUMBERS, NUMBERS};
+use crate::arm::{Arm, FRICTION, JOINT_NUMBERS, NUMBERS};
 use crate::fourier::MotionState;
 use crate::motion::{Motion, whole};
 use crate::normal_equations::NormalEquations;
@@ -30,6 +30,8 @@ struct JointRegression {
 /// The regressions on the torques of all joints.
 pub(crate) struct Torques {
     joints: Vec<JointRegression>,
+    /// The speeds of the bends about which torques are linear, rad/s.
+    bends_rad_s: Vec<f64>,
     /// Where each recording begins in the rows.
     begins: Vec<usize>,
     /// Samples from one row to the next, and before the first of a recording.
@@ -45,19 +47,21 @@ impl Torques {
         let mut rows: Vec<Vec<f64>> = vec![Vec::new(); joints];
         let mut torques: Vec<Vec<f64>> = vec![Vec::new(); joints];
         let mut begins = Vec::new();
+        let bends_rad_s = arm.bends_rad_s();
         let (mut every, mut first) = (1, 0);
         for motion in motions {
             begins.push(torques[0].len());
             every = whole(motion.rate_hz / ROWS_PER_SECOND).max(1);
             first = motion.uncertain();
-            let coulomb = motion.coulomb(&arm.friction_speeds_rad_s);
+            let (coulomb, of_bend) =
+                (motion.coulomb(&bends_rad_s), motion.slopes_of_bends(&bends_rad_s));
             let known = motion.uncertain()..motion.samples() - motion.uncertain();
             for sample in known.step_by(every) {
                 let u = motion.later_u(sample, arm.delay_s.unwrap_or(0.0));
                 let [q, qd, qdd] = [&motion.q, &motion.qd, &motion.qdd]
                     .map(|rows| Joints::from(rows[sample].as_slice()));
                 let state = MotionState { q, qd, qdd };
-                let regressor = regressor(arm, &state, &coulomb[sample]);
+                let regressor = regressor(arm, &state, [&coulomb[sample], &of_bend[sample]]);
                 for joint in 0..joints {
                     rows[joint].extend(&regressor[joint * width..][..width]);
                     torques[joint].push(u[joint]);
@@ -67,12 +71,46 @@ impl Torques {
         let joint = |(rows, torques): (Vec<f64>, Vec<f64>)| {
             let rows = DMatrix::from_row_slice(torques.len(), width, &rows);
             let torques = DVector::from_vec(torques);
-            let (gram, moment) = (rows.tr_mul(&rows), rows.tr_mul(&torques));
-            let square = torques.norm_squared();
-            JointRegression { rows, torques, gram, moment, square, weight: 1.0, alike: 1.0 }
+            JointRegression::new(rows, torques)
         };
         let joints = rows.into_iter().zip(torques).map(joint).collect();
-        Self { joints, begins, every, first }
+        Self { joints, bends_rad_s, begins, every, first }
+    }
+
+    /// The same regressions, with the same weights, linear about the bends of `arm`.
+    pub(crate) fn about(mut self, arm: &Arm, motions: &[Motion]) -> Self {
+        let bends_rad_s = arm.bends_rad_s();
+        let mut begin = 0;
+        for motion in motions {
+            let friction = [motion.coulomb(&bends_rad_s), motion.slopes_of_bends(&bends_rad_s)];
+            let known = motion.uncertain()..motion.samples() - motion.uncertain();
+            let samples: Vec<usize> = known.step_by(self.every).collect();
+            for (at, joint) in self.joints.iter_mut().enumerate() {
+                for (place, values) in FRICTION.into_iter().zip(&friction) {
+                    for (row, &sample) in samples.iter().enumerate() {
+                        joint.rows[(begin + row, at * NUMBERS + place)] = values[sample][at];
+                    }
+                }
+            }
+            begin += samples.len();
+        }
+        for joint in &mut self.joints {
+            joint.sum();
+        }
+        Self { bends_rad_s, ..self }
+    }
+
+    /// The largest ratio of a bend's speed to that about which torques are linear, or of that to it.
+    pub(crate) fn bent_by(&self, arm: &Arm) -> f64 {
+        let bends_rad_s = arm.bends_rad_s();
+        let each = bends_rad_s.iter().zip(&self.bends_rad_s);
+        each.map(|(bend, about)| (bend / about).max(about / bend)).fold(1.0, f64::max)
+    }
+
+    /// The values of [`Arm::linear_about`] as each joint's sensor measures them.
+    fn measured(&self, arm: &Arm) -> impl Iterator<Item = DVector<f64>> + use<> {
+        let linear = arm.linear_about(&self.bends_rad_s);
+        arm.gains().into_iter().map(move |gain| &linear * gain)
     }
 
     /// The root mean square of each joint's torque less the arm's, N·m.
@@ -80,21 +118,30 @@ impl Torques {
         let of = |(joint, linear): (&JointRegression, DVector<f64>)| {
             (joint.square_of(&linear) / joint.torques.len() as f64).sqrt()
         };
-        self.joints.iter().zip(measured(arm)).map(of).collect()
+        self.joints.iter().zip(self.measured(arm)).map(of).collect()
     }
 
-    /// The torques of each joint of the only recording, which is `motion`, beside those of two arms.
-    pub(crate) fn traces(&self, motion: &Motion, described: &Arm, identified: &Arm) -> Vec<Trace> {
-        let arms = measured(described).zip(measured(identified));
+    /// The torques of each joint of a recording, beside those of two arms.
+    pub(crate) fn traces(motion: &Motion, described: &Arm, identified: &Arm) -> Vec<Trace> {
+        let of = |arm: &Arm| {
+            let torques = Self::new(arm, std::slice::from_ref(motion));
+            let linear = torques.measured(arm);
+            let predicted = torques.joints.iter().zip(linear).map(|(joint, linear)| {
+                let predicted = &joint.rows * linear;
+                predicted.as_slice().to_vec()
+            });
+            (predicted.collect::<Vec<Vec<f64>>>(), torques)
+        };
+        let ((described, _), (identified, torques)) = (of(described), of(identified));
         let trace = |(joint, (described, identified)): (&JointRegression, (_, _))| Trace {
             times_s: (0..joint.torques.len())
-                .map(|row| (self.first + row * self.every) as f64 / motion.rate_hz)
+                .map(|row| (torques.first + row * torques.every) as f64 / motion.rate_hz)
                 .collect(),
             measured: joint.torques.as_slice().to_vec(),
-            described: (&joint.rows * DVector::clone(&described)).as_slice().to_vec(),
-            identified: (&joint.rows * DVector::clone(&identified)).as_slice().to_vec(),
+            described,
+            identified,
         };
-        self.joints.iter().zip(arms).map(trace).collect()
+        torques.joints.iter().zip(described.into_iter().zip(identified)).map(trace).collect()
     }
 
     /// Standard deviation of each joint's torque, N·m.
@@ -112,14 +159,22 @@ impl Torques {
         /// No sensor is better, relative to the torques that it measures.
         const LEAST_DEVIATION: f64 = 1e-4;
 
-        let begins = self.begins.clone();
-        for (joint, linear) in self.joints.iter_mut().zip(measured(arm)) {
+        let (begins, measured) = (self.begins.clone(), self.measured(arm));
+        for (joint, linear) in self.joints.iter_mut().zip(measured) {
             let residuals = &joint.torques - &joint.rows * &linear;
             let mean_square = residuals.norm_squared() / residuals.len() as f64;
             let least = LEAST_DEVIATION.powi(2) * joint.square / joint.torques.len() as f64;
             joint.alike = samples_alike(residuals.as_slice(), &begins);
             joint.weight = 1.0 / (mean_square.max(least).max(f64::MIN_POSITIVE) * joint.alike);
         }
+    }
+
+    /// Weighs the torques of each joint by independent noise of this standard deviation, N·m.
+    pub(crate) fn weighed_by(mut self, noise_nm: &[f64]) -> Self {
+        for (joint, noise) in self.joints.iter_mut().zip(noise_nm) {
+            joint.weight = noise.powi(-2);
+        }
+        self
     }
 
     /// As how many independent samples the torques of each joint count.
@@ -132,18 +187,18 @@ impl Torques {
         let of = |(joint, linear): (&JointRegression, DVector<f64>)| {
             0.5 * joint.weight * joint.square_of(&linear)
         };
-        self.joints.iter().zip(measured(arm)).map(of).sum()
+        self.joints.iter().zip(self.measured(arm)).map(of).sum()
     }
 
     pub(crate) fn normal_equations(&self, arm: &Arm) -> NormalEquations {
-        let (of_arm, gains) = (arm.derivatives(), arm.gains());
+        let (of_arm, gains) = (arm.derivatives_about(&self.bends_rad_s), arm.gains());
         let size = arm.numbers.len();
         let mut equations = NormalEquations {
             cost: self.cost(arm),
             gradient: DVector::zeros(size),
             curvature: DMatrix::zeros(size, size),
         };
-        for (at, (joint, linear)) in self.joints.iter().zip(measured(arm)).enumerate() {
+        for (at, (joint, linear)) in self.joints.iter().zip(self.measured(arm)).enumerate() {
             let mut derivatives = &of_arm * gains[at];
             derivatives.set_column(Arm::gain_number(at), &linear);
             let slope = (&joint.gram * &linear - &joint.moment) * joint.weight;
@@ -154,22 +209,35 @@ impl Torques {
     }
 }
 
-/// The values of [`Arm::linear`] as each joint's sensor measures them.
-fn measured(arm: &Arm) -> impl Iterator<Item = DVector<f64>> {
-    let linear = arm.linear();
-    arm.gains().into_iter().map(move |gain| &linear * gain)
-}
-
 impl JointRegression {
+    fn new(rows: DMatrix<f64>, torques: DVector<f64>) -> Self {
+        let (gram, moment) = (DMatrix::zeros(0, 0), DVector::zeros(0));
+        let square = torques.norm_squared();
+        let mut joint = Self { rows, torques, gram, moment, square, weight: 1.0, alike: 1.0 };
+        joint.sum();
+        joint
+    }
+
+    /// Sums over the rows.
+    fn sum(&mut self) {
+        self.gram = self.rows.tr_mul(&self.rows);
+        self.moment = self.rows.tr_mul(&self.torques);
+    }
+
     /// Σ (torque − row · linear)².
     fn square_of(&self, linear: &DVector<f64>) -> f64 {
         (&self.torques - &self.rows * linear).norm_squared()
     }
 }
 
-/// The torques of all joints in a state, linear in the values of [`Arm::linear`]:
-/// `[joint][value]`. `coulomb` is friction of 1 N·m.
-pub(crate) fn regressor(arm: &Arm, state: &MotionState, coulomb: &[f64]) -> Vec<f64> {
+/// The torques of all joints in a state, linear in the values of [`Arm::linear_about`]:
+/// `[joint][value]`. `coulomb` is friction of 1 N·m, and `of_bend` its derivative by the logarithm of
+/// the bend's speed.
+pub(crate) fn regressor(
+    arm: &Arm,
+    state: &MotionState,
+    [coulomb, of_bend]: [&[f64]; 2],
+) -> Vec<f64> {
     let joints = arm.joints();
     let robot = arm.nominal();
     let MotionState { q, qd, qdd } = state;
@@ -188,6 +256,7 @@ pub(crate) fn regressor(arm: &Arm, state: &MotionState, coulomb: &[f64]) -> Vec<
             1.0,
             qdd[joint],
             0.0,
+            of_bend[joint],
         ]);
     }
     regressor

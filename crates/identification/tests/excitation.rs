@@ -125,8 +125,8 @@ fn a_panda_has_as_many_base_parameters_as_are_published_and_keeps_its_limits() {
     let description = RobotModel::panda().description().clone();
     let settings = ExcitationSettings { table_z_m: Some(0.0), ..quick() };
     let found = excite(&description, &settings).unwrap();
-    assert_eq!(found.report.base_parameters, 43 + 3 * 7 + 5);
-    assert_eq!(found.report.unknown_numbers, 7 * 14);
+    assert_eq!(found.report.base_parameters, 43 + 4 * 7 + 5);
+    assert_eq!(found.report.unknown_numbers, 7 * 15);
     check_limits(&description, &settings, &found, 9973);
     let report = &found.report;
     assert!(report.log_det > report.random.best_log_det + 10.0, "{:?}", report.random);
@@ -162,7 +162,9 @@ fn drawn(described: &RobotDescription, seed: u64) -> RobotDescription {
         joint.link.inertia_kg_m2 = joint.link.inertia_kg_m2.map(|entry| entry * stretch);
         joint.damping_nm_s_rad *= factor(0.3);
         joint.armature_kg_m2 *= factor(0.3);
-        joint.friction.as_mut().unwrap().phi1_nm *= factor(0.3);
+        let friction = joint.friction.as_mut().unwrap();
+        friction.phi1_nm *= factor(0.3);
+        friction.phi2_s_rad *= factor(0.3);
         for coordinate in &mut joint.link.center_m {
             *coordinate += 0.03 * normal(&mut generator);
         }
@@ -171,13 +173,14 @@ fn drawn(described: &RobotDescription, seed: u64) -> RobotDescription {
 }
 
 /// The parameters of a joint as a report orders them.
-fn truth(description: &RobotDescription, joint: usize) -> [f64; 15] {
+fn truth(description: &RobotDescription, joint: usize) -> [f64; 16] {
     let robot = robot(description);
     let RigidBody { mass, com: [x, y, z], inertia: [[xx, xy, xz], [_, yy, yz], [_, _, zz]] } =
         robot.links[joint];
-    let coulomb = 0.5 * description.joints[joint].friction.unwrap().phi1_nm;
+    let friction = description.joints[joint].friction.unwrap();
+    let (coulomb, bend) = (0.5 * friction.phi1_nm, 2.0 / friction.phi2_s_rad);
     let (viscous, rotor) = (robot.damping[joint], robot.armature[joint]);
-    [mass, x, y, z, xx, xy, xz, yy, yz, zz, coulomb, viscous, 0.0, rotor, 1.0]
+    [mass, x, y, z, xx, xy, xz, yy, yz, zz, coulomb, viscous, 0.0, rotor, 1.0, bend]
 }
 
 fn torques(description: &RobotDescription, robot: &Robot, state: &MotionState) -> Vec<f64> {
@@ -228,7 +231,7 @@ fn identified_arms_are_off_by_what_was_predicted() {
         let unheard = &mut || ControlFlow::Continue(());
         let found = identify(&described, &[recording], &[], &settings, unheard).unwrap();
         for (k, estimate) in found.report.parameters.iter().enumerate() {
-            let truth = truth(&arm, k / 15)[k % 15];
+            let truth = truth(&arm, k / 16)[k % 16];
             if predicted[k].seen.is_some() {
                 squares[k] += ((estimate.value - truth) / predicted[k].deviation).powi(2);
                 reported.push(estimate.deviation / predicted[k].deviation);

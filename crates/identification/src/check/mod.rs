@@ -79,7 +79,7 @@ fn compare(
     purpose: Purpose,
 ) -> Result<(Comparison, Vec<String>), IdentificationError> {
     let joints = description.joints.len();
-    let arm = Prior::of(description, vec![FRICTION_SPEED_RAD_S; joints], 0.0)?;
+    let arm = Prior::of(description, &vec![FRICTION_SPEED_RAD_S; joints], 0.0)?;
     let motions = motions(recordings, joints)?;
     let whole = Comparison::of_torques(&arm, &motions).with_limits(description, &motions);
     let parts = Part::all(&motions);

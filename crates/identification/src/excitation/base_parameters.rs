@@ -7,16 +7,13 @@ use random::{ChaCha8Rng, keyed, unit};
 use super::limits::Limits;
 use crate::arm::{Arm, Prior};
 use crate::fourier::MotionState;
+use crate::motion::slope_of_bend;
 use crate::torques::regressor;
 
 /// Directions in the numbers of an arm, in standard deviations of the prior, that change torques in
 /// some state. All other directions change no torque of any motion, so that the prior's uncertainty
 /// stays there.
 pub(crate) struct BaseParameters {
-    /// Orthonormal columns, `[number, direction]`.
-    pub(crate) directions: DMatrix<f64>,
-    /// The prior's standard deviations.
-    pub(crate) deviations: DVector<f64>,
     /// Torques of a joint per direction: rows of the regression times these, `[value, direction]`.
     pub(crate) of_joints: Vec<DMatrix<f64>>,
 }
@@ -42,7 +39,7 @@ impl BaseParameters {
         let mut rows = DMatrix::zeros(0, size);
         for number in 0..STATES_DRAWN {
             let state = random_state(limits, number);
-            let regressor = regressor(arm, &state, &coulomb(arm, &state.qd));
+            let regressor = regressor_at(arm, &state);
             let mut of_state = DMatrix::zeros(joints, size);
             for (joint, row) in regressor.chunks(regressor.len() / joints).enumerate() {
                 // Joints of every size count alike.
@@ -60,28 +57,21 @@ impl BaseParameters {
             Some(v_t) => v_t.select_rows(&kept).transpose(),
             None => DMatrix::identity(size, size),
         };
-        let of_joints = whitened.iter().map(|of_joint| of_joint * &directions).collect();
-        Self { directions, deviations: prior.deviations.clone(), of_joints }
+        Self { of_joints: whitened.iter().map(|of_joint| of_joint * &directions).collect() }
     }
 
     pub(crate) fn count(&self) -> usize {
-        self.directions.ncols()
-    }
-
-    /// The covariance of the arm's numbers, from that of the directions.
-    pub(crate) fn covariance(&self, of_directions: &DMatrix<f64>) -> DMatrix<f64> {
-        let size = self.deviations.len();
-        let change = of_directions - DMatrix::identity(self.count(), self.count());
-        let whitened =
-            DMatrix::identity(size, size) + &self.directions * change * self.directions.transpose();
-        let scale = DMatrix::from_diagonal(&self.deviations);
-        &scale * whitened * &scale
+        self.of_joints.first().map_or(0, DMatrix::ncols)
     }
 }
 
-/// Coulomb friction of 1 N·m.
-pub(crate) fn coulomb(arm: &Arm, qd: &Joints<f64>) -> Vec<f64> {
-    qd.iter().zip(&arm.friction_speeds_rad_s).map(|(qd, speed)| (qd / speed).tanh()).collect()
+/// The torques of all joints in a state, linear in the values of [`Arm::linear`].
+pub(crate) fn regressor_at(arm: &Arm, state: &MotionState) -> Vec<f64> {
+    let bends_rad_s = arm.bends_rad_s();
+    let of_ratios = |torque: fn(f64) -> f64| -> Vec<f64> {
+        state.qd.iter().zip(&bends_rad_s).map(|(qd, speed)| torque(qd / speed)).collect()
+    };
+    regressor(arm, state, [&of_ratios(f64::tanh), &of_ratios(slope_of_bend)])
 }
 
 fn random_state(limits: &Limits, number: u64) -> MotionState {

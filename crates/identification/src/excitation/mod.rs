@@ -28,7 +28,7 @@ use dynamics::Joints;
 use nalgebra::DVector;
 use spec::RobotDescription;
 
-use self::base_parameters::{BaseParameters, coulomb};
+use self::base_parameters::{BaseParameters, regressor_at};
 use self::basis::Basis;
 pub use self::error::ExcitationError;
 use self::limits::{Limits, TIME_TO_FULL_SPEED_S, heights};
@@ -38,13 +38,15 @@ pub use self::report::{ExcitationReport, JointExcitation, ParameterPrediction, R
 use self::search::{Candidate, improved, random_motions, random_posture};
 pub use self::settings::ExcitationSettings;
 use self::settings::USUAL_NOISE;
-use crate::arm::{Arm, Prior, described_friction_speeds};
+use crate::arm::{Arm, Prior, described_bends};
+use crate::estimates::posterior;
 use crate::fourier::{Fourier, MotionState};
-use crate::motion::UNCERTAIN_S;
-use crate::torques::{ROWS_PER_SECOND, regressor};
+use crate::identify::Settings;
+use crate::motion::{Motion, Recording, UNCERTAIN_S, whole};
+use crate::torques::{ROWS_PER_SECOND, Torques};
 
 /// The speed at which Coulomb friction bends, rad/s, if the description has none.
-const FRICTION_SPEED_RAD_S: f64 = 0.04;
+const BEND_RAD_S: f64 = 0.04;
 /// Postures that are drawn until enough are allowed.
 const MOST_POSTURES: u64 = 10_000;
 /// Times of the search's grid per wave of the highest harmonic.
@@ -74,7 +76,7 @@ impl Excitation {
 }
 
 fn torques(arm: &Arm, linear: &DVector<f64>, state: &MotionState) -> Joints<f64> {
-    let regressor = regressor(arm, state, &coulomb(arm, &state.qd));
+    let regressor = regressor_at(arm, state);
     let torque = |row: &[f64]| row.iter().zip(linear.iter()).map(|(y, value)| y * value).sum();
     regressor.chunks(linear.len()).map(torque).collect()
 }
@@ -91,16 +93,15 @@ pub fn excite(
     let joints = description.joints.len();
     settings.check()?;
     settings.check_lists(joints)?;
-    let friction_speeds = described_friction_speeds(description)
-        .unwrap_or_else(|| vec![FRICTION_SPEED_RAD_S; description.joints.len()]);
-    let prior = Prior::of(description, friction_speeds.clone(), settings.gain_deviation)?;
+    let bends_rad_s = described_bends(description).unwrap_or_else(|| vec![BEND_RAD_S; joints]);
+    let prior = Prior::of(description, &bends_rad_s, settings.gain_deviation)?;
     let arm = &prior.arm;
     let limits = Limits::of(description, arm, settings)?;
     let tight = limits.tightened(TIGHTER);
     let (base_frequency_hz, harmonics) = (settings.base_frequency_hz(), settings.harmonics());
     let times = (TIMES_PER_WAVE * harmonics).max(96);
     let basis = Basis::new(base_frequency_hz, harmonics, times, &tight);
-    let base = BaseParameters::of(&prior, &limits);
+    let base = BaseParameters::of(&prior.with_known_bends(), &limits);
     let noise_nm = settings
         .noise_nm
         .clone()
@@ -133,12 +134,11 @@ pub fn excite(
         .find(stays_within)
         .ok_or(ExcitationError::NoMotion { random_motions: settings.random_motions })?;
     let motion = basis.motion(&variables);
-    let covariance = objective
-        .covariance(&variables)
-        .ok_or(ExcitationError::NoMotion { random_motions: settings.random_motions })?;
-
-    let parameters = deviations(&prior, &base.covariance(&covariance));
-    let random = RandomMotions::beside(&objective, &prior, &random, &parameters);
+    let identified =
+        |motion: &Fourier| deviations_after(&prior, motion, settings.seconds, &noise_nm);
+    let parameters = identified(&motion)?;
+    let of_random = |random: &Candidate| identified(&basis.motion(&random.variables));
+    let random = RandomMotions::beside(&random, of_random, &parameters)?;
     let states = states_of(&motion);
     let excited = |index: usize| {
         JointExcitation::of(index, description, &limits, &states, noise_nm[index], |state| {
@@ -154,14 +154,34 @@ pub fn excite(
         table_z_m: settings.table_z_m,
         lowest_m,
         unknown_numbers: prior.deviations.iter().filter(|deviation| **deviation > 0.0).count(),
-        base_parameters: base.count(),
+        base_parameters: BaseParameters::of(&prior, &limits).count(),
         log_det,
         random,
         joints: (0..joints).map(excited).collect(),
         parameters,
-        assumptions: assumptions(description, settings, &friction_speeds),
+        assumptions: assumptions(description, settings, &bends_rad_s),
     };
     Ok(Excitation { motion, report, arm: prior.arm, linear })
+}
+
+/// The standard deviations of all parameters after an identification from this motion.
+fn deviations_after(
+    prior: &Prior,
+    motion: &Fourier,
+    seconds: f64,
+    noise_nm: &[f64],
+) -> Result<Vec<ParameterPrediction>, ExcitationError> {
+    const RATE_HZ: f64 = 100.0;
+
+    let samples = whole(seconds * RATE_HZ);
+    let q: Vec<Vec<f64>> =
+        (0..samples).map(|sample| motion.at(sample as f64 / RATE_HZ).q.to_vec()).collect();
+    let u = vec![vec![0.0; noise_nm.len()]; samples];
+    let recording = Recording { name: "the motion".to_owned(), rate_hz: RATE_HZ, q, u };
+    let motion = Motion::new(&recording, noise_nm.len(), Settings::default().low_pass_hz)?;
+    let torques = Torques::new(&prior.arm, &[motion]).weighed_by(noise_nm);
+    let curvature = torques.normal_equations(&prior.arm).curvature;
+    Ok(deviations(prior, &posterior(&curvature, &prior.deviations)))
 }
 
 /// The lowest origin in all of these states, m.
@@ -227,7 +247,7 @@ fn postures(
 fn assumptions(
     description: &RobotDescription,
     settings: &ExcitationSettings,
-    friction_speeds_rad_s: &[f64],
+    bends_rad_s: &[f64],
 ) -> Vec<String> {
     let mut assumptions = Vec::new();
     if settings.accelerations_rad_s2.is_none() {
@@ -248,10 +268,10 @@ fn assumptions(
         );
     }
     // Described speeds may differ from joint to joint.
-    let mut speeds: Vec<String> = friction_speeds_rad_s.iter().map(f64::to_string).collect();
+    let mut speeds: Vec<String> = bends_rad_s.iter().map(f64::to_string).collect();
     speeds.dedup();
     assumptions.push(format!(
-        "Coulomb friction bends at {} rad/s; an identification finds the speed itself",
+        "Coulomb friction bends at {} rad/s, within a factor of 2.7; the motion is not designed to show it",
         speeds.join(", ")
     ));
     assumptions

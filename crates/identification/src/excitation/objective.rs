@@ -3,17 +3,17 @@
 //! The objective is log det(1 + W) with the information W of the base parameters in standard
 //! deviations of the prior, plus a barrier: the mean over the grid's times of the logarithms of the
 //! distances from the limits. Slopes follow backwards: those of log det(1 + W) in the entries of the
-//! regression are linear in its rows, and the rows' own slopes in the state are differences.
+//! regression are linear in its rows, and the rows' own slopes in the state are differences. The bends of
+//! Coulomb friction count as known: a motion that shows them stands still for most of its time.
 
 use dynamics::{Joints, LINK_PARAMETERS, torque_regressor};
 use nalgebra::{DMatrix, DVector};
 
-use super::base_parameters::{BaseParameters, coulomb};
+use super::base_parameters::{BaseParameters, regressor_at};
 use super::basis::Basis;
 use super::limits::{Limits, heights};
 use crate::arm::{Arm, NUMBERS, OWN};
 use crate::fourier::MotionState;
-use crate::torques::regressor;
 
 pub(crate) struct Objective<'a> {
     pub(crate) arm: &'a Arm,
@@ -64,12 +64,6 @@ impl Objective<'_> {
     /// Whether the motion stays within the limits.
     pub(crate) fn is_allowed(&self, states: Vec<MotionState>) -> bool {
         states.into_iter().all(|state| self.course(vec![state]).is_some())
-    }
-
-    /// The covariance of the base parameters' directions after the motion.
-    pub(crate) fn covariance(&self, variables: &DVector<f64>) -> Option<DMatrix<f64>> {
-        let course = self.course(self.basis.states(variables))?;
-        log_det(&self.informed(&course).matrix).map(|(_, inverse)| inverse)
     }
 
     /// The objective and its slopes in the variables. `None` if the motion leaves the limits.
@@ -139,12 +133,12 @@ impl Objective<'_> {
         let mut rows = vec![DMatrix::zeros(width, states.len()); joints];
         let mut torques = Vec::with_capacity(states.len());
         for (time, state) in states.iter().enumerate() {
-            let coulomb = coulomb(self.arm, &state.qd);
-            let regressor = regressor(self.arm, state, &coulomb);
+            let regressor = regressor_at(self.arm, state);
             let mut torque = Joints::splat(joints, 0.0);
             for (joint, row) in regressor.chunks(width).enumerate() {
                 let all: f64 = row.iter().zip(self.linear.iter()).map(|(y, value)| y * value).sum();
-                torque[joint] = all - self.linear[joint * NUMBERS + OWN] * coulomb[joint];
+                let own = joint * NUMBERS + OWN;
+                torque[joint] = all - self.linear[own] * row[own];
                 rows[joint].column_mut(time).copy_from_slice(row);
             }
             if (0..joints).any(|joint| torque[joint].abs() >= limits.torque[joint]) {
@@ -240,6 +234,7 @@ impl Objective<'_> {
             links.iter().zip(&of_links).map(|(row, slope)| row * slope).sum()
         };
         let here = sum(state);
+        let bends_rad_s = self.arm.bends_rad_s();
         for (joint, of_joint) in of_rows.iter().enumerate() {
             let mut slope = |pick: fn(&mut MotionState) -> &mut Joints<f64>| {
                 let mut moved = *state;
@@ -253,8 +248,8 @@ impl Objective<'_> {
             ];
             let of_row = of_joint.column(time);
             let own = &of_row.as_slice()[joint * NUMBERS + OWN..];
-            let bend = (state.qd[joint] / self.arm.friction_speeds_rad_s[joint]).tanh();
-            let of_coulomb = (1.0 - bend * bend) / self.arm.friction_speeds_rad_s[joint];
+            let bend = (state.qd[joint] / bends_rad_s[joint]).tanh();
+            let of_coulomb = (1.0 - bend * bend) / bends_rad_s[joint];
             slopes.q[joint] += of_q;
             slopes.qd[joint] += of_qd + own[0] * of_coulomb + own[1];
             slopes.qdd[joint] += of_qdd + own[3];
@@ -295,7 +290,8 @@ mod tests {
         let settings =
             ExcitationSettings { table_z_m: Some(-1.0), ..ExcitationSettings::default() };
         // Friction that bends within a grid's steps has no slopes that differences can find.
-        let prior = Prior::of(&description, vec![0.5; description.joints.len()], 0.1).unwrap();
+        let bends_rad_s = vec![0.5; description.joints.len()];
+        let prior = Prior::of(&description, &bends_rad_s, 0.1).unwrap().with_known_bends();
         let limits = Limits::of(&description, &prior.arm, &settings).unwrap();
         let basis = Basis::new(0.1, 3, 48, &limits);
         let base = BaseParameters::of(&prior, &limits);

@@ -5,8 +5,8 @@ use serde::Serialize;
 use series::median;
 use spec::RobotDescription;
 
+use super::error::ExcitationError;
 use super::limits::Limits;
-use super::objective::Objective;
 use super::search::Candidate;
 use crate::arm::{NUMBERS, Parameter, Prior};
 use crate::estimates::named;
@@ -145,34 +145,35 @@ impl JointExcitation {
 
 impl RandomMotions {
     /// `random` is in falling order, and not empty.
+    /// `of_random` predicts the parameters of one of them.
+    ///
+    /// # Errors
+    /// Those of `of_random`.
     pub(crate) fn beside(
-        objective: &Objective<'_>,
-        prior: &Prior,
         random: &[Candidate],
+        of_random: impl Fn(&Candidate) -> Result<Vec<ParameterPrediction>, ExcitationError>,
         parameters: &[ParameterPrediction],
-    ) -> Self {
+    ) -> Result<Self, ExcitationError> {
         const SEEN: f64 = 0.5;
 
         let middle = &random[random.len() / 2];
         let ratio_to = |candidate: &Candidate| {
-            let covariance = objective.covariance(&candidate.variables);
-            let others = covariance
-                .map_or_else(Vec::new, |of| deviations(prior, &objective.base.covariance(&of)));
+            let others = of_random(candidate)?;
             let ratios = parameters
                 .iter()
                 .zip(&others)
                 .filter(|(parameter, _)| parameter.seen.is_some_and(|seen| seen >= SEEN))
                 .map(|(parameter, other)| parameter.deviation / other.deviation);
             let ratios: Vec<f64> = ratios.collect();
-            (!ratios.is_empty()).then(|| median(ratios))
+            Ok::<_, ExcitationError>((!ratios.is_empty()).then(|| median(ratios)))
         };
-        Self {
+        Ok(Self {
             count: random.len(),
             best_log_det: random[0].information,
             median_log_det: middle.information,
-            deviation_to_best: ratio_to(&random[0]),
-            deviation_to_median: ratio_to(middle),
-        }
+            deviation_to_best: ratio_to(&random[0])?,
+            deviation_to_median: ratio_to(middle)?,
+        })
     }
 }
 
