@@ -19,6 +19,7 @@ before(async () => {
   product = await start();
   pages = await paths(product);
   await failedImport();
+  await waitingJob();
   browser = await launch();
 });
 
@@ -43,6 +44,21 @@ async function failedImport() {
   }
   pages["failed import"] = `/jobs/${id}`;
   pages["dataset of a failed import"] = `/datasets/${dataset}`;
+}
+
+/** Submits a job that begins in an hour, and adds its page and the question whether to cancel it. */
+async function waitingJob() {
+  const answer = await fetch(`${product.url}/v1/jobs`, {
+    method: "POST",
+    headers: { "content-type": "application/json" },
+    body: JSON.stringify({
+      preset: "D1-multisine", trajectories: 10, seed: 90,
+      execution: { not_before: new Date(Date.now() + 3_600_000).toISOString() },
+    }),
+  });
+  const { id } = await answer.json();
+  pages["waiting job"] = `/jobs/${id}`;
+  pages.cancellation = `/jobs/${id}/cancel`;
 }
 
 /** Opens each page in turn, with what it calls itself, and gives it to `look`. */

@@ -184,8 +184,15 @@ test("a page of a job that runs goes on when its server is back", () =>
       await page.locator("#liveness.lost").waitFor({ timeout: 30_000 });
       server = await serve(folder, { listen: host, workers: 1 });
       await page.locator("#liveness.lost").waitFor({ state: "detached", timeout: 45_000 });
-      await fetch(`${server.url}/v1/jobs/${id}/cancel`, { method: "POST" });
-      await page.locator("#run .badge.cancelled").first().waitFor({ timeout: 30_000 });
+      // Cancelling asks first, and says what is lost.
+      await page.getByRole("link", { name: "Cancel" }).click();
+      await page.waitForURL(`**/jobs/${id}/cancel`);
+      assert.match(await page.locator("main").innerText(), /A retry goes on from/);
+      await page.getByRole("link", { name: "Let it go on" }).click();
+      await page.getByRole("link", { name: "Cancel" }).click();
+      await page.getByRole("button", { name: "Cancel this train job" }).click();
+      await page.waitForURL(`**/jobs/${id}`);
+      await page.locator("#job .badge.cancelled").first().waitFor({ timeout: 30_000 });
     } finally {
       await page.close();
       await server.stop();
@@ -208,6 +215,8 @@ test("a token that may only read sees no button that it may not use, and is told
       await page.getByLabel("Token").fill(secret);
       await page.getByRole("button", { name: "Log in" }).click();
       await page.waitForURL(`${server.url}/jobs/${id}`);
+      assert.equal(await page.getByRole("link", { name: "Cancel" }).count(), 0);
+      await page.goto(`${server.url}/jobs/${id}/cancel`);
       assert.equal(await page.getByRole("button", { name: "Cancel" }).count(), 0);
       assert.equal(await page.getByRole("link", { name: "Launch" }).count(), 0);
       await page.goto(`${server.url}/launch?job=${id}`);

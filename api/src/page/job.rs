@@ -179,19 +179,6 @@ impl TaskRow {
     }
 }
 
-/// Cancels the job and shows it. A job that has just ended by itself is no error.
-pub async fn cancel(
-    State(app): State<App>,
-    InPage(Path(id)): InPage<Path<i64>>,
-) -> Result<Response, PageError> {
-    match app.cancel(id).await {
-        Ok(_) | Err(ApiError::AlreadyFinal { .. }) => {
-            Ok(Redirect::to(&format!("/jobs/{id}")).into_response())
-        }
-        Err(error) => Err(error.into()),
-    }
-}
-
 /// Submits the job's spec again and shows the new job; one that has not failed is no error to its reader.
 pub async fn retry(
     State(app): State<App>,

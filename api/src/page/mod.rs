@@ -3,6 +3,7 @@
 mod all_runs;
 pub mod answer;
 mod assets;
+mod cancel;
 mod checkpoint;
 mod comparable;
 mod compare;
@@ -63,7 +64,7 @@ pub fn paths() -> [(&'static str, MethodRouter<App>); 42] {
         ("/launch", get(launch::show)),
         ("/jobs", post(launch::submit)),
         ("/jobs/{id}", get(job::show).merge(labels::form(ItemKind::Job))),
-        ("/jobs/{id}/cancel", post(job::cancel)),
+        ("/jobs/{id}/cancel", get(cancel::ask).post(cancel::cancel)),
         ("/jobs/{id}/retry", post(job::retry)),
         ("/runs", get(lists::show::<Run>)),
         ("/logged", get(all_runs::show)),

@@ -3,7 +3,7 @@
 use axum::http::Method;
 use serde_json::json;
 
-use crate::fixture::{Server, small_simulation};
+use crate::fixture::{Server, small_pipeline, small_simulation, small_training};
 use crate::pages::page;
 
 #[tokio::test]
@@ -36,6 +36,50 @@ async fn the_button_cancels_and_leads_back() {
         assert_eq!((answer.status.as_u16(), answer.header("location")), (303, path.as_str()));
     }
     assert!(page(&server, &path).await.contains("cancelled"));
+}
+
+/// A press on Cancel ended a training of days at once.
+#[tokio::test]
+async fn cancelling_asks_first_and_says_what_is_lost() {
+    let server = Server::start().await;
+    let simulation = server.submitted(&small_simulation(1)).await;
+    let path = format!("/jobs/{}", simulation["id"]);
+    let link = format!("href=\"..{path}/cancel\"");
+    assert!(page(&server, &path).await.contains(&link));
+    let question = page(&server, &format!("{path}/cancel")).await;
+    assert!(
+        question.contains("nothing is lost") && question.contains("Let it go on"),
+        "{question}"
+    );
+    assert!(question.contains(&format!("action=\"../..{path}/cancel\"")), "{question}");
+    assert_eq!(server.json(&format!("/v1{path}")).await["state"], "queued");
+
+    let training = server.submitted(&small_training(&json!({"dataset": 1}))).await;
+    let question = page(&server, &format!("{path}/cancel")).await;
+    let waiting = format!("href=\"../../jobs/{}\"", training["id"]);
+    assert!(
+        question.contains("Jobs that wait for it") && question.contains(&waiting),
+        "{question}"
+    );
+    // A job that has ended is shown.
+    let task = server.claim().await.unwrap();
+    server.finish(&task).await;
+    let answer = server.get(&format!("{path}/cancel")).await;
+    assert_eq!((answer.status.as_u16(), answer.header("location")), (303, path.as_str()));
+    server.get("/jobs/99/cancel").await.problem(404);
+}
+
+#[tokio::test]
+async fn cancelling_a_pipeline_lists_its_open_jobs() {
+    let server = Server::start().await;
+    let pipeline = server.submitted(&small_pipeline()).await;
+    let question = page(&server, &format!("/jobs/{}/cancel", pipeline["id"])).await;
+    for part in
+        ["Jobs of it that have not ended", "train-set", "evaluate", "Cancel this pipeline job"]
+    {
+        assert!(question.contains(part), "{part}: {question}");
+    }
+    assert!(!question.contains("Jobs that wait for it"), "{question}");
 }
 
 #[tokio::test]
