@@ -1,4 +1,4 @@
-// The browser that the tests drive.
+// The browser that the tests drive, and what they ask its pages.
 
 import { chromium } from "playwright-core";
 
@@ -14,5 +14,18 @@ export function launch() {
       "--disable-component-update",
       "--disable-sync",
     ],
+  });
+}
+
+/** In a page: the layout shift so far, as a part of the window, without what followed a press. */
+export function shifts() {
+  return new Promise((resolve) => {
+    let sum = 0;
+    const observer = new PerformanceObserver((list) => {
+      for (const shift of list.getEntries()) if (!shift.hadRecentInput) sum += shift.value;
+    });
+    observer.observe({ type: "layout-shift", buffered: true });
+    // What is buffered is told at once.
+    setTimeout(() => resolve(sum), 100);
   });
 }

@@ -5,7 +5,7 @@ import { readFile } from "node:fs/promises";
 import { createRequire } from "node:module";
 import { after, before, test } from "node:test";
 
-import { launch } from "./chromium.mjs";
+import { launch, shifts } from "./chromium.mjs";
 import { paths } from "./pages.mjs";
 import { start } from "./product.mjs";
 
@@ -147,6 +147,23 @@ for (const width of [390, 1440]) {
       await page.emulateMedia({ colorScheme: "light" });
       return [...reaching, ...inLight, ...inDark.map((it) => `in the dark theme: ${it}`)];
     });
+  });
+}
+
+for (const width of [390, 1440]) {
+  test(`nothing on a page moves after it is drawn, at ${width} px`, async () => {
+    const page = await browser.newPage({ viewport: { width, height: 844 } });
+    const found = [];
+    for (const [name, path] of Object.entries(pages)) {
+      await page.goto(product.url + path);
+      // Scripts have added what they add, and the stream of events has opened.
+      await page.waitForTimeout(1000);
+      const moved = await page.evaluate(shifts);
+      // Beyond 0.1 browsers call a page in need of improvement.
+      if (moved > 0.1) found.push(`${name} moves by ${moved.toFixed(3)}`);
+    }
+    await page.close();
+    assert.deepEqual(found, []);
   });
 }
 

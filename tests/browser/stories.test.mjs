@@ -8,7 +8,7 @@ import { join } from "node:path";
 import { createInterface } from "node:readline";
 import { after, before, test } from "node:test";
 
-import { launch } from "./chromium.mjs";
+import { launch, shifts } from "./chromium.mjs";
 
 const torqued = process.env.TORQUED ?? "target/release/torqued";
 const token = "a-token-of-this-test";
@@ -180,6 +180,13 @@ test("a page of a job that runs goes on when its server is back", () =>
       await page.goto(`${server.url}/runs/${run}`);
       await page.locator("#run .badge.running").waitFor({ timeout: 60_000 });
       await page.locator("#run progress").waitFor({ timeout: 60_000 });
+      // A growing log pushed what is below it, with each event.
+      await page.goto(`${server.url}/jobs/${id}`);
+      await page.locator("#log pre").waitFor({ timeout: 30_000 });
+      await page.waitForTimeout(6000);
+      const moved = await page.evaluate(shifts);
+      assert.ok(moved <= 0.1, `the page moved by ${moved}`);
+      await page.goto(`${server.url}/runs/${run}`);
       await server.stop();
       await page.locator("#liveness.lost").waitFor({ timeout: 30_000 });
       server = await serve(folder, { listen: host, workers: 1 });

@@ -1,5 +1,5 @@
 // Answers forms as they are changed: those with `data-answers`, the ids of the parts of the page that follow from them. A
-// number with `data-slider`, its highest value, gets a slider. A field with `data-whole` changes the whole page. Without this
+// number with `data-slider`, its highest value, gets a slider in the place that follows its label. A field with `data-whole` changes the whole page. Without this
 // script, the form's button does the same.
 
 import { fetched, replace } from "./replace.js";
@@ -55,7 +55,7 @@ function addSlider(number) {
     soon(number.form);
   });
   number.addEventListener("input", () => (slider.value = number.value || number.min));
-  number.closest("label").after(slider);
+  number.closest("label").nextElementSibling.append(slider);
 }
 
 for (const form of document.querySelectorAll("form[data-answers]")) {

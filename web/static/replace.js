@@ -35,6 +35,7 @@ export function replace(stale, fresh) {
   }
   const focused = stale.contains(document.activeElement) ? document.activeElement.id : "";
   const scrolled = [...stale.querySelectorAll(".scroll")].map((region) => region.scrollLeft);
+  const read = [...stale.querySelectorAll(".tail")].map((log) => log.scrollTop);
   const checked = [...stale.querySelectorAll("input[type=checkbox][id]:checked")];
   const shown = document.importNode(fresh, true);
   const drawn = states(stale);
@@ -42,6 +43,7 @@ export function replace(stale, fresh) {
   stale.replaceWith(shown);
   carryOn(shown, drawn);
   shown.querySelectorAll(".scroll").forEach((region, at) => (region.scrollLeft = scrolled[at] ?? 0));
+  shown.querySelectorAll(".tail").forEach((log, at) => (log.scrollTop = read[at] ?? 0));
   for (const { id } of checked) {
     const box = document.getElementById(id);
     if (box) box.checked = true;

@@ -41,6 +41,8 @@ struct Choice {
     id: i64,
     name: String,
     is_chosen: bool,
+    /// Whether it is a checkpoint that draws its predictions in steps.
+    is_sampled: bool,
 }
 
 /// The fields of the form.
@@ -113,6 +115,7 @@ pub async fn show(State(app): State<App>, pairs: QueryPairs) -> Result<Response,
                 id: dataset.id,
                 name: format!("{} {}", dataset.id, dataset.name),
                 is_chosen: Some(dataset.id) == fields.dataset,
+                is_sampled: false,
             })
             .collect(),
         checkpoints: checkpoints
@@ -121,6 +124,7 @@ pub async fn show(State(app): State<App>, pairs: QueryPairs) -> Result<Response,
                 id: checkpoint.id,
                 name: name(checkpoint, trainings.get(&checkpoint.job)),
                 is_chosen: fields.request.checkpoints.contains(&checkpoint.id),
+                is_sampled: trainings.get(&checkpoint.job).is_some_and(is_sampled),
             })
             .collect(),
         last,
@@ -138,6 +142,12 @@ pub async fn show(State(app): State<App>, pairs: QueryPairs) -> Result<Response,
         warnings: shown.warnings,
     };
     Ok(html(&page)?)
+}
+
+/// Whether the model of a training has a sampler. Another version may have stored the spec.
+fn is_sampled(training: &Job) -> bool {
+    let spec = serde_json::from_value(training.spec.clone());
+    matches!(spec, Ok(JobSpec::Train(spec)) if spec.model.sampler().is_some())
 }
 
 /// A checkpoint to choose.
