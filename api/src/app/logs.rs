@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use store::{JobId, LogFilter, LogPage, NewLogChunk, StoreError, TaskId};
-use wire::{Attempt, AttemptOutcome, LogChunk, Logs, left_out};
+use wire::{Attempt, AttemptOutcome, Job, JobState, LogChunk, Logs, left_out};
 
 use crate::app::App;
 use crate::app::files::Download;
@@ -147,20 +147,22 @@ impl App {
         Ok(Download::made(name, "text/plain; charset=utf-8", text.into_bytes()))
     }
 
-    /// The last lines of the log of the newest running attempt. If none runs, those of the newest that failed. `attempts`
-    /// are those of the job, the newest first.
+    /// The last lines of the log of the newest running attempt, which may not have any yet. If none runs, those of the
+    /// newest attempt that failed, or, if the job succeeded, of its last one. `attempts` are those of the job, the newest
+    /// first.
     pub(crate) async fn newest_log(
         &self,
-        job: i64,
+        job: &Job,
         attempts: &[Attempt],
     ) -> Result<Option<LogEnd>, ApiError> {
-        let failed = |attempt: &&Attempt| {
-            attempt.outcome.is_some_and(|outcome| outcome != AttemptOutcome::Succeeded)
+        if let Some(running) = attempts.iter().find(|attempt| attempt.outcome.is_none()) {
+            return Ok(Some(self.log_end(job.id, running).await?));
+        }
+        let is_told = |attempt: &&Attempt| {
+            job.state == JobState::Succeeded || attempt.outcome != Some(AttemptOutcome::Succeeded)
         };
-        let running = attempts.iter().find(|attempt| attempt.outcome.is_none());
-        let shown = running.or_else(|| attempts.iter().find(failed));
-        match shown.filter(|attempt| attempt.log.is_some()) {
-            Some(attempt) => Ok(Some(self.log_end(job, attempt).await?)),
+        match attempts.iter().filter(is_told).find(|attempt| attempt.log.is_some()) {
+            Some(attempt) => Ok(Some(self.log_end(job.id, attempt).await?)),
             None => Ok(None),
         }
     }

@@ -58,8 +58,7 @@ struct JobPage {
     last_task: i64,
     /// The newest attempts that ended without success.
     attempts: Vec<AttemptRow>,
-    /// The last lines of the newest running attempt. If none runs, those of the newest attempt that
-    /// failed.
+    /// The last lines of the attempt that tells most about the job.
     log: Option<LogEnd>,
     spec: Specification,
     commands: Commands,
@@ -117,7 +116,7 @@ pub async fn show(
     };
     let FirstTasks { tasks, all } = app.first_tasks(id, TASKS).await?;
     let attempts = app.attempts(id, Paging { limit: ATTEMPTS, before: None }).await?.attempts;
-    let log = app.newest_log(id, &attempts).await?;
+    let log = app.newest_log(&job, &attempts).await?;
     let outcome = headlines(&app, &[&job]).await?.remove(&id).unwrap_or_default();
     let result = JobResult::of(&app, &job).await?;
     let files = match job.run {

@@ -34,7 +34,7 @@ struct RunPage {
     answer: String,
     loss: String,
     metrics: Vec<Fact>,
-    /// The last lines of its log, while it runs or if it failed.
+    /// The last lines of the log of its newest attempt.
     log: Option<LogEnd>,
     /// The picture of the jobs before and after it.
     lineage: Option<Lineage>,
@@ -79,7 +79,7 @@ pub async fn show(
             &run.job_tags,
         ),
         answer: answer(&checkpoints, job.state),
-        log: app.newest_log(job.id, &attempts).await?,
+        log: app.newest_log(&job, &attempts).await?,
         loss,
         metrics: facts(&run.metrics),
         checkpoints: checkpoints.iter().rev().map(CheckpointRow::from).collect(),

@@ -163,7 +163,8 @@ async fn the_page_of_a_job_has_the_last_lines_of_what_runs_or_failed() {
     let job = server.submitted(&two_shards()).await["id"].clone();
     let page = format!("/jobs/{job}");
     let task = server.claim().await.unwrap();
-    assert!(!server.get(&page).await.text().contains("<details id=\"log\""));
+    // Its place is there before its first line, which would push what is below it.
+    assert!(server.get(&page).await.text().contains("There is no line yet."));
     for k in 0..50 {
         server.log(&task, 10 * k, &format!("line {k:03}<\n")).await;
     }
@@ -177,4 +178,19 @@ async fn the_page_of_a_job_has_the_last_lines_of_what_runs_or_failed() {
     server.store.fail(task.fence, "the arm fell off", store::Retry::Never).await.unwrap();
     let answer = server.get(&page).await;
     assert!(answer.text().contains("line 049&#60;"), "{answer:?}");
+}
+
+/// Only the API told the log of a job that succeeded.
+#[tokio::test]
+async fn the_page_of_a_job_that_succeeded_has_its_last_log_folded() {
+    let server = Server::start().await;
+    let job = server.submitted(&small_simulation(1)).await["id"].clone();
+    let task = server.claim().await.unwrap();
+    server.log(&task, 0, "a first try\n").await;
+    server.store.release(task.fence).await.unwrap();
+    server.work().await;
+    let answer = server.get(&format!("/jobs/{job}")).await;
+    let shown = answer.text();
+    assert!(shown.contains("<details id=\"log\">") && shown.contains("did it"), "{shown}");
+    assert!(!shown.contains("a first try"), "{shown}");
 }
