@@ -30,6 +30,7 @@ const KEYS = {
   j: ["the next of a list", () => move(1)],
   k: ["the one before it", () => move(-1)],
   x: ["tick it, to compare", tick],
+  c: ["compare what is ticked", () => document.querySelector("form.compared [type=submit]")?.click()],
   "?": ["show these shortcuts", () => show()],
 };
 

@@ -49,4 +49,5 @@ export function replace(stale, fresh) {
     if (box) box.checked = true;
   }
   if (focused) document.getElementById(focused)?.focus();
+  document.dispatchEvent(new Event("replaced"));
 }

@@ -34,6 +34,7 @@ const ASSETS: &[Asset] = &[
     asset!("replace.js", "text/javascript; charset=utf-8"),
     asset!("forms.js", "text/javascript; charset=utf-8"),
     asset!("keys.js", "text/javascript; charset=utf-8"),
+    asset!("ticks.js", "text/javascript; charset=utf-8"),
     asset!("docs.css", "text/css; charset=utf-8"),
     asset!("docs.js", "text/javascript; charset=utf-8"),
     asset!("icon.svg", "image/svg+xml"),
