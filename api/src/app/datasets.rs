@@ -123,7 +123,7 @@ impl App {
         let digests: BTreeSet<Digest> =
             specs.into_iter().flat_map(sources).filter_map(digest).collect();
         let digests: Vec<Digest> = digests.into_iter().collect();
-        Ok(DataNames(self.store.dataset_names(&digests).await?.into_iter().collect()))
+        Ok(DataNames(self.store.names_of_digests(&digests).await?.into_iter().collect()))
     }
 
     /// The data that each of these jobs reads.

@@ -1,6 +1,8 @@
 //! Deletes and restores things, and lists what depends on them.
 
-use store::{DeletionOrder, Item, Respect, Timestamp, TrashPlace};
+use std::collections::{BTreeMap, BTreeSet};
+
+use store::{DeletionOrder, Item, JobId, Respect, Timestamp, TrashPlace};
 use wire::{Deleted, Dependents, ItemKind, Restored, Trash, TrashedItem};
 
 use crate::app::App;
@@ -20,6 +22,17 @@ impl App {
     /// The name by which people know a thing, also one in the trash.
     pub(crate) async fn name_of(&self, kind: ItemKind, id: i64) -> Result<String, ApiError> {
         Ok(self.store.name_of(Item::new(kind, id)).await?)
+    }
+
+    /// The names of the results of jobs, by job. A result that nobody named has the name of its job.
+    pub(crate) async fn result_names(
+        &self,
+        jobs: impl IntoIterator<Item = i64>,
+    ) -> Result<BTreeMap<i64, String>, ApiError> {
+        let jobs: BTreeSet<JobId> = jobs.into_iter().map(JobId).collect();
+        let jobs: Vec<JobId> = jobs.into_iter().collect();
+        let names = self.store.result_names(&jobs).await?;
+        Ok(names.into_iter().map(|(job, name)| (job.0, name)).collect())
     }
 
     /// Moves a thing into the trash, with everything that it owns.
@@ -59,6 +72,7 @@ impl App {
             kind: row.item.kind,
             id: row.item.id,
             name: row.name,
+            result_name: row.result_name,
             bytes: row.bytes,
             deleted_at: row.deletion.deleted_at.to_string(),
             purge_at: row.deletion.purge_at.to_string(),

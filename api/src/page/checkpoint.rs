@@ -5,7 +5,7 @@ use axum::extract::State;
 use axum::http::HeaderMap;
 use axum::response::Response;
 use spec::{Given, ValidationMetric};
-use wire::{Checkpoint, Dataset, DrawnPredictions, Job, Report, StoredFile};
+use wire::{Checkpoint, Dataset, DrawnPredictions, ItemKind, Job, Report, StoredFile};
 
 use crate::app::App;
 use crate::app::checkpoints::Extents;
@@ -27,7 +27,7 @@ struct CheckpointPage {
     id: i64,
     job: i64,
     pipelines: Vec<Link>,
-    /// Its name, or that of its training and its step.
+    /// Its name, or that of its run and its step.
     title: String,
     labelled: Labelled,
     /// Its errors in sentences: of an evaluation, or else of its validation.
@@ -85,10 +85,7 @@ pub async fn show(
         id,
         job: job.id,
         pipelines: pipelines(&job),
-        title: match &checkpoint.name {
-            Some(name) => name.clone(),
-            None => format!("{}, step {}", job.name, text::count(checkpoint.step)),
-        },
+        title: app.name_of(ItemKind::Checkpoint, id).await?,
         answer: if evaluated.is_empty() { validated(&checkpoint) } else { evaluated },
         labelled: Labelled {
             aliases: Some(checkpoint.aliases.join(" ")),

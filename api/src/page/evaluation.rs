@@ -4,7 +4,7 @@ use askama::Template;
 use axum::extract::State;
 use axum::response::Response;
 use reports::Table;
-use wire::{Artifact, CellTask, Report, Warning, WorstCase};
+use wire::{Artifact, CellTask, ItemKind, Report, Warning, WorstCase};
 
 use crate::app::App;
 use crate::extract::Path;
@@ -86,7 +86,11 @@ pub async fn show(
     let lineage = Lineage::of(&app, &job).await?;
     let page = EvaluationPage {
         id,
-        job: JobHeader::of(&job),
+        job: JobHeader {
+            // Its list, its lineage and its run have this name, too.
+            name: app.name_of(ItemKind::Run, evaluation.run).await?,
+            ..JobHeader::of(&job)
+        },
         labelled: Labelled::of_job(&job),
         report: evaluation.report.as_ref().map(|report| ReportView::new(report, viewers)),
         drawn: drawn.map(|drawn| Drawn::new(evaluation.run, &drawn, viewers)),

@@ -76,8 +76,9 @@ impl Lineage {
         }
         let shown: Vec<&Job> = lineage.jobs.values().collect();
         let headlines = headlines(app, &shown).await?;
-        let names = names(app, job, &shown).await?;
         let ids: Vec<i64> = lineage.jobs.keys().copied().collect();
+        // A box has the name of the page that it leads to.
+        let names = app.result_names(ids.iter().copied()).await?;
         let places = places(&ids, &lineage.uses);
         let columns = places.values().map(|place| place[0] + 1).max().unwrap_or(1);
         let wide = (PAGE / columns).saturating_sub(GAPS[0]).clamp(WIDTHS[0], WIDTHS[1]);
@@ -127,23 +128,6 @@ impl Lineage {
             is_cut: lineage.is_cut,
         }))
     }
-}
-
-/// The names by which people know jobs: in this pipeline, or of the dataset that they filled.
-async fn names(app: &App, job: &Job, shown: &[&Job]) -> Result<BTreeMap<i64, String>, ApiError> {
-    let members = &job.members;
-    let is_member = |job: &Job| members.iter().any(|member| member.job == job.id);
-    let others = shown.iter().filter(|job| !is_member(job));
-    let filled: Vec<i64> = others.filter_map(|job| job.dataset).collect();
-    let datasets = match filled.as_slice() {
-        [] => BTreeMap::new(),
-        ids => app.datasets_by_id(ids).await?,
-    };
-    let of_dataset = shown.iter().filter_map(|job| Some((job.id, job.dataset?)));
-    let named = of_dataset.filter_map(|(job, id)| Some((job, datasets.get(&id)?.name.clone())));
-    let mut names: BTreeMap<i64, String> = named.collect();
-    names.extend(members.iter().map(|member| (member.job, member.name.clone())));
-    Ok(names)
 }
 
 /// The curve from the right of one box to the left of another.

@@ -245,17 +245,16 @@ impl Paged for Checkpoint {
         Some(self.job)
     }
 
-    /// A checkpoint without a name has that of its training.
+    /// A checkpoint without a name has that of its run.
     async fn complete_rows(
         app: &App,
         checkpoints: &[Self],
         rows: &mut [ListRow],
     ) -> Result<(), ApiError> {
-        let jobs: Vec<i64> = checkpoints.iter().map(|checkpoint| checkpoint.job).collect();
-        let jobs = app.jobs_by_id(&jobs).await?;
+        let names = app.result_names(checkpoints.iter().map(|checkpoint| checkpoint.job)).await?;
         for (checkpoint, row) in checkpoints.iter().zip(rows) {
-            if let Some(job) = jobs.get(&checkpoint.job).filter(|_| row.name.is_empty()) {
-                row.name.clone_from(&job.name);
+            if let Some(name) = names.get(&checkpoint.job).filter(|_| row.name.is_empty()) {
+                row.name.clone_from(name);
             }
         }
         Ok(())
@@ -269,5 +268,20 @@ impl Paged for Evaluation {
 
     fn job(&self) -> Option<i64> {
         Some(self.id)
+    }
+
+    /// An evaluation has the name of its run.
+    async fn complete_rows(
+        app: &App,
+        evaluations: &[Self],
+        rows: &mut [ListRow],
+    ) -> Result<(), ApiError> {
+        let names = app.result_names(evaluations.iter().map(|evaluation| evaluation.id)).await?;
+        for (evaluation, row) in evaluations.iter().zip(rows) {
+            if let Some(name) = names.get(&evaluation.id) {
+                row.name.clone_from(name);
+            }
+        }
+        Ok(())
     }
 }

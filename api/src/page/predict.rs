@@ -97,6 +97,7 @@ pub async fn show(State(app): State<App>, pairs: QueryPairs) -> Result<Response,
         None => Shown::problem("There is no complete dataset yet.".to_owned()),
     };
     let trainings: Vec<i64> = checkpoints.iter().map(|checkpoint| checkpoint.job).collect();
+    let names = app.result_names(trainings.iter().copied()).await?;
     let trainings = app.jobs_by_id(&trainings).await?;
     let index = fields.trajectory;
     let page = PredictPage {
@@ -122,7 +123,7 @@ pub async fn show(State(app): State<App>, pairs: QueryPairs) -> Result<Response,
             .iter()
             .map(|checkpoint| Choice {
                 id: checkpoint.id,
-                name: name(checkpoint, trainings.get(&checkpoint.job)),
+                name: name(checkpoint, names.get(&checkpoint.job)),
                 is_chosen: fields.request.checkpoints.contains(&checkpoint.id),
                 is_sampled: trainings.get(&checkpoint.job).is_some_and(is_sampled),
             })
@@ -163,17 +164,16 @@ pub struct CheckpointChoice {
 pub async fn newest_checkpoints(app: &App) -> Result<Vec<CheckpointChoice>, ApiError> {
     let newest = [("limit".to_owned(), CHOICES.to_string())];
     let found = app.list::<Checkpoint>(&ListRequest::read(&Checkpoint::LIST, &newest)?).await?;
-    let trainings: Vec<i64> = found.checkpoints.iter().map(|checkpoint| checkpoint.job).collect();
-    let trainings = app.jobs_by_id(&trainings).await?;
+    let names = app.result_names(found.checkpoints.iter().map(|checkpoint| checkpoint.job)).await?;
     let choice = |checkpoint: &Checkpoint| CheckpointChoice {
         id: checkpoint.id,
-        name: name(checkpoint, trainings.get(&checkpoint.job)),
+        name: name(checkpoint, names.get(&checkpoint.job)),
     };
     Ok(found.checkpoints.iter().map(choice).collect())
 }
 
-/// A checkpoint with what says which one it is.
-fn name(checkpoint: &Checkpoint, training: Option<&Job>) -> String {
+/// A checkpoint with what says which one it is, such as the name of its run.
+fn name(checkpoint: &Checkpoint, run: Option<&String>) -> String {
     let architecture = &checkpoint.architecture;
     let aliases = checkpoint.aliases.iter().map(|alias| format!("@{alias}"));
     let mut parts = vec![match &checkpoint.name {
@@ -181,8 +181,8 @@ fn name(checkpoint: &Checkpoint, training: Option<&Job>) -> String {
         None => format!("{} {architecture}", checkpoint.id),
     }];
     parts.extend(aliases);
-    let training = training.map_or(String::new(), |job| format!("{}, ", job.name));
-    parts.push(format!("{training}run {}, step {}", checkpoint.run, text::count(checkpoint.step)));
+    let named = run.map_or(String::new(), |name| format!("{name}, "));
+    parts.push(format!("{named}run {}, step {}", checkpoint.run, text::count(checkpoint.step)));
     parts.extend(checkpoint.marks().into_iter().map(str::to_owned));
     let rmse_deg = checkpoint.metrics.get(ValidationMetric::RmseDeg.key());
     parts.extend(rmse_deg.map(|rmse| format!("{}°", text::degrees(*rmse))));

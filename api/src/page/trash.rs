@@ -71,6 +71,8 @@ struct TrashedRow {
     kind: ItemKind,
     id: i64,
     name: String,
+    /// The name that people gave the result of a job; empty without one.
+    result: String,
     size: String,
     deleted_at: Instant,
     purge_at: Instant,
@@ -212,6 +214,7 @@ impl From<TrashedItem> for TrashedRow {
             kind: item.kind,
             id: item.id,
             name: item.name,
+            result: item.result_name.unwrap_or_default(),
             size: text::size(item.bytes),
             deleted_at: Instant::new(&item.deleted_at),
             purge_at: Instant::new(&item.purge_at),

@@ -73,6 +73,41 @@ async fn a_job_without_inputs_and_users_has_no_lineage() {
     assert!(boxes(&server, "/jobs/1").await.is_empty());
 }
 
+/// The page of a run had its name, and its own box that of the job.
+#[tokio::test]
+async fn a_thing_has_one_name_on_all_pages() {
+    let server = Server::with_small_pipeline().await;
+    for run in [1, 2] {
+        let name = json!({"name": format!("run {run} of Ada")});
+        assert_eq!(labels::patch(&server, &format!("/v1/runs/{run}"), &name).await.status, 200);
+    }
+    for path in ["/runs/1", "/checkpoints/1", "/datasets/1", "/evaluations/4", "/jobs/5"] {
+        let found = boxes(&server, path).await;
+        for (name, href) in
+            [("run 1 of Ada: train", "runs/1"), ("run 2 of Ada: eval", "evaluations/4")]
+        {
+            let is_there =
+                |(title, to): &(String, String)| title.starts_with(name) && to.ends_with(href);
+            assert!(found.iter().any(is_there), "{path}: {name}: {found:?}");
+        }
+    }
+    for (path, title) in [
+        ("/runs/1", "<h1>run 1 of Ada</h1>"),
+        ("/evaluations/4", "<h1>run 2 of Ada</h1>"),
+        ("/checkpoints/1", "<h1>run 1 of Ada, step 100</h1>"),
+        ("/checkpoints/1/delete", "<h1>Delete run 1 of Ada, step 100?</h1>"),
+        ("/evaluations", ">run 2 of Ada</a>"),
+        ("/checkpoints", ">run 1 of Ada</a>"),
+        // The job keeps its own.
+        ("/jobs/3", "<h1>train</h1>"),
+        ("/jobs/3/delete", "<h1>Delete train?</h1>"),
+        ("/jobs/3/delete", ">run 1 of Ada</a>"),
+    ] {
+        let page = server.get(path).await;
+        assert!(page.text().contains(title), "{path}: {title}: {}", page.text());
+    }
+}
+
 #[tokio::test]
 async fn a_dataset_has_its_own_name_which_is_text() {
     let server = Server::with_small_pipeline().await;

@@ -236,12 +236,13 @@ async fn the_trash_shows_the_names_that_users_gave() {
     let step = server.json("/v1/checkpoints/1").await["step"].clone();
     let of_checkpoint = format!("{training}, step {step}");
     let simulation = format!("jobs/{}", server.json("/v1/datasets/1").await["job"]);
+    let own_name = server.json(&format!("/v1/{simulation}")).await["name"].clone();
     for (path, name) in [
         ("runs/2", "the first test"),
         ("checkpoints/1", &*of_checkpoint),
         ("datasets/1", "arms with payload 1 kg"),
-        // A job has the name of its dataset, if that alone has one.
-        (&*simulation, "arms with payload 1 kg"),
+        // A job keeps its name, and the trash says what its dataset is called.
+        (&*simulation, own_name.as_str().unwrap()),
         ("jobs/5", "night run"),
     ] {
         let question = server.get(&format!("/{path}/delete")).await;
@@ -250,6 +251,11 @@ async fn the_trash_shows_the_names_that_users_gave() {
         deleted(&server, &format!("/v1/{path}")).await;
         assert_eq!(server.json("/v1/trash").await["items"][0]["name"], name, "{path}");
         assert!(server.get("/trash").await.text().contains(name), "{path}");
+        if path == simulation {
+            let trash = server.json("/v1/trash").await;
+            assert_eq!(trash["items"][0]["result_name"], "arms with payload 1 kg");
+            assert!(server.get("/trash").await.text().contains(", with arms with payload 1 kg"));
+        }
         server.post(&format!("/v1/{path}/restore")).await;
     }
 }

@@ -88,8 +88,11 @@ pub struct TrashedItem {
     pub kind: ItemKind,
     /// Its id among those of its kind.
     pub id: i64,
-    /// The name by which people know it: one that they gave, or that of its job.
+    /// The name by which people know it: one that they gave it, or that of its job.
     pub name: String,
+    /// The name that people gave the result of a job, which was deleted with it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub result_name: Option<String>,
     /// Size of its files and of the files of items that were deleted with it.
     pub bytes: u64,
     /// When it was moved into the trash.
@@ -104,7 +107,10 @@ impl Tabled for TrashedItem {
     const COLUMNS: &'static [ListColumn<Self>] = &[
         ListColumn::words("kind", |item| ListCell::text(item.kind)),
         ListColumn::number("id", |item| ListCell::text(item.id)),
-        ListColumn::words("name", |item| ListCell::text(&item.name)),
+        ListColumn::words("name", |item| match &item.result_name {
+            Some(result) => ListCell::text(format!("{}, with {result}", item.name)),
+            None => ListCell::text(&item.name),
+        }),
         ListColumn::number("size", |item| ListCell::Bytes(item.bytes)),
         ListColumn::number("deleted", |item| ListCell::moment(&item.deleted_at)),
         ListColumn::words("kept until", |item| ListCell::text(&item.purge_at)),

@@ -293,26 +293,6 @@ impl Store {
         .await
     }
 
-    /// Pairs of a digest and the name of its newest dataset, whether that still exists or was
-    /// deleted.
-    ///
-    /// # Errors
-    /// When the database fails.
-    #[boxed]
-    pub async fn dataset_names(
-        &self,
-        digests: &[Digest],
-    ) -> Result<Vec<(Digest, String)>, StoreError> {
-        sql(
-            "SELECT dataset.digest, COALESCE(dataset.given_name, job.given_name, job.name) AS name \
-             FROM dataset JOIN job ON job.id = dataset.job WHERE dataset.id IN (SELECT MAX(id) \
-             FROM dataset WHERE digest IN {texts $1} GROUP BY digest) ORDER BY dataset.digest",
-        )
-        .bind(json(&digests))
-        .all(&mut self.read("reading the names of datasets"))
-        .await
-    }
-
     /// The shards in order. While the dataset is building, those that are committed.
     ///
     /// # Errors

@@ -33,7 +33,7 @@ use crate::boxed;
 use crate::database::query::{Row, sql};
 use crate::database::rows::deletion;
 use crate::database::{Scope, Transaction};
-use crate::trash::names::name_of;
+use crate::trash::names::{given_to_result, name_of};
 use crate::trash::rules::{Dependent, Item, Obstacle, Respect, obstacle};
 use crate::trash::statements::trash::ItemRow;
 use crate::{JobId, Store, StoreError, Timestamp};
@@ -82,6 +82,8 @@ pub struct Trashed {
     pub item: Item,
     /// The name by which people know it.
     pub name: String,
+    /// The name that users gave the result of a job, which was deleted with it.
+    pub result_name: Option<String>,
     /// Size of its files and of the files of items that were deleted with it.
     pub bytes: u64,
     /// When it was deleted, and why.
@@ -112,11 +114,12 @@ const DELETING: &str = "deleting something";
 /// covers their own files and the files of items that were deleted with them.
 fn trash() -> String {
     let name = |kind| name_of(kind, "job");
+    let given_to_result = given_to_result("job");
     let [job, run, dataset, checkpoint] =
         [ItemKind::Job, ItemKind::Run, ItemKind::Dataset, ItemKind::Checkpoint].map(name);
     format!(
         "SELECT * FROM (\
-         SELECT 'job' AS kind, job.id, {job} AS name, job.deleted_at, job.purge_at, job.purged_at, job.deletion_reason, \
+         SELECT 'job' AS kind, job.id, {job} AS name, {given_to_result} AS result_name, job.deleted_at, job.purge_at, job.purged_at, job.deletion_reason, \
              (SELECT CAST(COALESCE(SUM(file.size), 0) AS BIGINT) FROM dataset \
                   JOIN shard_file AS file ON file.dataset = dataset.id WHERE dataset.job = job.id) \
              + (SELECT CAST(COALESCE(SUM(file.size), 0) AS BIGINT) FROM run \
@@ -126,18 +129,18 @@ fn trash() -> String {
          FROM job WHERE job.deleted_at IS NOT NULL AND job.purged_at IS NULL \
          AND NOT EXISTS (SELECT 1 FROM pipeline_member AS member JOIN job AS pipeline ON pipeline.id = member.pipeline \
              WHERE member.job = job.id AND pipeline.deleted_at = job.deleted_at) \
-         UNION ALL SELECT 'run', run.id, {run}, run.deleted_at, run.purge_at, run.purged_at, run.deletion_reason, \
+         UNION ALL SELECT 'run', run.id, {run}, NULL, run.deleted_at, run.purge_at, run.purged_at, run.deletion_reason, \
              (SELECT CAST(COALESCE(SUM(file.size), 0) AS BIGINT) FROM artifact AS file WHERE file.run = run.id) \
              + (SELECT CAST(COALESCE(SUM(file.size), 0) AS BIGINT) FROM checkpoint \
                   JOIN checkpoint_file AS file ON file.checkpoint = checkpoint.id WHERE checkpoint.run = run.id) \
          FROM run JOIN job ON job.id = run.job WHERE run.deleted_at IS NOT NULL AND run.purged_at IS NULL \
          AND (job.deleted_at IS NULL OR job.deleted_at <> run.deleted_at) \
-         UNION ALL SELECT 'dataset', dataset.id, {dataset}, dataset.deleted_at, dataset.purge_at, dataset.purged_at, \
+         UNION ALL SELECT 'dataset', dataset.id, {dataset}, NULL, dataset.deleted_at, dataset.purge_at, dataset.purged_at, \
              dataset.deletion_reason, \
              (SELECT CAST(COALESCE(SUM(file.size), 0) AS BIGINT) FROM shard_file AS file WHERE file.dataset = dataset.id) \
          FROM dataset JOIN job ON job.id = dataset.job WHERE dataset.deleted_at IS NOT NULL AND dataset.purged_at IS NULL \
          AND (job.deleted_at IS NULL OR job.deleted_at <> dataset.deleted_at) \
-         UNION ALL SELECT 'checkpoint', checkpoint.id, {checkpoint}, checkpoint.deleted_at, checkpoint.purge_at, \
+         UNION ALL SELECT 'checkpoint', checkpoint.id, {checkpoint}, NULL, checkpoint.deleted_at, checkpoint.purge_at, \
              checkpoint.purged_at, checkpoint.deletion_reason, \
              (SELECT CAST(COALESCE(SUM(file.size), 0) AS BIGINT) FROM checkpoint_file AS file \
               WHERE file.checkpoint = checkpoint.id) \
@@ -282,6 +285,7 @@ impl Store {
             Ok(Trashed {
                 item: Item::new(row.get("kind")?, row.get("id")?),
                 name: row.get("name")?,
+                result_name: row.get("result_name")?,
                 bytes: row.get("bytes")?,
                 deletion: deletion(row)?.ok_or_else(|| row.incomplete())?,
             })

@@ -36,12 +36,12 @@ pub async fn the_last_shard_completes_dataset_and_job(f: Fixture) {
     assert!(building.is_empty());
 }
 
-pub async fn a_digest_has_the_name_of_its_newest_dataset(f: Fixture) {
+pub async fn a_digest_has_the_name_of_the_newest_result(f: Fixture) {
     let first = f.submit_one(simulate(1)).await;
     f.submit_one(NewJob { name: "other".to_owned(), ..simulate(2) }).await;
     let [one, two, none] = [1, 2, 3].map(|seed| digest_of(&simulate(seed)));
     let names = async || {
-        let found = f.store.dataset_names(&[one, two, none]).await.unwrap();
+        let found = f.store.names_of_digests(&[one, two, none]).await.unwrap();
         found.into_iter().collect::<BTreeMap<Digest, String>>()
     };
     let named = |name: &str| BTreeMap::from([(one, name.to_owned()), (two, "other".to_owned())]);
@@ -52,7 +52,7 @@ pub async fn a_digest_has_the_name_of_its_newest_dataset(f: Fixture) {
     let forced = Submission { reuse: Reuse::Never, ..Submission::of(simulate(1)) };
     f.submit(forced).await;
     assert_eq!(names().await, named("train-set"));
-    assert!(f.store.dataset_names(&[]).await.unwrap().is_empty());
+    assert!(f.store.names_of_digests(&[]).await.unwrap().is_empty());
 }
 
 pub async fn a_shard_committed_twice_is_there_once(f: Fixture) {

@@ -257,7 +257,7 @@ macro_rules! all_laws {
                 an_unknown_key_has_no_points;
             datasets:
                 the_last_shard_completes_dataset_and_job,
-                a_digest_has_the_name_of_its_newest_dataset,
+                a_digest_has_the_name_of_the_newest_result,
                 a_shard_committed_twice_is_there_once,
                 a_dataset_without_all_its_trajectories_is_not_complete,
                 a_zombie_neither_commits_nor_overwrites_a_shard,

@@ -353,9 +353,9 @@ pub async fn things_have_the_names_that_users_gave_in_the_trash_too(f: Fixture) 
         (weights, "wide, step 10"),
         (test, "evaluate"),
         (training, "wide"),
-        // Jobs have the names of their results.
-        (simulated.into(), "payload 1 kg"),
-        (trained.into(), "wide"),
+        // Jobs keep theirs, whatever their results are called.
+        (simulated.into(), "train-set"),
+        (trained.into(), "train"),
         (id.into(), "night run"),
     ];
     for (item, name) in expected {
@@ -365,8 +365,15 @@ pub async fn things_have_the_names_that_users_gave_in_the_trash_too(f: Fixture) 
         assert_eq!(f.store.name_of(item).await.unwrap(), name, "{item}");
         f.store.restore(item).await.unwrap();
     }
+    f.store.delete(simulated.into(), &FORCED).await.unwrap();
+    let trashed = f.store.trash(None, 1).await.unwrap().remove(0);
+    assert_eq!(trashed.result_name.as_deref(), Some("payload 1 kg"));
+    f.store.restore(simulated.into()).await.unwrap();
+    let named = f.store.result_names(&[simulated, trained, evaluated]).await.unwrap();
+    let expected = [(simulated, "payload 1 kg"), (trained, "wide"), (evaluated, "evaluate")];
+    assert_eq!(named, expected.map(|(job, name)| (job, name.to_owned())));
     let (_, jobs) = f.store.dependents(data).await.unwrap();
-    assert!(jobs.iter().any(|job| job.name == "wide"), "{jobs:?}");
+    assert!(jobs.iter().any(|job| job.name == "train"), "{jobs:?}");
     let lost = f.store.name_of(Item::new(ItemKind::Run, 99)).await;
     assert!(matches!(lost, Err(StoreError::NotFound { .. })), "{lost:?}");
 }
