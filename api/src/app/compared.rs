@@ -1,8 +1,9 @@
 //! Runs beside each other, of torqued and of clients of MLflow.
 
 use futures::stream::{self, StreamExt as _, TryStreamExt as _};
-use reports::comparison::Compared;
-use store::{CurvePoint, TrackedRun};
+use reports::comparison::{self, Compared};
+use spec::Digest;
+use store::{CurvePoint, TrackedRun, TrackedStatus};
 use wire::RunName;
 
 use crate::app::App;
@@ -14,6 +15,8 @@ pub(crate) struct ComparedRun {
     /// The path of its page.
     pub href: String,
     pub compared: Compared,
+    /// Whether no more values will come.
+    pub has_ended: bool,
     origin: Origin,
 }
 
@@ -35,6 +38,7 @@ impl App {
                 Ok(ComparedRun {
                     href: format!("/runs/{id}"),
                     compared: Compared::from(&run),
+                    has_ended: run.state.is_final(),
                     origin: Origin::Own(*id),
                 })
             }
@@ -46,10 +50,21 @@ impl App {
                 Ok(ComparedRun {
                     href: format!("/logged/{identifier}"),
                     compared: Compared::logged(&run.name, identifier, params, metrics),
+                    has_ended: !matches!(
+                        run.status,
+                        TrackedStatus::Running | TrackedStatus::Scheduled
+                    ),
                     origin: Origin::Logged(run),
                 })
             }
         }
+    }
+
+    /// The runs with the names of the jobs whose digests their specs have.
+    pub(crate) async fn with_names(&self, runs: &[Compared]) -> Result<Vec<Compared>, ApiError> {
+        let digests: Vec<Digest> = comparison::digests(runs).into_iter().collect();
+        let names = self.store.names_of_digests(&digests).await?.into_iter().collect();
+        Ok(comparison::with_names(runs, &names))
     }
 
     /// The curve of a metric of each run, in their order; empty of runs without it.

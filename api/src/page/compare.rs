@@ -5,7 +5,8 @@ use std::mem;
 
 use askama::Template;
 use axum::extract::State;
-use axum::response::Response;
+use axum::http::header::{CONTENT_DISPOSITION, CONTENT_TYPE};
+use axum::response::{IntoResponse as _, Response};
 use reports::Table;
 use reports::comparison::{self, Compared};
 use spec::ValidationMetric;
@@ -19,7 +20,9 @@ use crate::error::ApiError;
 use crate::extract::QueryPairs;
 use crate::limits::COMPARED_RUNS;
 use crate::page::answer::{PageError, html};
+use crate::page::lists::CSV;
 use crate::page::parts::Link;
+use crate::page::text;
 
 /// The size of one metric of several.
 const PANEL: figures::Size = figures::Size { width: 760, height: 300 };
@@ -44,6 +47,10 @@ struct ComparePage {
     /// The metric over one of them.
     scatter: Option<String>,
     tables: Vec<Table>,
+    /// The address of the tables as CSV.
+    csv: String,
+    /// Whether all runs have ended.
+    settled: bool,
 }
 
 /// The query of the page.
@@ -59,10 +66,17 @@ struct Asked {
     against: Option<String>,
     /// The field by whose values curves are grouped.
     group: Option<String>,
+    /// Whether the tables are asked for, as a file.
+    is_csv: bool,
 }
 
+/// Runs that stand beside each other, each in a column. More of them stand in rows, if parameters
+/// are fewer.
+const COLUMNS: usize = 6;
+
 pub async fn show(State(app): State<App>, pairs: QueryPairs) -> Result<Response, PageError> {
-    let mut asked = Asked::read(&pairs.filled())?;
+    let pairs = pairs.filled();
+    let mut asked = Asked::read(&pairs)?;
     let mut found: Vec<ComparedRun> = Vec::with_capacity(asked.runs.len());
     let mut trashed = Vec::new();
     for name in &asked.runs {
@@ -76,6 +90,10 @@ pub async fn show(State(app): State<App>, pairs: QueryPairs) -> Result<Response,
     let is_there = |name: &RunName| !matches!(name, RunName::Own(id) if trashed.contains(id));
     asked.runs.retain(is_there);
     let runs: Vec<Compared> = found.iter().map(|run| run.compared.clone()).collect();
+    if asked.is_csv {
+        return as_csv(&tables(&runs, asked.all));
+    }
+    let named = app.with_names(&runs).await?;
     let keys: BTreeSet<&String> = runs.iter().flat_map(|run| run.metrics.keys()).collect();
     let drawn: Vec<String> = match &asked.metric {
         Some(key) => vec![key.clone()],
@@ -89,7 +107,7 @@ pub async fn show(State(app): State<App>, pairs: QueryPairs) -> Result<Response,
     };
     let name_of = |places: &[usize]| match &field {
         None => name_of_seeds(&runs, places),
-        Some(field) => name_of_group(&runs, places, field),
+        Some(field) => name_of_group(&named, places, field),
     };
     let mut panels = Vec::new();
     for key in &drawn {
@@ -143,12 +161,39 @@ pub async fn show(State(app): State<App>, pairs: QueryPairs) -> Result<Response,
         smoothing: asked.smoothing,
         all: asked.all,
         figure,
-        tables: [comparison::metrics(&runs), comparison::parameters(&runs, asked.all)]
-            .into_iter()
-            .filter(|table| !table.rows.is_empty())
-            .collect(),
+        csv: csv_address(&pairs),
+        settled: found.iter().all(|run| run.has_ended),
+        tables: tables(&named, asked.all).into_iter().map(|table| legible(table, &runs)).collect(),
     };
     Ok(html(&page)?)
+}
+
+/// The metrics and the parameters, without tables that have no rows.
+fn tables(runs: &[Compared], all: bool) -> Vec<Table> {
+    let tables = [comparison::metrics(runs), comparison::parameters(runs, all)];
+    tables.into_iter().filter(|table| !table.rows.is_empty()).collect()
+}
+
+/// A table that is no wider than it needs to be.
+fn legible(table: Table, runs: &[Compared]) -> Table {
+    let is_wide = runs.len() > COLUMNS && table.rows.len() < runs.len();
+    if is_wide { table.transposed("run") } else { table }
+}
+
+/// The same text that `torqued compare --csv` prints.
+fn as_csv(tables: &[Table]) -> Result<Response, PageError> {
+    let csv: Result<Vec<String>, _> = tables.iter().map(Table::to_csv).collect();
+    let csv = csv.map_err(|_| ApiError::Internal)?.concat();
+    let name = "attachment; filename=\"comparison.csv\"";
+    Ok(([(CONTENT_TYPE, "text/csv; charset=utf-8"), (CONTENT_DISPOSITION, name)], csv)
+        .into_response())
+}
+
+fn csv_address(pairs: &[(String, String)]) -> String {
+    let mut query = form_urlencoded::Serializer::new(String::new());
+    query.extend_pairs(pairs.iter().filter(|(name, _)| name == "run" || name == "all"));
+    query.append_pair("format", CSV);
+    format!("/compare?{}", query.finish())
 }
 
 /// The name of the mean of runs that share a field's value.
@@ -161,6 +206,9 @@ fn name_of_group(runs: &[Compared], places: &[usize], field: &str) -> String {
     }
 }
 
+/// Runs of a curve that its name has the ids of.
+const NAMED: usize = 3;
+
 /// The name of a curve: that of its run, or of all runs that repeat each other.
 fn name_of_seeds(runs: &[Compared], places: &[usize]) -> String {
     let label =
@@ -168,8 +216,17 @@ fn name_of_seeds(runs: &[Compared], places: &[usize]) -> String {
     match places {
         [only] => runs[*only].label.clone(),
         several => {
-            let ids: Vec<&str> = several.iter().map(|&place| label(place).0).collect();
-            format!("{} {}, mean of {} seeds", ids.join(" "), label(several[0]).1, ids.len())
+            let mut ids: Vec<&str> = several.iter().map(|&place| label(place).0).collect();
+            // The links above the figure have all of them.
+            if ids.len() > NAMED {
+                ids.splice(1.., ["…"]);
+            }
+            let all: Vec<Compared> = several.iter().map(|&place| runs[place].clone()).collect();
+            let mean = match (all.len(), comparison::seeds(&all)) {
+                (runs, seeds) if runs == seeds => format!("{seeds} seeds"),
+                (runs, seeds) => format!("{runs} runs, {}", text::counted(seeds, "seed")),
+            };
+            format!("{} {}, mean of {mean}", ids.join(" "), label(several[0]).1)
         }
     }
 }
@@ -196,6 +253,7 @@ impl Asked {
             all: false,
             against: None,
             group: None,
+            is_csv: false,
         };
         for (name, value) in pairs {
             match name.as_str() {
@@ -220,6 +278,7 @@ impl Asked {
                 "all" => asked.all = value == "1",
                 "against" => asked.against = Some(value.clone()),
                 "group" => asked.group = Some(value.clone()),
+                "format" => asked.is_csv = value == CSV,
                 _ => {}
             }
         }

@@ -132,7 +132,7 @@ pub async fn show<T: Paged + Sync>(
 }
 
 /// The value of the parameter `format` that asks for CSV.
-const CSV: &str = "csv";
+pub const CSV: &str = "csv";
 
 /// The list as a file: the first [`EXPORTED_ITEMS`] items, from the first page on.
 async fn as_csv<T: Paged + Sync>(

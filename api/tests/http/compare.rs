@@ -31,8 +31,14 @@ async fn runs_stand_beside_each_other_with_a_curve_their_metrics_and_what_differ
     }
     let run = server.json("/v1/runs/1").await;
     let digest = run["spec"]["data"]["digest"].as_str().unwrap();
-    let short = format!("<td title=\"{digest}\">{}…</td>", &digest[..12]);
-    assert!(both.contains(&short), "{short}: {both}");
+    let named = format!("<td>train-set ({})</td>", &digest[..12]);
+    assert!(both.contains(&named), "{named}: {both}");
+    let csv = server.get("/compare?run=1&run=2&format=csv").await;
+    assert_eq!(csv.header("content-type"), "text/csv; charset=utf-8");
+    for part in ["metric,1 train,2 evaluate\n", "\nparameter,1 train,2 evaluate\n", digest] {
+        assert!(csv.text().contains(part), "{part}: {}", csv.text());
+    }
+    assert!(both.contains("href=\"./compare?run=1&#38;run=2&#38;format=csv\""), "{both}");
     let chosen = page(&server, "?run=1,2&metric=train/loss&x=time&smoothing=0.5&all=1").await;
     for part in ["<option selected>train/loss", "value=\"0.5\"", "time (s)", "<h2>Parameters</h2>"]
     {
@@ -99,6 +105,37 @@ async fn curves_are_grouped_by_the_value_of_a_parameter() {
     }
     let other = page(&server, &format!("{query}&group=colour")).await;
     assert!(other.contains("mean of 2 seeds"), "another name is no mistake");
+}
+
+/// The page said "mean of 4 seeds" of runs with the seeds 0, 0, 1 and 2.
+#[tokio::test]
+async fn runs_and_their_seeds_are_counted_apart() {
+    let server = Server::with_small_pipeline().await;
+    for seed in [0, 0, 1, 2, 3, 4, 5] {
+        let mut training = small_training(&json!({"dataset": 1}));
+        training["seed"] = json!(seed);
+        let answer = server.submit_to("/v1/jobs?force=true", &training, &[]).await;
+        assert_eq!(answer.status, 201, "{answer:?}");
+        server.work().await;
+    }
+    let four = page(&server, "?run=3,4,5,6&metric=train/loss").await;
+    assert!(four.contains("mean of 4 runs, 3 seeds"), "{four}");
+    assert!(!four.contains("<th>Run</th>"), "{four}");
+    // Above six runs, each has a row.
+    let seven = page(&server, "?run=3,4,5,6,7,8,9&metric=train/loss").await;
+    assert!(seven.contains("3 … train") && seven.contains("mean of 7 runs, 6 seeds"), "{seven}");
+    assert!(seven.contains("<th>run</th><th>seed</th>"), "{seven}");
+}
+
+#[tokio::test]
+async fn a_comparison_renews_itself_while_a_run_runs() {
+    let server = Server::with_small_pipeline().await;
+    let settled = "id=\"shown\" data-live data-events=\"./v1/events\" data-settled=\"for-good\"";
+    assert!(page(&server, "?run=1,2").await.contains(settled));
+    server.submitted(&small_training(&json!({"dataset": 1}))).await;
+    server.claim().await.unwrap();
+    let running = page(&server, "?run=1,3").await;
+    assert!(running.contains("data-live") && !running.contains("data-settled"), "{running}");
 }
 
 #[tokio::test]

@@ -202,7 +202,8 @@ fn listed(figure: &Figure) -> Vec<usize> {
 }
 
 /// Chooses the legend's side. It is beside the plot if it would take several rows below, and the
-/// drawing is wide enough.
+/// drawing is wide enough. Names that would be cut there stand below, if that leaves most of the
+/// height to the plot.
 fn legend_room(figure: &Figure, width: f64, spare_height: f64) -> LegendRoom {
     let room = width - 2.0 * MARGIN - 60.0;
     let entry_width = |name: &str| LEGEND_LINE + LEGEND_SPACE + text::width(name, FONT_SIZE);
@@ -211,12 +212,6 @@ fn legend_room(figure: &Figure, width: f64, spare_height: f64) -> LegendRoom {
         .iter()
         .map(|&place| entry_width(&text::printable(&figure.series[place].name)).min(room))
         .collect();
-
-    let in_one_row = widths.iter().sum::<f64>() + row_count(widths.len()) * LEGEND_GAP <= room;
-    if !in_one_row && width >= 560.0 {
-        let widest = widths.iter().copied().fold(0.0, f64::max);
-        return LegendRoom::Right { width: (widest + LEGEND_GAP).min(width * 0.34) };
-    }
 
     let mut rows: Vec<Vec<(usize, f64)>> = Vec::new();
     let mut row_end = f64::INFINITY;
@@ -229,6 +224,15 @@ fn legend_room(figure: &Figure, width: f64, spare_height: f64) -> LegendRoom {
             row.push((series, row_end));
         }
         row_end += entry + LEGEND_GAP;
+    }
+
+    let in_one_row = widths.iter().sum::<f64>() + row_count(widths.len()) * LEGEND_GAP <= room;
+    if !in_one_row && width >= 560.0 {
+        let beside = widths.iter().copied().fold(0.0, f64::max) + LEGEND_GAP;
+        let most = width * 0.34;
+        if beside <= most || row_count(rows.len()) * LEGEND_ROW > spare_height / 2.0 {
+            return LegendRoom::Right { width: beside.min(most) };
+        }
     }
     let fitting = (1..=rows.len())
         .rev()

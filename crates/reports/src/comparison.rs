@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use serde_json::Value;
+use spec::Digest;
 use wire::{Run, Unit};
 
 use crate::cell::shortened;
@@ -121,6 +122,51 @@ pub fn repetitions(runs: &[Compared]) -> Vec<Vec<usize>> {
     };
     let specs: Vec<BTreeMap<String, Value>> = runs.iter().map(without_seeds).collect();
     equal(&specs)
+}
+
+/// The number of different seeds among runs. A run with several seeds counts as one.
+pub fn seeds(runs: &[Compared]) -> usize {
+    let of_run = |run: &Compared| {
+        let seeds = fields(&run.parameters).into_iter().filter(|(name, _)| is_seed(name));
+        seeds.map(|(name, value)| (name, value.clone())).collect::<BTreeMap<String, Value>>()
+    };
+    equal(&runs.iter().map(of_run).collect::<Vec<_>>()).len()
+}
+
+/// The digests in the specs of runs, which stand for results of other jobs.
+pub fn digests(runs: &[Compared]) -> BTreeSet<Digest> {
+    fn collect(value: &Value, found: &mut BTreeSet<Digest>) {
+        match value {
+            Value::String(text) => found.extend(text.parse::<Digest>()),
+            Value::Array(values) => values.iter().for_each(|value| collect(value, found)),
+            Value::Object(fields) => fields.values().for_each(|value| collect(value, found)),
+            _ => {}
+        }
+    }
+    let mut found = BTreeSet::new();
+    runs.iter().for_each(|run| collect(&run.parameters, &mut found));
+    found
+}
+
+/// The runs with a name before each digest that has one: `train-set (98f7…)`.
+#[must_use]
+pub fn with_names(runs: &[Compared], names: &BTreeMap<Digest, String>) -> Vec<Compared> {
+    fn name(value: &mut Value, names: &BTreeMap<Digest, String>) {
+        match value {
+            Value::String(text) => {
+                let digest = text.parse::<Digest>().ok();
+                if let Some((digest, named)) = digest.and_then(|it| Some((it, names.get(&it)?))) {
+                    *text = format!("{named} ({})", digest.short());
+                }
+            }
+            Value::Array(values) => values.iter_mut().for_each(|value| name(value, names)),
+            Value::Object(fields) => fields.values_mut().for_each(|value| name(value, names)),
+            _ => {}
+        }
+    }
+    let mut named = runs.to_vec();
+    named.iter_mut().for_each(|run| name(&mut run.parameters, names));
+    named
 }
 
 /// The places of runs that have the same value of a field, in the order of their first runs. Runs
@@ -360,6 +406,20 @@ mod tests {
     #[test]
     fn runs_that_differ_in_their_seeds_repeat_each_other() {
         assert_eq!(repetitions(&three()), [vec![0, 2], vec![1]]);
+        assert_eq!([seeds(&three()), seeds(&three()[..2])], [2, 1]);
+    }
+
+    #[test]
+    fn a_digest_that_has_a_name_is_shown_by_it() {
+        let spec =
+            |digit: &str| json!({"data": {"digest": digit.repeat(64)}, "of": [digit.repeat(64)]});
+        let runs = [run(1, &spec("a"), None), run(2, &spec("b"), None)];
+        let [a, b] = ["a", "b"].map(|digit| digit.repeat(64).parse::<Digest>().unwrap());
+        assert_eq!(digests(&runs), BTreeSet::from([a, b]));
+        let named = with_names(&runs, &BTreeMap::from([(a, "train-set".to_owned())]));
+        let table = parameters(&named, false).render();
+        assert!(table.contains("train-set (aaaaaaaaaaaa)  bbbbbbbbbbbb…"), "{table}");
+        assert!(table.contains("[\"train-set (aaaaaaaaaaaa)\"]"), "{table}");
     }
 
     #[test]

@@ -160,6 +160,30 @@ impl Table {
         Self { title: title.into(), note: note.into(), ..self }
     }
 
+    /// The table with a row for each column but the first, whose heading becomes `first`, and a
+    /// column for each row. Links of rows are left out.
+    #[must_use]
+    pub fn transposed(&self, first: &str) -> Self {
+        let own = Column { heading: first.to_owned(), align: Align::Left, about: String::new() };
+        let of_row = |row: &Vec<Cell>| Column {
+            heading: row.first().map(Cell::value).unwrap_or_default(),
+            align: self.columns.get(1).map_or(Align::Left, |column| column.align),
+            about: String::new(),
+        };
+        let columns = std::iter::once(own).chain(self.rows.iter().map(of_row)).collect();
+        let row = |(k, column): (usize, &Column)| {
+            let heading = std::iter::once(Cell::from(column.heading.as_str()));
+            heading.chain(self.rows.iter().map(|row| row[k].clone())).collect()
+        };
+        Self {
+            title: self.title.clone(),
+            note: self.note.clone(),
+            columns,
+            rows: self.columns.iter().enumerate().skip(1).map(row).collect(),
+            links: Vec::new(),
+        }
+    }
+
     /// Each row with the address of the page that it leads to, which may be empty.
     pub fn linked_rows(&self) -> impl Iterator<Item = (&str, &[Cell])> {
         let links = self.links.iter().map(String::as_str).chain(std::iter::repeat(""));
@@ -245,5 +269,19 @@ mod tests {
         table.push(vec!["7", "a"]);
         table.push(vec!["1234", "längst"]);
         assert_eq!(table.render(), "  id  name\n   7  a\n1234  längst\n");
+    }
+
+    #[test]
+    fn a_transposed_table_has_a_row_for_each_column() {
+        let columns =
+            [("parameter", Align::Left), ("4 train", Align::Right), ("7 train", Align::Right)];
+        let mut table = Table::new(columns);
+        table.push(vec!["seed", "0", "1"]);
+        table.push(vec!["steps", "10", "20"]);
+        let across = table.transposed("run");
+        assert_eq!(
+            across.render(),
+            "run      seed  steps\n4 train     0     10\n7 train     1     20\n"
+        );
     }
 }

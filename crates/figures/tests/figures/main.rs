@@ -273,6 +273,20 @@ fn a_band_with_infinite_ends_covers_the_plot_and_one_without_ends_is_not_drawn()
     assert!(description(&document).contains("is not drawn: it has no ends"));
 }
 
+/// Beside the plot, `2 10 11 12 18 1…ean of 7 seeds` stood for a group of runs.
+#[test]
+fn long_names_of_a_few_curves_are_whole_below_the_plot() {
+    let name = |k: u32| format!("{k} train-lagrangian with a long name, mean of 7 runs, 3 seeds");
+    let drawn = |count: u32| {
+        let curves = (1..=count).map(|k| Curve::line(name(k), points(&[1.0, 2.0]))).collect();
+        figure(curves).to_svg(Size::PAGE).unwrap()
+    };
+    let few = drawn(3);
+    assert!((1..=3).all(|k| few.contains(&format!(">{}</text>", name(k)))), "{few}");
+    // With many, the plot needs the height.
+    assert!(!drawn(12).contains(&format!(">{}</text>", name(1))));
+}
+
 #[test]
 fn the_legend_never_lies_on_the_plot() {
     let many = |count: usize| {
