@@ -287,6 +287,39 @@ test("runs that are ticked in their list stand beside each other", async () => {
   assertClean();
 });
 
+test("ticked runs are kept over orders and lists, counted in a bar at the window's edge, and compared by a key", async () => {
+  await page.setViewportSize({ width: 1200, height: 420 });
+  await page.goto(`${product.url}/runs`);
+  const [first, second] = await page.locator(".tick input").evaluateAll((all) => all.map((it) => it.value));
+  const box = (run) => page.locator(`.tick input[value="${run}"]`);
+  await box(first).check();
+  await box(second).check();
+  const bar = page.getByRole("button", { name: "Compare (2)" });
+  const { y, height } = await bar.boundingBox();
+  assert.ok(y + height <= 420, `the bar ends at ${y + height}`);
+  await page.getByRole("link", { name: "name", exact: true }).click();
+  await page.waitForURL(/sort=/);
+  await bar.waitFor();
+  assert.ok(await box(first).isChecked() && await box(second).isChecked());
+  await page.goto(`${product.url}/logged`);
+  await bar.waitFor();
+  assert.ok(await box(first).isChecked());
+  await box(second).uncheck();
+  await page.getByRole("button", { name: "Compare (1)" }).waitFor();
+  await box(second).check();
+  // Those that a filter hides are compared, too.
+  await page.goto(`${product.url}/runs?text=no-run-has-this-name`);
+  await page.goto(`${product.url}/runs?sort=name`);
+  await page.keyboard.press("c");
+  await page.waitForURL(/compare/);
+  assert.deepEqual(new URL(page.url()).searchParams.getAll("run").sort(), [first, second].sort());
+  await page.goto(`${product.url}/runs`);
+  await page.getByRole("button", { name: "Clear" }).click();
+  assert.equal(await page.locator(".tick input:checked").count(), 0);
+  await page.getByRole("button", { name: "Compare", exact: true }).waitFor();
+  assertClean();
+});
+
 test("a job is duplicated, refused beside the field that is wrong, corrected and launched", async () => {
   await page.goto(`${product.url}/jobs/${member("train-set")}`);
   await page.getByRole("link", { name: "Duplicate and edit" }).click();

@@ -219,7 +219,8 @@ fn name_of_seeds(runs: &[Compared], places: &[usize]) -> String {
             let mut ids: Vec<&str> = several.iter().map(|&place| label(place).0).collect();
             // The links above the figure have all of them.
             if ids.len() > NAMED {
-                ids.splice(1.., ["…"]);
+                ids.truncate(1);
+                ids.push("…");
             }
             let all: Vec<Compared> = several.iter().map(|&place| runs[place].clone()).collect();
             let mean = match (all.len(), comparison::seeds(&all)) {
