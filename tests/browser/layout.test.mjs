@@ -196,6 +196,16 @@ test("on a phone figures are as wide as the screen", async () => {
   await plain.close();
 });
 
+test("on a phone a lineage shows the box that the page is about", async () => {
+  const page = await browser.newPage({ viewport: { width: 390, height: 844 } });
+  for (const path of [pages.run, pages.evaluation]) {
+    await page.goto(product.url + path);
+    const { x, width } = await page.locator(".lineage .here rect").boundingBox();
+    assert.ok(x >= 0 && x + width <= 390, `${path}: from ${x} to ${x + width}`);
+  }
+  await page.close();
+});
+
 test("on a phone the columns of the first page stay apart", async () => {
   const page = await browser.newPage({ viewport: { width: 390, height: 844 } });
   await page.goto(product.url);

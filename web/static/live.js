@@ -144,6 +144,11 @@ const logged = location.hash.match(/^#\/experiments\/\d+\/runs\/([0-9a-z-]+)/);
 if (logged) location.replace(`/logged/${logged[1]}`);
 
 localize(document);
+// On a narrow screen, the box that the page is about may be far to the right.
+for (const box of document.querySelectorAll(".lineage .here rect")) {
+  const region = box.closest(".lineage");
+  region.scrollLeft = box.x.baseVal.value + (box.width.baseVal.value - region.clientWidth) / 2;
+}
 if (document.querySelector("[data-live]")) {
   document.addEventListener("visibilitychange", seeOrHide);
   listen();
