@@ -43,6 +43,8 @@ struct DatasetPage {
     short_digest: String,
     /// That its job failed or was cancelled, in words.
     unfinished: String,
+    /// Its contents in a sentence; empty before the first trajectory.
+    answer: String,
     warnings: Vec<String>,
     facts: Vec<Fact>,
     /// Whether it can be verified.
@@ -110,6 +112,7 @@ pub async fn show(
         digest: dataset.digest.to_string(),
         short_digest: dataset.digest.short(),
         unfinished: unfinished(&job),
+        answer: answer(&dataset, job.kind, summary.trajectories),
         warnings,
         facts,
         complete: dataset.completed_at.is_some(),
@@ -168,6 +171,36 @@ fn unfinished(job: &Job) -> String {
         (JobState::Failed, None) => format!("The {filling} failed."),
         (JobState::Cancelled, _) => format!("The {filling} was cancelled."),
         _ => String::new(),
+    }
+}
+
+/// The contents of a dataset in a sentence or two. Empty while there is no trajectory.
+fn answer(dataset: &Dataset, kind: JobKind, trajectories: u64) -> String {
+    if trajectories == 0 {
+        return String::new();
+    }
+    let so_far = match dataset.trajectories {
+        all if all > trajectories => format!(" of {}", text::count(all)),
+        _ => String::new(),
+    };
+    let arms = if kind == JobKind::Import { "recorded" } else { "simulated" };
+    let joints = data_of(&dataset.spec)
+        .map_or(String::new(), |data| format!(" with {}", text::counted(data.joints(), "joint")));
+    let rate = dataset.spec["rate_hz"].as_f64().unwrap_or(f64::NAN);
+    let seconds = f64::from(dataset.samples) / rate;
+    let plural = if trajectories == 1 { "y" } else { "ies" };
+    let contents = format!(
+        "{}{so_far} trajector{plural} of {arms} arms{joints}, {} s each at {} Hz.",
+        text::count(trajectories),
+        text::value(seconds),
+        text::value(rate),
+    );
+    match dataset.rejected {
+        0 => contents,
+        refused => {
+            let drawn = text::counted(trajectories + refused, "draw");
+            format!("{contents} {} of {drawn} were refused.", text::count(refused))
+        }
     }
 }
 

@@ -9,6 +9,9 @@ use crate::access;
 use crate::page::instant::Instant;
 use crate::page::text;
 
+/// Warnings that stand open below each other. Further ones are folded.
+pub const WARNINGS: usize = 3;
+
 /// A progress bar with a text below it.
 #[derive(Debug, PartialEq)]
 pub struct Bar {

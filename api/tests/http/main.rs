@@ -3,6 +3,7 @@
 #![expect(clippy::unwrap_used, reason = "a test stops where its case cannot be set up")]
 
 mod access;
+mod answers;
 mod buttons;
 mod compare;
 mod connections;
