@@ -1,7 +1,7 @@
 //! The list of all runs: those of torqued and those that clients of MLflow logged, with a filter, an order and columns over
 //! any metric and parameter.
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 
 use askama::Template;
 use axum::extract::State;
@@ -23,6 +23,7 @@ use crate::page::compare::main_keys;
 use crate::page::filter_query::FilterQuery;
 use crate::page::instant::Instant;
 use crate::page::kinds::own_page;
+use crate::page::lists::suggested;
 use crate::page::logged::state;
 use crate::page::text;
 
@@ -41,6 +42,10 @@ struct AllRunsPage {
     /// Why the filter or the order is refused; empty if it is not.
     problem: String,
     columns: Vec<Column>,
+    /// What the field of columns may become: those that are chosen, and one more that a run of the page has.
+    suggested: Vec<String>,
+    /// Chosen columns that no run of the page has.
+    unknown: Vec<String>,
     rows: Vec<Row>,
     next: Option<String>,
 }
@@ -78,6 +83,11 @@ pub async fn show(State(app): State<App>, pairs: QueryPairs) -> Result<Response,
     let chosen: Vec<String> = chosen.split([' ', ',']).map(str::to_owned).collect();
     let mut names: Vec<String> = chosen.into_iter().filter(|name| !name.is_empty()).collect();
     names.truncate(LISTED_COLUMNS);
+    let known = known_columns(&found.runs);
+    let unknown = names.iter().filter(|name| !found.runs.is_empty() && !known.contains(*name));
+    let unknown = unknown.cloned().collect();
+    let chosen: Vec<&str> = names.iter().map(String::as_str).collect();
+    let suggested = suggested(&chosen, &known);
     if names.is_empty() {
         names = usual_columns(&found.runs);
     }
@@ -96,6 +106,8 @@ pub async fn show(State(app): State<App>, pairs: QueryPairs) -> Result<Response,
     };
     let page = AllRunsPage {
         columns: names.iter().map(column).collect(),
+        suggested,
+        unknown,
         rows: found.runs.iter().map(|run| Row::of(run, &found.experiments, &names)).collect(),
         next: found.next.map(|next| asked.with("cursor", Some(&next))),
         ..AllRunsPage::new(&asked)
@@ -129,6 +141,16 @@ async fn search(app: &App, asked: &FilterQuery) -> Result<Found, MlflowError> {
     Ok(Found { runs, experiments: experiments.into_iter().map(named).collect(), next })
 }
 
+/// The metrics and parameters of these runs.
+fn known_columns(runs: &[Run]) -> BTreeSet<String> {
+    let of_run = |run: &Run| {
+        let metrics = run.data.metrics.iter().map(|metric| metric.key.clone());
+        let params = run.data.params.iter().map(|param| param.key.clone());
+        metrics.chain(params).collect::<Vec<_>>()
+    };
+    runs.iter().flat_map(of_run).collect()
+}
+
 /// The metrics that say how good models are, and those that most of the runs have.
 fn usual_columns(runs: &[Run]) -> Vec<String> {
     let mut counts: BTreeMap<&String, usize> = BTreeMap::new();
@@ -155,6 +177,8 @@ impl AllRunsPage {
             chosen: asked.value("columns"),
             problem: String::new(),
             columns: Vec::new(),
+            suggested: Vec::new(),
+            unknown: Vec::new(),
             rows: Vec::new(),
             next: None,
         }

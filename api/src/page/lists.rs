@@ -1,6 +1,8 @@
 //! The lists of datasets, runs, checkpoints, evaluations and robots, each with a filter, orders and pages.
 //! Their columns are declared in `wire`.
 
+use std::collections::BTreeSet;
+
 use askama::Template;
 use axum::extract::State;
 use axum::http::header::{CONTENT_DISPOSITION, CONTENT_TYPE};
@@ -12,6 +14,7 @@ use wire::{
 
 use crate::app::App;
 use crate::app::listing::ListRequest;
+use crate::app::mlflow::spec_fields;
 use crate::app::resources::Resource;
 use crate::error::ApiError;
 use crate::extract::QueryPairs;
@@ -38,13 +41,24 @@ struct ListTemplate {
     empty: Option<Note>,
     /// The columns that the reader chose, in one text.
     chosen: String,
-    /// The headings, and whether the columns are of numbers.
-    columns: Vec<(String, bool)>,
+    columns: Vec<Heading>,
+    /// What the field of chosen columns may become: those that are chosen, and one more that an item of the page has.
+    suggested: Vec<String>,
+    /// Chosen columns that no item of the page has.
+    unknown: Vec<String>,
     rows: Vec<ListRow>,
     next: Option<String>,
     /// The address of the whole list as CSV.
     csv: String,
     comparable: Comparable,
+}
+
+/// The head of a column.
+struct Heading {
+    name: String,
+    is_number: bool,
+    /// The address of all runs in the order of a chosen metric; empty for other columns.
+    sorted: String,
 }
 
 pub struct ListRow {
@@ -80,6 +94,21 @@ pub trait Paged: Resource {
         None
     }
 
+    /// The columns that a reader may choose, as far as this item has them: metrics, and fields of the spec.
+    fn choices(&self) -> Vec<String> {
+        Vec::new()
+    }
+
+    /// Whether it has a metric of this name.
+    fn has_metric(&self, _name: &str) -> bool {
+        false
+    }
+
+    /// The address of all items in the order of a metric. `None` without such a page.
+    fn sorted_by(_metric: &str, _columns: &[&str]) -> Option<String> {
+        None
+    }
+
     /// Changes rows by data that the items do not have.
     fn complete_rows(
         _: &App,
@@ -109,6 +138,10 @@ pub async fn show<T: Paged + Sync>(
     let (items, next) = found.into_parts();
     let mut rows: Vec<ListRow> = items.iter().map(|item| ListRow::of(item, &chosen)).collect();
     T::complete_rows(&app, &items, &mut rows).await?;
+    let known: BTreeSet<String> = match list.has_columns {
+        true => items.iter().flat_map(Paged::choices).collect(),
+        false => BTreeSet::new(),
+    };
     let page = ListTemplate {
         list,
         text: asked.value("text"),
@@ -116,11 +149,16 @@ pub async fn show<T: Paged + Sync>(
         filtered: asked.is_filtered(),
         sort: asked.order(),
         orders: asked.orders(list),
-        columns: chosen
-            .iter()
-            .map(|column| ((*column).to_owned(), true))
-            .chain(T::COLUMNS.iter().map(|it| (text::title(it.heading), it.is_number)))
-            .collect(),
+        columns: headings::<T>(&chosen, &items),
+        suggested: suggested(&chosen, &known),
+        unknown: match items.is_empty() {
+            true => Vec::new(),
+            false => chosen
+                .iter()
+                .filter(|column| !known.contains(**column))
+                .map(|column| (*column).to_owned())
+                .collect(),
+        },
         empty: Note::new(list.empty),
         chosen: chosen.join(" "),
         rows,
@@ -129,6 +167,31 @@ pub async fn show<T: Paged + Sync>(
         comparable: Comparable::of(&app, list, &asked, &items).await?,
     };
     Ok(html(&page)?)
+}
+
+fn headings<T: Paged>(chosen: &[&str], items: &[T]) -> Vec<Heading> {
+    let is_metric = |column: &str| items.iter().any(|item| item.has_metric(column));
+    let of_chosen = |column: &&str| Heading {
+        name: (*column).to_owned(),
+        is_number: true,
+        sorted: match is_metric(column) {
+            true => T::sorted_by(column, chosen).unwrap_or_default(),
+            false => String::new(),
+        },
+    };
+    let own = T::COLUMNS.iter().map(|column| Heading {
+        name: text::title(column.heading),
+        is_number: column.is_number,
+        sorted: String::new(),
+    });
+    chosen.iter().map(of_chosen).chain(own).collect()
+}
+
+/// The texts that complete the field of chosen columns.
+pub fn suggested(chosen: &[&str], known: &BTreeSet<String>) -> Vec<String> {
+    let others = known.iter().filter(|column| !chosen.contains(&column.as_str()));
+    let with = |column: &String| [chosen, &[column.as_str()]].concat().join(" ");
+    others.map(with).collect()
 }
 
 /// The value of the parameter `format` that asks for CSV.
@@ -231,6 +294,23 @@ impl Paged for Run {
         page.unwrap_or_else(|| format!("/jobs/{}", self.job))
     }
 
+    fn choices(&self) -> Vec<String> {
+        let fields = spec_fields(&self.spec).into_iter().map(|field| field.key);
+        self.metrics.keys().cloned().chain(fields).collect()
+    }
+
+    fn has_metric(&self, name: &str) -> bool {
+        self.metrics.contains_key(name)
+    }
+
+    /// The list of all runs is sorted by any metric.
+    fn sorted_by(metric: &str, columns: &[&str]) -> Option<String> {
+        let mut query = form_urlencoded::Serializer::new(String::new());
+        query.append_pair("columns", &columns.join(" "));
+        query.append_pair("order", &format!("metrics.`{metric}` ASC"));
+        Some(format!("/logged?{}", query.finish()))
+    }
+
     fn job(&self) -> Option<i64> {
         Some(self.job)
     }
@@ -239,6 +319,10 @@ impl Paged for Run {
 impl Paged for Checkpoint {
     fn href(&self) -> String {
         format!("/checkpoints/{}", self.id)
+    }
+
+    fn choices(&self) -> Vec<String> {
+        self.metrics.keys().cloned().collect()
     }
 
     fn job(&self) -> Option<i64> {

@@ -239,3 +239,29 @@ async fn a_list_is_saved_as_csv_with_its_filter_its_order_and_its_columns() {
     }
     assert_eq!(server.get("/runs?format=csv&sort=size").await.status, 400);
 }
+
+/// A column of a metric had no order, and a name that nothing has an empty column without a word.
+#[tokio::test]
+async fn chosen_columns_are_suggested_lead_to_their_order_and_are_missed_aloud() {
+    let server = Server::with_small_pipeline().await;
+    let page = server.get("/runs?columns=train/loss,steps,nosuch").await;
+    for part in [
+        "<option value=\"train/loss steps nosuch validation/loss\">",
+        "<option value=\"train/loss steps nosuch optimizer.learning_rate\">",
+        "href=\"./logged?columns=train%2Floss+steps+nosuch&#38;order=metrics.%60train%2Floss%60+ASC\"",
+        "<th class=\"number\">steps</th>",
+        "Nothing on this page has <code>nosuch</code>.",
+    ] {
+        assert!(page.text().contains(part), "{part}: {}", page.text());
+    }
+    let sorted =
+        server.get("/logged?columns=train/loss+nosuch&order=metrics.%60train/loss%60+ASC").await;
+    for part in ["train/loss \u{2191}", "No run on this page has <code>nosuch</code>."] {
+        assert!(sorted.text().contains(part), "{part}: {}", sorted.text());
+    }
+    for path in ["/runs?columns=train/loss", "/logged?columns=steps", "/checkpoints"] {
+        let page = server.get(path).await;
+        assert!(!page.text().contains("on this page has"), "{path}: {}", page.text());
+        assert!(page.text().contains("<datalist id=\"suggested\"><option"), "{path}");
+    }
+}

@@ -16,6 +16,7 @@ use crate::mlflow::{ErrorCode, MlflowError};
 
 pub use artifacts::{ArtifactPlace, artifact_name};
 pub use experiments::ExperimentSearch;
+pub use own_runs::params as spec_fields;
 pub use search::RunSearch;
 
 /// A run as clients name it.
