@@ -121,6 +121,9 @@ pub(crate) struct JointDynamics {
     pub(crate) friction: f64,
     /// Inertia of the rotor at the joint, kg·m². Other programs do not know this attribute.
     pub(crate) armature: f64,
+    /// φ2, s/rad, of friction that bends as f tanh(φ2 q̇ / 2). Other programs do not know this
+    /// attribute.
+    pub(crate) phi2: Option<f64>,
 }
 
 /// The joint's position is `multiplier` times that of `joint`, plus `offset`.

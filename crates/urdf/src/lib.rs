@@ -14,7 +14,8 @@
 //!
 //! Whatever the URDF leaves open, or what looks like a mistake but is allowed, is a [`Doubt`] of the
 //! arm, with the value that was assumed. `limits` and `initial` have these values. A URDF's Coulomb
-//! friction f becomes f tanh(20 q̇), which is smooth.
+//! friction f becomes f tanh(20 q̇), which is smooth. The attribute `phi2_s_rad` of `<dynamics>` makes
+//! it f tanh(φ2 q̇ / 2).
 //!
 //! An inertia that no body can have is an error if its link moves, unless
 //! [`Options::nearest_physical`] asks for the nearest possible. The links are repaired one by one,
@@ -132,14 +133,15 @@ pub fn read(text: &str, options: &Options) -> Result<Arm, UrdfError> {
         .iter()
         .map(|joint| Limits::of(joint, &mut doubts))
         .collect::<Result<Vec<Limits>, UrdfError>>()?;
+    let has_friction = limits.iter().any(|limits| limits.friction_nm > 0.0);
+    let is_assumed = |limits: &Limits| limits.friction_nm > 0.0 && limits.phi2_s_rad.is_none();
     let rubbing: Vec<&str> = joints
         .iter()
         .zip(&limits)
-        .filter(|(_, limits)| limits.friction_nm > 0.0)
+        .filter(|(_, limits)| is_assumed(limits))
         .map(|(joint, _)| joint.name.as_str())
         .collect();
-    let has_friction = !rubbing.is_empty();
-    if has_friction {
+    if !rubbing.is_empty() {
         doubts.robot(format!(
             "the friction f of the joints {} is taken over as f tanh(20 q̇), for specs that ask for friction",
             part::listed(rubbing)
@@ -166,7 +168,8 @@ pub fn read(text: &str, options: &Options) -> Result<Arm, UrdfError> {
             torque_nm: limits.torque_nm,
             damping_nm_s_rad: limits.damping_nm_s_rad,
             armature_kg_m2: limits.armature_kg_m2,
-            friction: has_friction.then(|| limits::described(limits.friction_nm)),
+            friction: has_friction
+                .then(|| limits::described(limits.friction_nm, limits.phi2_s_rad)),
             multisine_divisor: 1.0,
             least_inertia_kg_m2: None,
             link,

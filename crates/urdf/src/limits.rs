@@ -24,8 +24,9 @@ const MAX_DAMPING_NM_S_RAD: f64 = 1000.0;
 const MAX_FRICTION_NM: f64 = 50.0;
 const MAX_ARMATURE_KG_M2: f64 = 10.0;
 
-/// Steepness of friction at rest, s/rad. Coulomb friction f is f tanh(20 q̇).
-const FRICTION_SLOPE_S_RAD: f64 = 40.0;
+/// φ2 of a friction whose `<dynamics>` has none, s/rad. Coulomb friction f is f tanh(20 q̇) then.
+pub(crate) const PHI2_S_RAD: f64 = 40.0;
+const MAX_PHI2_S_RAD: f64 = 1000.0;
 
 /// The numbers of a joint beside its place and its body.
 pub(crate) struct Limits {
@@ -35,6 +36,8 @@ pub(crate) struct Limits {
     pub(crate) damping_nm_s_rad: f64,
     /// Coulomb friction, N·m.
     pub(crate) friction_nm: f64,
+    /// The friction's φ2 as the URDF says it, s/rad.
+    pub(crate) phi2_s_rad: Option<f64>,
     pub(crate) armature_kg_m2: f64,
 }
 
@@ -48,29 +51,35 @@ impl Limits {
             rate(limit.velocity, MAX_VELOCITY_RAD_S, VELOCITY_RAD_S, "velocity", "rad/s", doubts)?;
         let torque_nm = rate(limit.effort, MAX_TORQUE_NM, TORQUE_NM, "effort", "N·m", doubts)?;
         let position_rad = positions(joint, doubts)?;
-        let JointDynamics { damping, friction, armature } = joint.friction.unwrap_or_default();
+        let JointDynamics { damping, friction, armature, phi2 } =
+            joint.friction.unwrap_or_default();
         within(joint, "dynamics damping", damping, MAX_DAMPING_NM_S_RAD, "N·m·s/rad")?;
         within(joint, "dynamics friction", friction, MAX_FRICTION_NM, "N·m")?;
         within(joint, "dynamics armature", armature, MAX_ARMATURE_KG_M2, "kg·m²")?;
+        if let Some(phi2) = phi2 {
+            within(joint, "dynamics phi2_s_rad", phi2, MAX_PHI2_S_RAD, "s/rad")?;
+        }
         Ok(Self {
             position_rad,
             velocity_rad_s,
             torque_nm,
             damping_nm_s_rad: damping,
             friction_nm: friction,
+            phi2_s_rad: phi2,
             armature_kg_m2: armature,
         })
     }
 }
 
-/// Whether a Coulomb friction is [`described`] as this friction.
+/// Whether a friction is the same in both directions, as the frictions that are [`described`].
 pub(crate) fn is_coulomb(friction: &JointFriction) -> bool {
-    friction.phi1_nm == 0.0 || *friction == described(0.5 * friction.phi1_nm)
+    friction.phi1_nm == 0.0 || friction.phi3_rad_s == 0.0
 }
 
 /// Coulomb friction as a description has it: φ1 / (1 + exp(-φ2 q̇)) - φ1 / 2 = φ1 / 2 tanh(φ2 q̇ / 2).
-pub(crate) const fn described(friction_nm: f64) -> JointFriction {
-    JointFriction { phi1_nm: 2.0 * friction_nm, phi2_s_rad: FRICTION_SLOPE_S_RAD, phi3_rad_s: 0.0 }
+pub(crate) fn described(friction_nm: f64, phi2_s_rad: Option<f64>) -> JointFriction {
+    let phi2_s_rad = phi2_s_rad.unwrap_or(PHI2_S_RAD);
+    JointFriction { phi1_nm: 2.0 * friction_nm, phi2_s_rad, phi3_rad_s: 0.0 }
 }
 
 fn within(joint: &Joint, field: &str, value: f64, most: f64, unit: &str) -> Result<(), UrdfError> {

@@ -349,8 +349,8 @@ fn read_dynamics(
     part: &Part,
     start: &BytesStart<'_>,
 ) -> Result<JointDynamics, UrdfError> {
-    let names = ["damping", "friction", "armature"];
-    let [damping, friction, armature] = elements.attributes(part, start, names)?;
+    let names = ["damping", "friction", "armature", "phi2_s_rad"];
+    let [damping, friction, armature, phi2] = elements.attributes(part, start, names)?;
     let value = |text: Option<String>, field: &str| match text {
         Some(text) => number(part, field, &text, OTHERS),
         None => Ok(0.0),
@@ -359,6 +359,7 @@ fn read_dynamics(
         damping: value(damping, "dynamics damping")?,
         friction: value(friction, "dynamics friction")?,
         armature: value(armature, "dynamics armature")?,
+        phi2: phi2.map(|text| number(part, "dynamics phi2_s_rad", &text, OTHERS)).transpose()?,
     })
 }
 

@@ -25,11 +25,11 @@ const WELDED: &str = "<!-- torqued: the mass of this link and of others without 
 /// - The child link of each moving joint gets the body that the joint moves, in its own frame. An
 ///   `<inertial>` that is there gets other numbers and keeps its place and comments.
 /// - The other links of that body lose their `<inertial>`. A comment at the first one says so.
-/// - The `<dynamics>` of each moving joint gets damping, Coulomb friction, φ1 / 2, and rotor
-///   inertia, as the attribute `armature`. If the description does not know the friction, the
-///   text's stays. A joint without any of them needs no `<dynamics>`.
-/// - A comment beside it has the friction if it is not that of [`read`](crate::read). Writing
-///   again replaces the comment.
+/// - The `<dynamics>` of each moving joint gets damping, Coulomb friction, φ1 / 2, rotor inertia, as
+///   the attribute `armature`, and φ2, as the attribute `phi2_s_rad`, unless it is that of
+///   [`read`](crate::read) without one. If the description does not know the friction, the text's
+///   stays. A joint without any of them needs no `<dynamics>`.
+/// - A comment beside it has the friction if φ3 is not 0. Writing again replaces the comment.
 ///
 /// All else stays byte for byte: comments, spaces, line ends, the order of elements and
 /// attributes, meshes, other links and joints, limits and poses. Numbers that do not change keep
@@ -139,23 +139,31 @@ impl Edits<'_> {
                 self.remove(comment);
             }
         }
+        let friction = description.friction;
+        let bent = friction.filter(|friction| friction.phi1_nm != 0.0);
         let values = [
-            ("damping", Some(description.damping_nm_s_rad)),
-            ("friction", description.friction.map(|friction| 0.5 * friction.phi1_nm)),
-            (ARMATURE, Some(description.armature_kg_m2)),
+            ("damping", Some(description.damping_nm_s_rad), None),
+            ("friction", friction.map(|friction| 0.5 * friction.phi1_nm), None),
+            ("armature", Some(description.armature_kg_m2), Some(0.0)),
+            ("phi2_s_rad", bent.map(|friction| friction.phi2_s_rad), Some(limits::PHI2_S_RAD)),
         ];
-        let known = || values.into_iter().filter_map(|(name, value)| Some((name, value?)));
+        let known = || {
+            values.into_iter().filter_map(|(name, value, default)| Some((name, value?, default)))
+        };
         let comment = remark(description);
         if let Some(dynamics) = joint.child("dynamics") {
-            for (name, value) in known() {
-                self.set(dynamics, name, &[value], &[0.0]);
+            for (name, value, default) in known() {
+                self.set(dynamics, name, &[value], &[default.unwrap_or(0.0)]);
             }
             if let Some(comment) = comment {
                 let end = dynamics.whole.end;
                 self.list.push((end..end, comment));
             }
-        } else if comment.is_some() || known().any(|(_, value)| value != 0.0) {
-            let named = known().filter(|(name, value)| *name != ARMATURE || *value != 0.0);
+        } else if comment.is_some()
+            || known().any(|(_, value, default)| value != default.unwrap_or(0.0))
+        {
+            let named = known().filter(|(_, value, default)| *default != Some(*value));
+            let named = named.map(|(name, value, _)| (name, value));
             let new = format!("<dynamics{}/>{}", attributes(named), comment.unwrap_or_default());
             self.append(joint, &new);
         }
@@ -245,9 +253,6 @@ struct Lines {
     /// One more level of indentation.
     step: String,
 }
-
-/// The attribute of `<dynamics>` for the rotor inertia, which URDF itself does not have.
-const ARMATURE: &str = "armature";
 
 /// A comment with friction that a URDF cannot say.
 fn remark(joint: &JointDescription) -> Option<String> {

@@ -260,7 +260,7 @@ fn a_text_keeps_its_bytes_but_for_the_numbers() {
         ),
         (
             "spring_stiffness='3' />",
-            "spring_stiffness='3' friction=\"0.25\" /> \
+            "spring_stiffness='3' friction=\"0.25\" phi2_s_rad=\"20\" /> \
              <!-- torqued: phi1_nm 0.5, phi2_s_rad 20, phi3_rad_s -0.125 -->",
         ),
         (
@@ -290,6 +290,7 @@ fn a_comment_of_an_earlier_writing_is_replaced() {
     let twice = write(&once, &arm, &description).unwrap();
     let expected = once
         .replace("armature=\"0.01\"", "armature=\"0\"")
+        .replace("phi2_s_rad=\"20\" />", "phi2_s_rad=\"40\" />")
         .replace(" <!-- torqued: phi1_nm 0.5, phi2_s_rad 20, phi3_rad_s -0.125 -->", "");
     assert_eq!(twice, expected);
 }
@@ -304,6 +305,27 @@ fn a_rotor_inertia_is_read_back() {
     let wrong = WRITTEN.replacen("spring_stiffness='3'", "armature='-0.5'", 1);
     let message = read(&wrong, &options()).unwrap_err().to_string();
     assert!(message.contains("dynamics armature is -0.5"), "{message}");
+}
+
+/// An identified arm had another bend in its URDF, tanh(20 q̇), than in its description.
+#[test]
+fn the_bend_of_friction_is_read_back() {
+    let (arm, mut description) = written();
+    description.joints[0].friction = Some(JointFriction { phi2_s_rad: 200.0, ..COULOMB });
+    description.joints[1].friction = Some(JointFriction { phi2_s_rad: 12.5, ..COULOMB });
+    let text = write(WRITTEN, &arm, &description).unwrap();
+    assert!(text.contains("friction=\"0.5\" armature=\"0.01\" phi2_s_rad=\"12.5\"/>"), "{text}");
+    let again = read(&text, &options()).unwrap();
+    for (again, joint) in again.description.joints.iter().zip(&description.joints) {
+        assert_eq!(again.friction, joint.friction);
+    }
+    let assumed = again.doubts.iter().filter(|doubt| doubt.to_string().contains("tanh"));
+    assert_eq!(assumed.count(), 0, "the URDF says how the friction bends");
+    assert_eq!(write(&text, &arm, &description).unwrap(), text);
+    let wrong = text.replacen("phi2_s_rad=\"200\"", "phi2_s_rad='1001'", 1);
+    let message = read(&wrong, &options()).unwrap_err().to_string();
+    assert!(message.contains("dynamics phi2_s_rad is 1001"), "{message}");
+    assert!(message.contains("0 to 1000 s/rad"), "{message}");
 }
 
 #[test]
