@@ -84,7 +84,12 @@ pub enum UrdfError {
         allowed: String,
     },
     /// A joint or an option names a link or joint that is not there.
-    #[error("{user} names {named}, which is not there{}", suggestion(.nearest.as_deref()))]
+    #[error(
+        "{user} names {named}, which is not there{} The {} are {}",
+        suggestion(.nearest.as_deref()),
+        if matches!(named, Part::Joint(_)) { "joints" } else { "links" },
+        listed(.allowed.iter().map(String::as_str))
+    )]
     Unknown {
         /// The joint's element or the option.
         user: String,
@@ -92,6 +97,8 @@ pub enum UrdfError {
         named: Part,
         /// The name that was probably meant.
         nearest: Option<String>,
+        /// The links or joints that are there.
+        allowed: Vec<String>,
     },
     /// A link is the child of two joints.
     #[error(
@@ -244,5 +251,5 @@ pub enum UrdfError {
 }
 
 fn suggestion(nearest: Option<&str>) -> String {
-    nearest.map(|name| format!("; did you mean `{name}`?")).unwrap_or_default()
+    nearest.map_or_else(|| ".".to_owned(), |name| format!("; did you mean `{name}`?"))
 }

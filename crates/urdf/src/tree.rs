@@ -130,6 +130,7 @@ impl Tree {
             named: Part::Link(name.to_owned()),
             nearest: nearest(name, self.links.iter().map(|link| link.name.as_str()))
                 .map(str::to_owned),
+            allowed: self.links.iter().map(|link| link.name.clone()).collect(),
         })
     }
 
@@ -144,6 +145,7 @@ impl Tree {
             named: Part::Joint(name.to_owned()),
             nearest: nearest(name, self.joints.iter().map(|joint| joint.name.as_str()))
                 .map(str::to_owned),
+            allowed: self.joints.iter().map(|joint| joint.name.clone()).collect(),
         })
     }
 }

@@ -119,6 +119,8 @@ fn names() {
     check_replaced("child link=\"hand\"", "child link=\"x\"", &["<child> of joint `wrist`"]);
     check(ARM, &tip("hnad"), &["the tip names link `hnad`", "did you mean `hand`?"]);
     check(ARM, &lock("elbw", 0.0), &["a lock names joint `elbw`", "did you mean `elbow`?"]);
+    let there = "joint `foo`, which is not there. The joints are `shoulder`, `elbow`, `wrist`";
+    check(ARM, &lock("foo", 0.0), &[there]);
     let base = Options { base: Some("floor".to_owned()), ..Options::default() };
     check(ARM, &base, &["the base names link `floor`"]);
 }
