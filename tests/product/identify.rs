@@ -280,7 +280,8 @@ pub fn import(product: &Product, folder: &Path) -> [Value; 3] {
     assert_eq!(code, Some(0), "{errors}");
     let arm: Value = serde_json::from_str(&arm).unwrap();
     let mut add = torqued(&["robot", "add", "arm.urdf", "--server", &product.url]);
-    let (code, _, errors) = run_to_end(add.current_dir(folder));
+    let (code, _, errors) = run_to_end(add.args(name).current_dir(folder));
+    let name = ["--name", "the pendulum of the lab"];
     assert_eq!(code, Some(0), "{errors}");
     let spec = json!({
         "kind": "import", "format": "csv", "columns": {"time": "t", "u": ["u1"], "q": ["q1"]},
@@ -341,6 +342,7 @@ async fn an_identification_is_a_job_that_survives_its_worker() {
     assert_eq!((&robot["job"], &robot["digest"]), (&first["id"], &report["robot"]), "{robot:#}");
     let simulation = json!({
         "kind": "simulate", "trajectories": 2, "samples": 60,
+    assert_eq!(robot["name"], "the pendulum of the lab, identified");
         "robot": {"model": {"robot": robot["id"]}, "friction": {}, "gravity": "on"},
         "excitation": {"multisine": {"frequency_hz": {"fixed": 0.1}}},
     });

@@ -47,19 +47,23 @@ pub async fn add(arguments: AddArguments) -> anyhow::Result<ExitCode> {
         None => ("application/json", serde_json::to_string(found.description())?),
     };
     let mut parameters = robot.parameters();
-    parameters.extend(name.map(|name| ("name", name)));
+    parameters.extend(name.clone().map(|name| ("name", name)));
     let (robot, is_new) = server.client()?.add_robot(media_type, text, &parameters).await?;
     if output.json {
         write_json(&robot)?;
     } else {
-        print!("{}", text_of(&robot, is_new));
+        print!("{}", text_of(&robot, name.as_deref(), is_new));
     }
     Ok(ExitCode::SUCCESS)
 }
 
-fn text_of(robot: &Robot, is_new: bool) -> String {
+fn text_of(robot: &Robot, given: Option<&str>, is_new: bool) -> String {
     let Robot { id, name, joints, .. } = robot;
-    let exists = if is_new { "" } else { ", which the server had already" };
+    let exists = match given.filter(|given| given != name) {
+        _ if is_new => String::new(),
+        Some(given) => format!(", which the server had already: it keeps this name, not {given:?}"),
+        None => ", which the server had already".to_owned(),
+    };
     let mut text = format!(
         "robot {id}: {name}, {joints} joints{exists}\n\
          in a spec: \"robot\": {{\"model\": {{\"robot\": {id}}}}}\n"

@@ -10,7 +10,7 @@ use std::ops::ControlFlow;
 use dynamics::Scenarios;
 use identification::{Recording, Settings, identify, identify_load};
 use spec::{DataSource, DataSources, IdentifySpec, RobotDescription, SpecError};
-use store::{NewRobot, RobotSource};
+use store::{NewRobot, Robot, RobotSource};
 
 use crate::attempt::Attempt;
 use crate::dataset::DatasetReader;
@@ -54,7 +54,8 @@ fn run(attempt: &Attempt) -> Result<(), TaskError> {
     }
     attempt.check_stop()?;
 
-    let source = source(attempt, described)?;
+    let kept = attempt.wait(attempt.store.robot_by_digest(digest(described)))?;
+    let source = kept.as_ref().map(|robot| source(attempt, robot)).transpose()?.flatten();
     let urdf = source.as_ref().map(|(source, arm)| (source.urdf.as_str(), arm));
     let arm = IdentifiedArm { described, urdf, found: &found, loads: &loads };
     let report = arm.report();
@@ -67,7 +68,7 @@ fn run(attempt: &Attempt) -> Result<(), TaskError> {
     }
     let options = source.as_ref().map(|(source, _)| source.options.clone());
     let robot = NewRobot {
-        name: format!("{}, identified", described.name),
+        name: identified_name(kept.as_ref().map_or(&described.name, |robot| &robot.name)),
         description: arm.description(),
         source: arm.urdf()?.zip(options).map(|(urdf, options)| RobotSource { urdf, options }),
         doubts: warnings,
@@ -78,16 +79,19 @@ fn run(attempt: &Attempt) -> Result<(), TaskError> {
     attempt.end(attempt.store.commit_robot(attempt.fence(), &robot, &result))
 }
 
-/// The URDF of the described arm, if the server keeps the arm and it came as a URDF.
-fn source(
-    attempt: &Attempt,
-    described: &RobotDescription,
-) -> Result<Option<(RobotSource, urdf::Arm)>, TaskError> {
-    let store = &attempt.store;
-    let Some(robot) = attempt.wait(store.robot_by_digest(digest(described)))? else {
+/// The name of the arm that was identified from a robot of this name.
+fn identified_name(described: &str) -> String {
+    const ENDING: &str = ", identified";
+
+    // An identified arm may be identified again.
+    format!("{}{ENDING}", described.strip_suffix(ENDING).unwrap_or(described))
+}
+
+/// The URDF of a robot that the server keeps, if it came as a URDF.
+fn source(attempt: &Attempt, robot: &Robot) -> Result<Option<(RobotSource, urdf::Arm)>, TaskError> {
+    let Some(source) = attempt.wait(attempt.store.robot_source(robot.id))? else {
         return Ok(None);
     };
-    let Some(source) = attempt.wait(store.robot_source(robot.id))? else { return Ok(None) };
     let options: urdf::Options = serde_json::from_value(source.options.clone())?;
     let arm = urdf::read(&source.urdf, &options).map_err(ArmFileError::from)?;
     Ok(Some((source, arm)))
