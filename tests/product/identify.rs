@@ -139,6 +139,8 @@ fn logs_that_do_not_fit_the_arm_are_refused_before_any_work() {
     for (flags, said) in [
         (&["--q", "q1,u1"][..], "--q names 2 columns, allowed: 1, one per joint"),
         (&["--time", "zeit"], "there is no column \"zeit\", only t, q1, u1"),
+        (&["--angle", "grad"], "possible values: rad, deg"),
+        (&["--separator", "ab"], "allowed: one character, or \\t for a tab"),
         (&["--low-pass-hz", "70"], "--low-pass-hz is 70 Hz, allowed for recording \"one.csv\""),
         (&["--gain-deviation", "2"], "--gain-deviation is 2, allowed: 0 to 1"),
         (&["--most-delay-s", "1"], "--most-delay-s is 1, allowed: 0 to 0.1"),
@@ -279,9 +281,9 @@ pub fn import(product: &Product, folder: &Path) -> [Value; 3] {
         run_to_end(torqued(&["robot", "show", "arm.urdf", "--json"]).current_dir(folder));
     assert_eq!(code, Some(0), "{errors}");
     let arm: Value = serde_json::from_str(&arm).unwrap();
+    let name = ["--name", "the pendulum of the lab"];
     let mut add = torqued(&["robot", "add", "arm.urdf", "--server", &product.url]);
     let (code, _, errors) = run_to_end(add.args(name).current_dir(folder));
-    let name = ["--name", "the pendulum of the lab"];
     assert_eq!(code, Some(0), "{errors}");
     let spec = json!({
         "kind": "import", "format": "csv", "columns": {"time": "t", "u": ["u1"], "q": ["q1"]},
@@ -340,9 +342,9 @@ async fn an_identification_is_a_job_that_survives_its_worker() {
     // The server keeps the identified arm, and it is simulated at once.
     let robot = product.get("/v1/robots").await["robots"][0].clone();
     assert_eq!((&robot["job"], &robot["digest"]), (&first["id"], &report["robot"]), "{robot:#}");
+    assert_eq!(robot["name"], "the pendulum of the lab, identified");
     let simulation = json!({
         "kind": "simulate", "trajectories": 2, "samples": 60,
-    assert_eq!(robot["name"], "the pendulum of the lab, identified");
         "robot": {"model": {"robot": robot["id"]}, "friction": {}, "gravity": "on"},
         "excitation": {"multisine": {"frequency_hz": {"fixed": 0.1}}},
     });

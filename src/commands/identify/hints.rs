@@ -1,10 +1,12 @@
 //! Names the flags of the command in place of the fields of a mapping, which errors name.
 
 /// Fields of a mapping, and the flag that sets each.
-const FLAGS: [(&str, &str); 7] = [
+const FLAGS: [(&str, &str); 9] = [
     ("\"unwrap\"", "--unwrap"),
     ("csv.decimal_comma", "--decimal-comma"),
     ("csv.separator", "--separator"),
+    ("units.time", "--time-unit"),
+    ("units.angle", "--angle"),
     ("columns.time", "--time"),
     ("columns.q", "--q"),
     ("columns.u", "--u"),
@@ -12,9 +14,7 @@ const FLAGS: [(&str, &str); 7] = [
 ];
 
 /// Fields of a mapping that have no flag.
-const FIELDS: [&str; 12] = [
-    "units.time",
-    "units.angle",
+const FIELDS: [&str; 10] = [
     "ranges.q_rad",
     "ranges.qd_rad_s",
     "ranges.u_nm",
@@ -57,7 +57,7 @@ mod tests {
         let degrees = hint("allowed: -20 to 20 rad (ranges.q_rad); say so in units.angle").unwrap();
         assert_eq!(
             degrees,
-            "hint: units.angle and ranges.q_rad are fields of a mapping, see --mapping"
+            "hint: units.angle is --angle; ranges.q_rad is a field of a mapping, see --mapping"
         );
         let wraps = hint("(ranges.qd_rad_s); \"unwrap\": true makes it continuous").unwrap();
         assert_eq!(

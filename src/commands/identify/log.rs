@@ -24,13 +24,21 @@ use crate::progress::measure::counted;
 /// Flags for the columns of logs.
 #[derive(Clone, Debug, Args)]
 pub struct LogArguments {
-    /// The column of times in s: its name, or its number from 1 on [default: t; MCAP: stamp]
+    /// The column of times: its name, or its number from 1 on [default: t; MCAP: stamp]
     #[arg(long, value_name = "COLUMN")]
     time: Option<String>,
 
-    /// The columns of positions in rad, from the base outwards: names, numbers such as `2-7`, one column of lists, or elements of lists such as `state[0:6]` [default: q1,q2,..; MCAP: position]
+    /// The unit of times
+    #[arg(long, value_name = "UNIT", value_parser = ["s", "ms", "us", "ns"], default_value = "s")]
+    time_unit: String,
+
+    /// The columns of positions, from the base outwards: names, numbers such as `2-7`, one column of lists, or elements of lists such as `state[0:6]` [default: q1,q2,..; MCAP: position]
     #[arg(long, value_name = "COLUMNS")]
     q: Option<String>,
+
+    /// The unit of positions
+    #[arg(long, value_name = "UNIT", value_parser = ["rad", "deg"], default_value = "rad")]
+    angle: String,
 
     /// The columns of joint torques in N·m, with the gravity that the motors carry [default: u1,u2,..; MCAP: effort]
     #[arg(long, value_name = "COLUMNS")]
@@ -40,8 +48,8 @@ pub struct LogArguments {
     #[arg(long, value_name = "NUMBERS", value_delimiter = ',')]
     gains: Option<Vec<f64>>,
 
-    /// The character between two columns of text
-    #[arg(long, value_name = "CHARACTER", default_value = ",")]
+    /// The character between two columns of text; `\t` is a tab
+    #[arg(long, value_name = "CHARACTER", default_value = ",", value_parser = separator)]
     separator: char,
 
     /// Numbers of a text have a comma before their decimals
@@ -57,7 +65,9 @@ pub struct LogArguments {
     #[arg(
         long,
         value_name = "MAPPING.json",
-        conflicts_with_all = ["time", "q", "u", "gains", "separator", "decimal_comma", "unwrap"]
+        conflicts_with_all = [
+            "time", "time_unit", "q", "angle", "u", "gains", "separator", "decimal_comma", "unwrap"
+        ]
     )]
     mapping: Option<PathBuf>,
 }
@@ -182,8 +192,8 @@ impl LogReader<'_> {
 
     /// The fields of an import that the flags state.
     fn of_flags(&self, path: &Path, format: FileFormat) -> anyhow::Result<Map<String, Value>> {
-        let LogArguments { time, q, u, gains, separator, decimal_comma, unwrap, .. } =
-            self.arguments;
+        let LogArguments { time, time_unit, q, angle, u, gains, .. } = self.arguments;
+        let LogArguments { separator, decimal_comma, unwrap, .. } = self.arguments;
         let joints = self.robot.joints.len();
         let each = |letter: char| -> Vec<String> {
             (1..=joints).map(|joint| format!("{letter}{joint}")).collect()
@@ -221,6 +231,7 @@ impl LogReader<'_> {
                 "u": columns("--u", u, of_u, joints)?,
                 "gains": gains,
             },
+            "units": {"time": time_unit, "angle": angle},
             "unwrap": unwrap,
         });
         if format == FileFormat::Csv {
@@ -272,6 +283,14 @@ impl LogReader<'_> {
         let fields = reader.records().next().transpose()?.unwrap_or_default();
         Ok(fields.iter().map(|field| field.trim().to_owned()).collect())
     }
+}
+
+/// A character, or the name of one that a shell hardly lets through.
+fn separator(text: &str) -> Result<char, String> {
+    if text == "\\t" {
+        return Ok('\t');
+    }
+    text.parse().map_err(|_| "allowed: one character, or \\t for a tab".to_owned())
 }
 
 /// The columns of a log, as far as they are known before it is read.
@@ -342,7 +361,7 @@ fn listed(text: &str, header: &Header) -> anyhow::Result<Vec<String>> {
 /// A hint if the only column of a text looks like several.
 fn other_separator(names: &[String]) -> String {
     let [only] = names else { return String::new() };
-    let separators = [(';', "';'"), ('\t', "$'\\t'"), ('|', "'|'"), (' ', "' '")];
+    let separators = [(';', "';'"), ('\t', "'\\t'"), ('|', "'|'"), (' ', "' '")];
     let other = separators.into_iter().find(|(separator, _)| only.contains(*separator));
     other.map_or_else(String::new, |(_, flag)| {
         format!("\nhint: if columns have another separator, say --separator {flag}")
@@ -352,7 +371,7 @@ fn other_separator(names: &[String]) -> String {
 #[cfg(test)]
 mod tests {
     use clap::Parser;
-    use spec::{ImportColumns, RobotModel};
+    use spec::{AngleUnit, ImportColumns, ImportUnits, RobotModel, TimeUnit};
 
     use super::*;
 
@@ -403,6 +422,11 @@ mod tests {
         let spec = spec_of(&flags, "log.txt", "t;q1;q2;u1;u2\n0,1;0,5;2;3;4\n").unwrap();
         assert_eq!((spec.csv.separator, spec.csv.decimal_comma, spec.unwrap), (';', true, true));
         assert_eq!(spec.columns.gains, Some(vec![10.0, -2.0]));
+        let units = ["--separator", "\\t", "--time-unit", "ms", "--angle", "deg"];
+        let spec = spec_of(&units, "log.txt", "t\tq1\tq2\tu1\tu2\n").unwrap();
+        assert_eq!(spec.csv.separator, '\t');
+        assert_eq!(spec.units, ImportUnits { time: TimeUnit::Ms, angle: AngleUnit::Deg });
+        assert!(Command::try_parse_from(["identify", "--separator", "ab"]).is_err());
         let spaced = spec_of(&["--separator", " "], "log.txt", "t  q1 q2\tu1 u2\n").unwrap();
         assert_eq!(spaced.columns.u, ["u1", "u2"]);
     }
@@ -441,7 +465,7 @@ mod tests {
 
     #[test]
     fn a_text_with_another_separator_says_so() {
-        for (separator, flag) in [(";", "--separator ';'"), ("\t", "--separator $'\\t'")] {
+        for (separator, flag) in [(";", "--separator ';'"), ("\t", "--separator '\\t'")] {
             let other = refusal(&[], &"t,q1,q2,u1,u2\n".replace(',', separator));
             assert!(other.ends_with(flag), "{other}");
         }
