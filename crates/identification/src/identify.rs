@@ -93,7 +93,8 @@ pub fn identify(
     beginnings_rad_s.extend(described.clone());
     let expected_rad_s = described.unwrap_or_else(|| vec![BEND_RAD_S; joints]);
     let prior = Prior::of(description, &expected_rad_s, settings.gain_deviation)?;
-    let mut found = search(&prior, &beginnings_rad_s, recordings, validation, settings, progress)?;
+    let start = Start { description, prior, beginnings_rad_s };
+    let mut found = search(start, recordings, validation, settings, progress)?;
     let Settings { gain_deviation, most_delay_s, .. } = *settings;
     let purpose = Purpose::Identification { gain_deviation, most_delay_s };
     let all = [recordings, validation].concat();
@@ -122,9 +123,9 @@ pub fn identify_load(
     let Settings { gain_deviation, most_delay_s, .. } = *settings;
     // The delay is that of the arm.
     let settings = Settings { most_delay_s: 0.0, ..*settings };
-    let beginnings_rad_s = [arm.bends_rad_s()];
-    let prior = Prior::loaded(arm);
-    let mut found = search(&prior, &beginnings_rad_s, recordings, validation, &settings, progress)?;
+    let beginnings_rad_s = vec![arm.bends_rad_s()];
+    let start = Start { description, prior: Prior::loaded(arm), beginnings_rad_s };
+    let mut found = search(start, recordings, validation, &settings, progress)?;
     let purpose = Purpose::Load { gain_deviation, most_delay_s };
     let all = [recordings, validation].concat();
     let doubts = doubts_before_fit(&arm.description(description), &all, purpose)?;
@@ -132,26 +133,35 @@ pub fn identify_load(
     Ok(found)
 }
 
+/// The beginning of a search.
+struct Start<'a> {
+    description: &'a RobotDescription,
+    prior: Prior,
+    /// The bends, rad/s, with which a regression begins each.
+    beginnings_rad_s: Vec<Vec<f64>>,
+}
+
 /// The best regression of those that begin with each of these bends, and the arm from there.
 fn search(
-    prior: &Prior,
-    beginnings_rad_s: &[Vec<f64>],
+    start: Start<'_>,
     recordings: &[Recording],
     validation: &[Recording],
     settings: &Settings,
     progress: Progress<'_>,
 ) -> Result<Identification, IdentificationError> {
+    let Start { description, prior, beginnings_rad_s } = start;
     let joints = prior.arm.joints();
-    let motions = motions(recordings, joints, settings)?;
-    let validation = self::motions(validation, joints, settings)?;
+    let motions = motions(recordings, description, settings)?;
+    let validation = self::motions(validation, description, settings)?;
     check_together(motions.iter().chain(&validation))?;
     if motions.is_empty() {
         return Err(IdentificationError::NoRecordings);
     }
     let mut warnings = Vec::new();
     check_motion(&motions, joints, &mut warnings)?;
+    warnings.extend((0..joints).filter_map(|joint| about_cuts(&motions, joint)));
 
-    let mut best = torque_fit::best_of(prior, beginnings_rad_s, &motions, progress)?;
+    let mut best = torque_fit::best_of(&prior, &beginnings_rad_s, &motions, progress)?;
     let mut delay = None;
     let most_delay_s = settings.most_delay_s;
     if most_delay_s > 0.0 {
@@ -166,9 +176,15 @@ fn search(
         (best, delay) = (fit, Some(found));
     }
     let TorqueFit { prior, mut arm, mut torques, covariance, .. } = best;
-    if settings.motion_steps > 0 {
+    let windows = Windows::new(&motions, EVERY_S).without_cuts();
+    if settings.motion_steps > 0 && windows.count() == 0 {
+        let longest_s = HORIZONS_S[HORIZONS_S.len() - 1];
+        warnings.push(format!(
+            "the motions are not fitted: no {longest_s} s of the recordings are free of torques that are cut off"
+        ));
+    } else if settings.motion_steps > 0 {
         let steps = settings.motion_steps;
-        arm = fit_motions(&motions, &prior, &arm, &torques, &covariance, steps, progress)?;
+        arm = fit_motions(&windows, &prior, &arm, &torques, &covariance, steps, progress)?;
         torques = torques.about(&arm, &motions);
     }
     let law = best_law(&motions);
@@ -213,12 +229,13 @@ fn check_together<'a>(
 
 fn motions(
     recordings: &[Recording],
-    joints: usize,
+    description: &RobotDescription,
     settings: &Settings,
 ) -> Result<Vec<Motion>, IdentificationError> {
+    let limits_nm = description.per_joint(|joint| joint.torque_nm);
     recordings
         .iter()
-        .map(|recording| Motion::new(recording, joints, settings.low_pass_hz))
+        .map(|recording| Motion::new(recording, &limits_nm, settings.low_pass_hz))
         .collect()
 }
 
@@ -248,10 +265,24 @@ fn check_motion(
     Ok(())
 }
 
+/// A warning with the samples of a joint that the fit leaves out.
+fn about_cuts(motions: &[Motion], joint: usize) -> Option<String> {
+    let near = |motion: &Motion| motion.near_cuts(joint).into_iter().filter(|near| *near).count();
+    let left_out: usize = motions.iter().map(near).sum();
+    let all: usize = motions.iter().map(Motion::samples).sum();
+    (left_out > 0).then(|| {
+        let joint = joint + 1;
+        format!(
+            "the fit leaves out {left_out} of {all} samples of the torque of joint {joint}, because it is cut off there \
+             or within the width of the low-pass"
+        )
+    })
+}
+
 /// Moves the arm until its simulations follow the motions. The regression on torques goes on to
 /// count.
 fn fit_motions(
-    motions: &[Motion],
+    windows: &Windows<'_>,
     prior: &Prior,
     arm: &Arm,
     torques: &Torques,
@@ -259,12 +290,11 @@ fn fit_motions(
     steps: usize,
     progress: Progress<'_>,
 ) -> Result<Arm, IdentificationError> {
-    let windows = Windows::new(motions, EVERY_S);
     let step = |variance: f64, deviation: f64| {
         if deviation == 0.0 { 0.0 } else { (0.1 * variance.sqrt()).clamp(1e-4, 0.02) }
     };
     let changes = covariance.diagonal().zip_map(&prior.deviations, step);
-    let fit = RolloutFit::new(&windows, arm, changes);
+    let fit = RolloutFit::new(windows, arm, changes);
     let of = |numbers: &DVector<f64>| arm.with_numbers(numbers.clone());
     let at = |numbers: &DVector<f64>| {
         let arm = of(numbers);

@@ -34,6 +34,7 @@ mod log;
 mod motion;
 mod normal_equations;
 mod rollouts;
+mod saturation;
 mod torque_fit;
 mod torques;
 mod trace;

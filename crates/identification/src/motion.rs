@@ -6,6 +6,7 @@ use series::LowPass;
 
 use crate::IdentificationError;
 use crate::horizons::HORIZONS_S;
+use crate::saturation::Saturation;
 
 /// Torques and positions of an arm at even times.
 #[derive(Clone, Debug, PartialEq)]
@@ -33,6 +34,10 @@ pub(crate) struct Motion {
     pub(crate) u: Vec<Vec<f64>>,
     /// Torques as they were recorded, `[sample][joint]`, N·m.
     pub(crate) recorded_u: Vec<Vec<f64>>,
+    /// Where the recorded torque of each joint is cut off.
+    pub(crate) saturation: Vec<Saturation>,
+    /// Samples that the low-pass spreads a cut over, on each side.
+    spread: usize,
     filter: LowPass,
 }
 
@@ -45,15 +50,21 @@ pub(crate) fn slope_of_bend(ratio: f64) -> f64 {
     -ratio / ratio.cosh().powi(2)
 }
 
+/// How far the low-pass spreads the torque that is cut off, in periods of its edge.
+const SPREAD: f64 = 0.5;
+
 impl Motion {
+    /// The motion of an arm whose drives have these limits, N·m.
+    ///
     /// # Errors
     /// See [`IdentificationError`].
     pub(crate) fn new(
         recording: &Recording,
-        joints: usize,
+        limits_nm: &[f64],
         low_pass_hz: f64,
     ) -> Result<Self, IdentificationError> {
         let Recording { name, rate_hz, q, u } = recording;
+        let joints = limits_nm.len();
         check(recording, joints)?;
         let filter =
             LowPass::new(low_pass_hz, *rate_hz).ok_or_else(|| IdentificationError::LowPass {
@@ -65,6 +76,8 @@ impl Motion {
         let smooth_q = filter.apply_to_columns(q);
         let qd = slopes(&smooth_q, *rate_hz);
         let qdd = slopes(&qd, *rate_hz);
+        let moves = moves(&qd, joints);
+        let column = |joint: usize| -> Vec<f64> { u.iter().map(|row| row[joint]).collect() };
         Ok(Self {
             name: name.clone(),
             rate_hz: *rate_hz,
@@ -74,6 +87,10 @@ impl Motion {
             qdd,
             u: filter.apply_to_columns(u),
             recorded_u: u.clone(),
+            saturation: (0..joints)
+                .map(|joint| Saturation::of(&column(joint), &moves, limits_nm[joint]))
+                .collect(),
+            spread: whole((SPREAD / low_pass_hz * rate_hz).ceil()),
             filter,
         })
     }
@@ -119,8 +136,28 @@ impl Motion {
             qdd: of(&self.qdd),
             u: of(&self.u),
             recorded_u: of(&self.recorded_u),
+            saturation: self.saturation.clone(),
             ..*self
         }
+    }
+
+    /// Whether the recorded torque of a joint is cut off at a sample.
+    pub(crate) fn is_cut(&self, joint: usize, sample: usize) -> bool {
+        self.saturation[joint].cuts(self.recorded_u[sample][joint])
+    }
+
+    /// The samples of a joint whose smooth torque is not that of the joint, because the recorded one is
+    /// cut off there or near. Empty if nothing is cut off.
+    pub(crate) fn near_cuts(&self, joint: usize) -> Vec<bool> {
+        if !self.saturation[joint].has_level() {
+            return Vec::new();
+        }
+        let mut near = vec![false; self.samples()];
+        for sample in (0..self.samples()).filter(|sample| self.is_cut(joint, *sample)) {
+            let last = (sample + self.spread).min(self.samples() - 1);
+            near[sample.saturating_sub(self.spread)..=last].fill(true);
+        }
+        near
     }
 
     /// Its length, s.
@@ -173,6 +210,21 @@ fn later(rows: &[Vec<f64>], sample: usize, later: f64) -> Vec<f64> {
     (0..rows[at].len())
         .map(|joint| (0..4).zip(weights).map(|(offset, weight)| weight * row(offset)[joint]).sum())
         .collect()
+}
+
+/// Whether a joint moves at each sample, faster than a hundredth of its highest speed.
+fn moves(qd: &[Vec<f64>], joints: usize) -> Vec<bool> {
+    const LEAST: f64 = 0.01;
+
+    let speed = |row: &Vec<f64>, joint: usize| row[joint].abs();
+    let fastest: Vec<f64> = (0..joints)
+        .map(|joint| qd.iter().map(|row| speed(row, joint)).fold(0.0, f64::max))
+        .collect();
+    let moves = |row: &Vec<f64>| {
+        let mut joints = fastest.iter().enumerate();
+        joints.any(|(joint, fastest)| speed(row, joint) > LEAST * fastest)
+    };
+    qd.iter().map(moves).collect()
 }
 
 /// Central differences; one-sided at the ends.

@@ -64,6 +64,17 @@ impl<'a> Windows<'a> {
         }
     }
 
+    /// Those through which no torque is cut off.
+    pub(crate) fn without_cuts(mut self) -> Self {
+        let (length, joints) = (self.length, self.joints);
+        let is_cut =
+            |motion: &Motion, sample: usize| (0..joints).any(|joint| motion.is_cut(joint, sample));
+        self.windows.retain(|Window { motion, start }| {
+            !(*start..*start + length).any(|sample| is_cut(motion, sample))
+        });
+        self
+    }
+
     /// Windows that begin where the one before ends.
     pub(crate) fn back_to_back(motions: &'a [Motion]) -> Self {
         Self::new(motions, HORIZONS_S[HORIZONS_S.len() - 1])

@@ -193,7 +193,8 @@ pub(crate) fn fit_delay(
         let after = try_delay(center_s + step_s)?.1;
         curvature = (before - 2.0 * at_center + after) / (step_s * step_s);
         let slope = (after - before) / (2.0 * step_s);
-        let away_s = if curvature > 0.0 { -slope / curvature } else { 0.0 };
+        // Without a bottom between the three, downhill.
+        let away_s = if curvature > 0.0 { -slope / curvature } else { -slope.signum() * step_s };
         let bottom_s = center_s + away_s.clamp(-step_s, step_s);
         center = try_delay(bottom_s.clamp(-most_s, most_s))?;
     }

@@ -16,6 +16,8 @@ pub(crate) const ROWS_PER_SECOND: f64 = 25.0;
 struct JointRegression {
     rows: DMatrix<f64>,
     torques: DVector<f64>,
+    /// Rows that do not count, because the torque is cut off there.
+    left_out: Vec<usize>,
     /// rowsᵀ rows and rowsᵀ torques.
     gram: DMatrix<f64>,
     moment: DVector<f64>,
@@ -46,6 +48,7 @@ impl Torques {
         let width = joints * NUMBERS;
         let mut rows: Vec<Vec<f64>> = vec![Vec::new(); joints];
         let mut torques: Vec<Vec<f64>> = vec![Vec::new(); joints];
+        let mut left_out: Vec<Vec<usize>> = vec![Vec::new(); joints];
         let mut begins = Vec::new();
         let bends_rad_s = arm.bends_rad_s();
         let (mut every, mut first) = (1, 0);
@@ -56,6 +59,9 @@ impl Torques {
             let (coulomb, of_bend) =
                 (motion.coulomb(&bends_rad_s), motion.slopes_of_bends(&bends_rad_s));
             let known = motion.uncertain()..motion.samples() - motion.uncertain();
+            let near_cuts: Vec<Vec<bool>> =
+                (0..joints).map(|joint| motion.near_cuts(joint)).collect();
+            let later = arm.delay_s.unwrap_or(0.0) * motion.rate_hz;
             for sample in known.step_by(every) {
                 let u = motion.later_u(sample, arm.delay_s.unwrap_or(0.0));
                 let [q, qd, qdd] = [&motion.q, &motion.qd, &motion.qdd]
@@ -63,17 +69,19 @@ impl Torques {
                 let state = MotionState { q, qd, qdd };
                 let regressor = regressor(arm, &state, [&coulomb[sample], &of_bend[sample]]);
                 for joint in 0..joints {
+                    if near_cuts[joint].get(whole(sample as f64 + later)) == Some(&true) {
+                        left_out[joint].push(torques[joint].len());
+                    }
                     rows[joint].extend(&regressor[joint * width..][..width]);
                     torques[joint].push(u[joint]);
                 }
             }
         }
-        let joint = |(rows, torques): (Vec<f64>, Vec<f64>)| {
+        let joint = |((rows, torques), left_out): ((Vec<f64>, Vec<f64>), Vec<usize>)| {
             let rows = DMatrix::from_row_slice(torques.len(), width, &rows);
-            let torques = DVector::from_vec(torques);
-            JointRegression::new(rows, torques)
+            JointRegression::new(rows, DVector::from_vec(torques), left_out)
         };
-        let joints = rows.into_iter().zip(torques).map(joint).collect();
+        let joints = rows.into_iter().zip(torques).zip(left_out).map(joint).collect();
         Self { joints, bends_rad_s, begins, every, first }
     }
 
@@ -116,7 +124,7 @@ impl Torques {
     /// The root mean square of each joint's torque less the arm's, N·m.
     pub(crate) fn residuals_nm(&self, arm: &Arm) -> Vec<f64> {
         let of = |(joint, linear): (&JointRegression, DVector<f64>)| {
-            (joint.square_of(&linear) / joint.torques.len() as f64).sqrt()
+            (joint.square_of(&linear) / joint.count()).sqrt()
         };
         self.joints.iter().zip(self.measured(arm)).map(of).collect()
     }
@@ -147,8 +155,8 @@ impl Torques {
     /// Standard deviation of each joint's torque, N·m.
     pub(crate) fn deviations_nm(&self) -> Vec<f64> {
         let of = |joint: &JointRegression| {
-            let mean = joint.torques.mean();
-            (joint.square / joint.torques.len() as f64 - mean * mean).max(0.0).sqrt()
+            let mean = joint.counting(joint.torques.clone()).sum() / joint.count();
+            (joint.square / joint.count() - mean * mean).max(0.0).sqrt()
         };
         self.joints.iter().map(of).collect()
     }
@@ -161,10 +169,10 @@ impl Torques {
 
         let (begins, measured) = (self.begins.clone(), self.measured(arm));
         for (joint, linear) in self.joints.iter_mut().zip(measured) {
-            let residuals = &joint.torques - &joint.rows * &linear;
-            let mean_square = residuals.norm_squared() / residuals.len() as f64;
-            let least = LEAST_DEVIATION.powi(2) * joint.square / joint.torques.len() as f64;
-            joint.alike = samples_alike(residuals.as_slice(), &begins);
+            let residuals = joint.residuals(&linear);
+            let mean_square = residuals.norm_squared() / joint.count();
+            let least = LEAST_DEVIATION.powi(2) * joint.square / joint.count();
+            joint.alike = samples_alike(residuals.as_slice(), &begins, &joint.left_out);
             joint.weight = 1.0 / (mean_square.max(least).max(f64::MIN_POSITIVE) * joint.alike);
         }
     }
@@ -179,7 +187,7 @@ impl Torques {
 
     /// As how many independent samples the torques of each joint count.
     pub(crate) fn independent_samples(&self) -> Vec<f64> {
-        self.joints.iter().map(|joint| joint.torques.len() as f64 / joint.alike).collect()
+        self.joints.iter().map(|joint| joint.count() / joint.alike).collect()
     }
 
     /// ½ Σ of the weighted squares at the arm's numbers.
@@ -210,23 +218,46 @@ impl Torques {
 }
 
 impl JointRegression {
-    fn new(rows: DMatrix<f64>, torques: DVector<f64>) -> Self {
+    fn new(rows: DMatrix<f64>, torques: DVector<f64>, left_out: Vec<usize>) -> Self {
         let (gram, moment) = (DMatrix::zeros(0, 0), DVector::zeros(0));
-        let square = torques.norm_squared();
-        let mut joint = Self { rows, torques, gram, moment, square, weight: 1.0, alike: 1.0 };
+        let mut joint =
+            Self { rows, torques, left_out, gram, moment, square: 0.0, weight: 1.0, alike: 1.0 };
+        joint.square = joint.counting(joint.torques.clone()).norm_squared();
         joint.sum();
         joint
     }
 
-    /// Sums over the rows.
+    /// Sums over the rows that count.
     fn sum(&mut self) {
-        self.gram = self.rows.tr_mul(&self.rows);
-        self.moment = self.rows.tr_mul(&self.torques);
+        let mut counted = self.rows.clone();
+        for row in &self.left_out {
+            counted.row_mut(*row).fill(0.0);
+        }
+        self.gram = counted.tr_mul(&counted);
+        self.moment = counted.tr_mul(&self.torques);
+    }
+
+    /// The values of the rows, with 0 where they do not count.
+    fn counting(&self, mut values: DVector<f64>) -> DVector<f64> {
+        for row in &self.left_out {
+            values[*row] = 0.0;
+        }
+        values
+    }
+
+    /// How many rows count, at least 1.
+    fn count(&self) -> f64 {
+        (self.torques.len() - self.left_out.len()).max(1) as f64
+    }
+
+    /// Torque − row · linear, and 0 in rows that do not count.
+    fn residuals(&self, linear: &DVector<f64>) -> DVector<f64> {
+        self.counting(&self.torques - &self.rows * linear)
     }
 
     /// Σ (torque − row · linear)².
     fn square_of(&self, linear: &DVector<f64>) -> f64 {
-        (&self.torques - &self.rows * linear).norm_squared()
+        self.residuals(linear).norm_squared()
     }
 }
 
@@ -263,8 +294,8 @@ pub(crate) fn regressor(
 }
 
 /// How many consecutive samples count as one: 1 + 2 Σ ρ over the autocorrelations ρ before the first
-/// negative one.
-pub(crate) fn samples_alike(residuals: &[f64], begins: &[usize]) -> f64 {
+/// negative one. The residuals of rows that are left out are 0.
+pub(crate) fn samples_alike(residuals: &[f64], begins: &[usize], left_out: &[usize]) -> f64 {
     const LONGEST: usize = 200;
 
     let ends = begins.iter().skip(1).copied().chain([residuals.len()]);
@@ -280,6 +311,38 @@ pub(crate) fn samples_alike(residuals: &[f64], begins: &[usize]) -> f64 {
     if variance == 0.0 {
         return 1.0;
     }
-    let correlations = (1..LONGEST).map(|lag| covariance(lag) / variance);
+    let pairs = CountedPairs::new(residuals.len(), left_out);
+    let correlations = (1..LONGEST).map(|lag| covariance(lag) / variance * pairs.correction(lag));
     1.0 + 2.0 * correlations.take_while(|correlation| *correlation > 0.0).sum::<f64>()
+}
+
+/// Pairs of rows that both count.
+struct CountedPairs {
+    counts: Vec<bool>,
+    is_complete: bool,
+}
+
+impl CountedPairs {
+    fn new(rows: usize, left_out: &[usize]) -> Self {
+        let mut counts = vec![true; rows];
+        for row in left_out {
+            counts[*row] = false;
+        }
+        Self { counts, is_complete: left_out.is_empty() }
+    }
+
+    /// The factor by which sums over the pairs of rows `lag` apart are too small, beside the sum over
+    /// all rows.
+    fn correction(&self, lag: usize) -> f64 {
+        if self.is_complete {
+            return 1.0;
+        }
+        let share = |lag: usize| {
+            let later = self.counts.iter().skip(lag);
+            let both = self.counts.iter().zip(later).filter(|(a, b)| **a && **b).count();
+            both as f64 / self.counts.len().saturating_sub(lag).max(1) as f64
+        };
+        let (pairs, rows) = (share(lag), share(0));
+        if pairs > 0.0 { rows / pairs } else { 0.0 }
+    }
 }

@@ -28,6 +28,7 @@ pub struct Channel {
     /// The column, as declared.
     pub column: usize,
     pub delay_s: Option<Measurement>,
+#[derive(Clone)]
     pub sign: Option<i8>,
     pub scale: Option<Measurement>,
     /// Recorded torque per torque of the arm against gravity, and per the rest of it.
@@ -48,6 +49,14 @@ struct Compared {
     fit: Fit,
     /// How much more the other one costs. Above 0 if the torques carry the weight.
     in_favour_of_weight: f64,
+/// Whether the delay of a channel is sought. Torques that are cut off are known at their own times
+/// only.
+#[derive(Clone, Copy)]
+enum Delay {
+    Sought,
+    NotSought,
+}
+
     /// Standard deviation of the torque.
     deviation_nm: f64,
     /// The share of its variance that is left.
@@ -72,7 +81,15 @@ impl Channel {
                     let moves = format!("the joint moves by {:.2}° only", range_rad.to_degrees());
                     return Self::unseen(column, moves);
                 }
-                Self::of(&columns[joint], column, states)
+                let Some(places) = states.without_cuts(column) else {
+                    return Self::of(&columns[joint], column, states, Delay::Sought);
+                };
+                let kept = states.kept(&places);
+                if !kept.are_enough() {
+                    let cut = "the torque is cut off nearly everywhere".to_owned();
+                    return Self::unseen(column, cut);
+                }
+                Self::of(&columns[joint].kept(&places), column, &kept, Delay::NotSought)
             })
             .collect();
         channels.sort_by_key(|channel| channel.column);
@@ -109,7 +126,7 @@ impl Channel {
         }
     }
 
-    fn of(columns: &JointRows, column: usize, states: &States<'_>) -> Self {
+    fn of(columns: &JointRows, column: usize, states: &States<'_>, delay: Delay) -> Self {
         let torques = states.torques(column, 0.0);
         let mean_square = torques.norm_squared() / torques.len() as f64;
         if torques.variance() <= 1e-12 * mean_square.max(1e-12) {
@@ -138,8 +155,11 @@ impl Compared {
             let regression = Regression::new(columns.design(gravity), gravity);
             let moments = regression.moments(torques);
             let fit = regression.fit(&moments, 4.0)?;
+        if matches!(delay, Delay::NotSought) {
+            return first.channel(column, Err(Unknown::Cut));
+        }
             let residuals = torques - &regression.design * &fit.coefficients;
-            let alike = samples_alike(residuals.as_slice(), &states.begins);
+            let alike = samples_alike(residuals.as_slice(), &states.begins, &[]);
             let fit = regression.fit(&moments, alike)?;
             Some((regression, fit, alike))
         };
@@ -233,6 +253,9 @@ impl Compared {
             gravity,
             deviation_nm: self.deviation_nm,
             explained: Some((1.0 - self.left).clamp(0.0, 1.0)),
+            Err(Unknown::Cut) => {
+                unseen.push("the delay: torques are cut off".to_owned());
+            }
             is_constant: false,
             unseen,
         }

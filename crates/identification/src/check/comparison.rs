@@ -3,6 +3,7 @@
 use spec::RobotDescription;
 
 use super::channel::Channel;
+use super::cuts::Cuts;
 use super::layout::{self, Layout};
 use super::limits::Farthest;
 use super::rows::{self, States};
@@ -16,6 +17,8 @@ pub struct Comparison {
     pub period_s: f64,
     pub layout: Layout,
     pub channels: Vec<Channel>,
+    /// How much of each channel is cut off.
+    pub cuts: Vec<Cuts>,
     pub ties: Ties,
     /// How far each joint goes towards its limits. Empty if no recording is long enough, and where
     /// limits were not asked for.
@@ -55,6 +58,7 @@ impl Comparison {
             period_s: states.period_s(),
             layout,
             channels,
+            cuts: Cuts::all(motions, joints),
             ties,
             farthest: Vec::new(),
         }

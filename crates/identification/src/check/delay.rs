@@ -29,6 +29,8 @@ pub enum Unknown {
     Ambiguous,
     /// It is larger than [`LARGEST_S`], or torques fit at none.
     Beyond,
+    /// Torques are cut off.
+    Cut,
 }
 
 /// The least cost of a first look is at this shift, s.

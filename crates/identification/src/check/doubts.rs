@@ -5,6 +5,7 @@ use wire::Measurement;
 use super::beyond;
 use super::channel::Channel;
 use super::comparison::Comparison;
+use super::cuts;
 use super::purpose::{CLEAR, Purpose};
 use super::told::{Doubt, Kind};
 use crate::wording::{digits, joints, range};
@@ -46,6 +47,7 @@ pub fn of(found: &Comparison, purpose: Purpose) -> Vec<Doubt> {
     if !has_other_scale {
         beyond::of_torques(found, purpose, &mut doubts);
     }
+    cuts::of_cuts(found, purpose, &mut doubts);
     doubts
 }
 

@@ -11,6 +11,7 @@
 mod beyond;
 mod channel;
 mod comparison;
+mod cuts;
 mod delay;
 mod doubts;
 mod layout;
@@ -80,7 +81,7 @@ fn compare(
 ) -> Result<(Comparison, Vec<String>), IdentificationError> {
     let joints = description.joints.len();
     let arm = Prior::of(description, &vec![FRICTION_SPEED_RAD_S; joints], 0.0)?;
-    let motions = motions(recordings, joints)?;
+    let motions = motions(recordings, description)?;
     let whole = Comparison::of_torques(&arm, &motions).with_limits(description, &motions);
     let parts = Part::all(&motions);
     let doubted = |part: &Part| {
@@ -97,11 +98,15 @@ fn compare(
 }
 
 /// The motions of the recordings that are long enough.
-fn motions(recordings: &[Recording], joints: usize) -> Result<Vec<Motion>, IdentificationError> {
+fn motions(
+    recordings: &[Recording],
+    description: &RobotDescription,
+) -> Result<Vec<Motion>, IdentificationError> {
+    let limits_nm = description.per_joint(|joint| joint.torque_nm);
     let mut motions = Vec::new();
     for recording in recordings {
         let low_pass_hz = LOW_PASS_HZ.min(LOW_PASS_SHARE * recording.rate_hz);
-        match Motion::new(recording, joints, low_pass_hz) {
+        match Motion::new(recording, &limits_nm, low_pass_hz) {
             Ok(motion) => motions.push(motion),
             Err(IdentificationError::Short { .. }) => {}
             Err(error) => return Err(error),

@@ -66,6 +66,12 @@ impl JointRows {
         design.columns_mut(OWN, links.ncols()).copy_from(&links);
         design
     }
+
+    /// These rows alone.
+    pub fn kept(&self, places: &[usize]) -> Self {
+        let of = |matrix: &DMatrix<f64>| matrix.select_rows(places);
+        Self { own: of(&self.own), gravity: of(&self.gravity), rest: of(&self.rest) }
+    }
 }
 
 impl<'a> States<'a> {
@@ -97,6 +103,31 @@ impl<'a> States<'a> {
             rows: self.rows.iter().copied().step_by(every).collect(),
             states: self.states.iter().copied().step_by(every).collect(),
             begins: vec![0],
+        }
+    }
+
+    /// The places of the rows at which a column of torques is not cut off, if it is at others.
+    pub fn without_cuts(&self, column: usize) -> Option<Vec<usize>> {
+        let near: Vec<Vec<bool>> =
+            self.motions.iter().map(|motion| motion.near_cuts(column)).collect();
+        if near.iter().all(Vec::is_empty) {
+            return None;
+        }
+        let is_kept = |row: &Row| near[row.motion].get(row.sample) != Some(&true);
+        let places = self.rows.iter().enumerate().filter(|(_, row)| is_kept(row));
+        Some(places.map(|(place, _)| place).collect())
+    }
+
+    /// These rows alone. Each gap begins another series.
+    pub fn kept(&self, places: &[usize]) -> Self {
+        let follows = |at: usize| {
+            at > 0 && places[at] == places[at - 1] + 1 && !self.begins.contains(&places[at])
+        };
+        Self {
+            motions: self.motions,
+            rows: places.iter().map(|place| self.rows[*place]).collect(),
+            states: places.iter().map(|place| self.states[*place]).collect(),
+            begins: (0..places.len()).filter(|at| !follows(*at)).collect(),
         }
     }
 

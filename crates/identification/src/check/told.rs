@@ -16,6 +16,7 @@ pub enum Kind {
     Delay,
     Constant,
     Unexplained,
+    CutOff,
     Position,
     Speed,
     Torque,
