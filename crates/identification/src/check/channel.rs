@@ -23,12 +23,16 @@ const CLEAR_COST: f64 = 8.0;
 /// The largest standard deviation of a share of gravity that is told.
 const LARGEST_DEVIATION: f64 = 0.2;
 
+/// A channel is its joint's position, in rad or degrees, if it differs from it by less than this share
+/// of the position's standard deviation. A commanded position is a little ahead.
+const LARGEST_DIFFERENCE: f64 = 0.15;
+
 /// The findings about a column of torques.
+#[derive(Clone)]
 pub struct Channel {
     /// The column, as declared.
     pub column: usize,
     pub delay_s: Option<Measurement>,
-#[derive(Clone)]
     pub sign: Option<i8>,
     pub scale: Option<Measurement>,
     /// Recorded torque per torque of the arm against gravity, and per the rest of it.
@@ -40,15 +44,11 @@ pub struct Channel {
     /// Standard deviation of the torque.
     pub deviation_nm: f64,
     pub is_constant: bool,
+    /// Whether it has the joint's position in rad or degrees in the place of torques.
+    pub is_position: bool,
     unseen: Vec<String>,
 }
 
-/// The better of two regressions: the torques carry the arm's weight, or not.
-struct Compared {
-    regression: Regression,
-    fit: Fit,
-    /// How much more the other one costs. Above 0 if the torques carry the weight.
-    in_favour_of_weight: f64,
 /// Whether the delay of a channel is sought. Torques that are cut off are known at their own times
 /// only.
 #[derive(Clone, Copy)]
@@ -57,6 +57,12 @@ enum Delay {
     NotSought,
 }
 
+/// The better of two regressions: the torques carry the arm's weight, or not.
+struct Compared {
+    regression: Regression,
+    fit: Fit,
+    /// How much more the other one costs. Above 0 if the torques carry the weight.
+    in_favour_of_weight: f64,
     /// Standard deviation of the torque.
     deviation_nm: f64,
     /// The share of its variance that is left.
@@ -93,7 +99,16 @@ impl Channel {
             })
             .collect();
         channels.sort_by_key(|channel| channel.column);
+        for channel in &mut channels {
+            channel.is_position = !channel.fits() && is_position(states, channel.column);
+        }
         channels
+    }
+
+    /// Whether the arm's torque is about as large as the channel. Some joint has a torque in N·m that is
+    /// about its position in rad.
+    fn fits(&self) -> bool {
+        self.scale.is_some_and(|scale| (0.5..2.0).contains(&scale.value))
     }
 
     /// Recorded torque per torque of the arm without its weight, if that is clearly above 0.
@@ -122,6 +137,7 @@ impl Channel {
             explained: None,
             deviation_nm: 0.0,
             is_constant: false,
+            is_position: false,
             unseen: vec![why],
         }
     }
@@ -139,6 +155,9 @@ impl Channel {
             let shifted = states.torques(column, later_s);
             compared.fit.cost(&compared.regression.moments(&shifted))
         };
+        if matches!(delay, Delay::NotSought) {
+            return first.channel(column, Err(Unknown::Cut));
+        }
         // Only near its delay a channel has little noise, which tells the delay well.
         let near_s = delay::nearest_s(|later_s| costs(&first, later_s));
         let torques = states.torques(column, near_s);
@@ -155,9 +174,6 @@ impl Compared {
             let regression = Regression::new(columns.design(gravity), gravity);
             let moments = regression.moments(torques);
             let fit = regression.fit(&moments, 4.0)?;
-        if matches!(delay, Delay::NotSought) {
-            return first.channel(column, Err(Unknown::Cut));
-        }
             let residuals = torques - &regression.design * &fit.coefficients;
             let alike = samples_alike(residuals.as_slice(), &states.begins, &[]);
             let fit = regression.fit(&moments, alike)?;
@@ -237,6 +253,9 @@ impl Compared {
             Err(Unknown::Ambiguous) => {
                 unseen.push("the delay: more than one fits".to_owned());
             }
+            Err(Unknown::Cut) => {
+                unseen.push("the delay: torques are cut off".to_owned());
+            }
             Err(Unknown::Beyond) => {
                 let most_ms = delay::LARGEST_S * 1e3;
                 unseen.push(format!("the delay: none within {most_ms} ms fits"));
@@ -253,13 +272,22 @@ impl Compared {
             gravity,
             deviation_nm: self.deviation_nm,
             explained: Some((1.0 - self.left).clamp(0.0, 1.0)),
-            Err(Unknown::Cut) => {
-                unseen.push("the delay: torques are cut off".to_owned());
-            }
             is_constant: false,
+            is_position: false,
             unseen,
         }
     }
+}
+
+/// Whether a column of u is that of q, in rad or degrees.
+fn is_position(states: &States<'_>, column: usize) -> bool {
+    let (torques, positions) = (states.torques(column, 0.0), states.positions(column));
+    states.range_rad(column) >= LEAST_RANGE_RAD
+        && [1.0, 1.0_f64.to_degrees()].into_iter().any(|per_rad| {
+            let difference = &torques - &positions * per_rad;
+            let mean_square = difference.norm_squared() / difference.len() as f64;
+            mean_square.sqrt() < LARGEST_DIFFERENCE * per_rad * positions.variance().sqrt()
+        })
 }
 
 /// Whether a number is not 0.

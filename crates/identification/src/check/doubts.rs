@@ -26,10 +26,16 @@ const UNITS: [(&str, f64); 3] = [("mN·m", 1e3), ("N·cm", 1e2), ("kN·m", 1e-3)
 
 /// The doubts about a comparison, in the order of their kinds.
 pub fn of(found: &Comparison, purpose: Purpose) -> Vec<Doubt> {
-    let channels = found.channels.as_slice();
     let mut doubts = Vec::new();
-    of_layout(found, &mut doubts);
-    of_signs(found, &mut doubts);
+    let (positions, channels): (Vec<Channel>, Vec<Channel>) =
+        found.channels.iter().cloned().partition(|channel| channel.is_position);
+    let channels = channels.as_slice();
+    of_positions(&positions, &mut doubts);
+    // Positions say nothing about columns, signs and units of torques.
+    if positions.is_empty() {
+        of_layout(found, &mut doubts);
+        of_signs(found, &mut doubts);
+    }
     let other_rates = of_rates(channels, &mut doubts);
     let before = doubts.len();
     of_scales(channels, &other_rates, purpose, &mut doubts);
@@ -41,14 +47,26 @@ pub fn of(found: &Comparison, purpose: Purpose) -> Vec<Doubt> {
         let text = format!("u of {joints} is constant");
         doubts.push(Doubt { kind: Kind::Constant, joints: columns(&constant), size: 1.0, text });
     }
+    cuts::of_cuts(found, purpose, &mut doubts);
     of_unexplained(channels, purpose, &mut doubts);
     beyond::of_motion(found, &mut doubts);
     // Another unit or rate is rarely that of one column.
-    if !has_other_scale {
+    if !has_other_scale && positions.is_empty() {
         beyond::of_torques(found, purpose, &mut doubts);
     }
-    cuts::of_cuts(found, purpose, &mut doubts);
     doubts
+}
+
+/// Positions in the columns of torques.
+fn of_positions(channels: &[Channel], doubts: &mut Vec<Doubt>) {
+    let Some(joints) = named(channels.iter()) else { return };
+    let follows = if channels.len() == 1 { "its position" } else { "their positions" };
+    let text = format!(
+        "u of {joints} follows {follows}: these are positions (LeRobot's `action` is the commanded position), not \
+         torques"
+    );
+    let joints = channels.iter().map(|channel| channel.column).collect();
+    doubts.push(Doubt { kind: Kind::PositionForTorque, joints, size: 1.0, text });
 }
 
 fn of_unexplained(channels: &[Channel], purpose: Purpose, doubts: &mut Vec<Doubt>) {

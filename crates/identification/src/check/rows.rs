@@ -151,6 +151,11 @@ impl<'a> States<'a> {
         positions().fold(f64::NEG_INFINITY, f64::max) - positions().fold(f64::INFINITY, f64::min)
     }
 
+    /// A column of positions, rad.
+    pub fn positions(&self, column: usize) -> DVector<f64> {
+        DVector::from_iterator(self.rows.len(), self.states.iter().map(|state| state.0[0][column]))
+    }
+
     /// A column of torques, `later_s` after each row.
     pub fn torques(&self, column: usize, later_s: f64) -> DVector<f64> {
         let of = |row: &Row| {

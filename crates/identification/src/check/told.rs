@@ -5,6 +5,7 @@ use std::cmp::Ordering;
 /// The kinds of doubts, in the order in which they are told.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Kind {
+    PositionForTorque,
     Exchange,
     ExchangeOfPositions,
     ExchangeOfTorques,
@@ -15,8 +16,8 @@ pub enum Kind {
     ShareOfWeight,
     Delay,
     Constant,
-    Unexplained,
     CutOff,
+    Unexplained,
     Position,
     Speed,
     Torque,

@@ -192,6 +192,33 @@ fn units_are_guessed() {
 }
 
 #[test]
+fn positions_in_the_place_of_torques_are_named() {
+    for (per_rad, ahead) in [(1.0, 0), (1.0_f64.to_degrees(), 3)] {
+        let mut recording = Log::of(&drawn(&arm(3), 2), 2).recording();
+        let commanded = recording.q.clone();
+        for (sample, row) in recording.u.iter_mut().enumerate() {
+            let of = commanded.get(sample + ahead).unwrap_or(&commanded[sample]);
+            *row = of.iter().map(|q| q * per_rad).collect();
+        }
+        let all = checked(&arm(3), recording.clone());
+        let said = "u of joints 1, 2 and 3 follows their positions: these are positions (LeRobot's `action` is the \
+                    commanded position), not torques";
+        assert_eq!(all.doubts, [said], "{per_rad}");
+        let torques = Log::of(&drawn(&arm(3), 2), 2).recording().u;
+        for (row, torques) in recording.u.iter_mut().zip(torques) {
+            (row[0], row[2]) = (torques[0], torques[2]);
+        }
+        let one = checked(&arm(3), recording);
+        assert_eq!(one.doubts.len(), 1, "{:#?}", one.doubts);
+        assert!(
+            one.doubts[0].starts_with("u of joint 2 follows its position: "),
+            "{:?}",
+            one.doubts
+        );
+    }
+}
+
+#[test]
 fn compensated_gravity_is_seen() {
     for seed in 0..6 {
         let check = after(6, seed, |log| log.gravity = 0.0);
