@@ -8,7 +8,7 @@ use spec::{JobSpec, SimulateSpec};
 use worker::DatasetFolder;
 
 use crate::commands::submit::{MAX_SPEC_BYTES, read_json};
-use crate::progress::{self, ProgressCallback, measure};
+use crate::progress::{self, OwnWork, ProgressCallback, measure};
 
 #[derive(Debug, Args)]
 pub struct Arguments {
@@ -33,7 +33,9 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     compute_with(arguments.threads)?;
     let mut folder = DatasetFolder::begin(&arguments.out, &spec)?;
     let work = move |progress: ProgressCallback<'_>| folder.complete(progress).map(|()| folder);
-    let folder = progress::follow_own("simulate", spec.trajectories, work).await??;
+    let folder =
+        progress::follow_own(OwnWork::on_trajectories("simulate", spec.trajectories), work)
+            .await??;
     let description = folder.description();
     let bytes: u64 =
         description.shards.iter().flat_map(|shard| &shard.files).map(|file| file.size).sum();

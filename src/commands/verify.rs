@@ -9,7 +9,7 @@ use worker::{DatasetFolder, Verified};
 use crate::arguments::{OutputArguments, ServerArguments};
 use crate::commands::simulate::compute_with;
 use crate::commands::watch;
-use crate::progress::{self, ProgressCallback, measure};
+use crate::progress::{self, OwnWork, ProgressCallback, measure};
 
 #[derive(Debug, Args)]
 pub struct Arguments {
@@ -67,7 +67,8 @@ async fn verify_folder(dir: &Path) -> anyhow::Result<ExitCode> {
     let folder = DatasetFolder::open(dir)?;
     let trajectories = folder.spec().trajectories;
     let work = move |progress: ProgressCallback<'_>| folder.verify(progress);
-    let verified = progress::follow_own("verify", trajectories, work).await??;
+    let verified =
+        progress::follow_own(OwnWork::on_trajectories("verify", trajectories), work).await??;
     let Verified { shards, trajectories, by_other_versions } = verified;
     for note in &by_other_versions {
         println!("{note}");

@@ -13,6 +13,7 @@ use super::measure;
 pub enum Display {
     Bars(Bars),
     Lines(Lines),
+    Nothing,
 }
 
 impl Display {
@@ -24,8 +25,17 @@ impl Display {
         }
     }
 
+    /// Bars on a terminal, and nothing otherwise.
+    pub fn on_terminal() -> Self {
+        match Self::new() {
+            Self::Bars(bars) => Self::Bars(bars),
+            _ => Self::Nothing,
+        }
+    }
+
     pub fn show(&mut self, rows: &[Row]) {
         match self {
+            Self::Nothing => {}
             Self::Bars(bars) => bars.show(rows),
             Self::Lines(lines) => {
                 for line in lines.changes(rows, Instant::now()) {

@@ -11,7 +11,7 @@ use wire::{Event, Job, JobProgress};
 
 use crate::client::{Client, ClientError, Events};
 use display::{Display, Rate, Row};
-pub use own_work::{Part, ProgressCallback, follow_own, follow_parts};
+pub use own_work::{OwnWork, Part, ProgressCallback, follow_own, follow_parts};
 
 /// How often this process, or a server without events, is asked.
 const POLL_EVERY: Duration = Duration::from_millis(400);

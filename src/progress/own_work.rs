@@ -16,14 +16,41 @@ use crate::process::Interrupts;
 /// A callback that gets the amount of finished work, and breaks when the work has to stop.
 pub type ProgressCallback<'a> = &'a (dyn Fn(u64) -> ControlFlow<()> + Sync);
 
-/// Does `work` on a thread of its own, and shows its progress out of `total` trajectories. The
-/// first interrupt asks it to stop, and the second ends the process.
+/// A kind of work in this process.
+#[derive(Clone, Copy, Debug)]
+pub struct OwnWork {
+    name: &'static str,
+    total: u64,
+    unit: &'static str,
+    shown: Shown,
+}
+
+/// Where progress is shown.
+#[derive(Clone, Copy, Debug)]
+enum Shown {
+    Everywhere,
+    OnTerminal,
+}
+
+impl OwnWork {
+    /// Work on this many trajectories.
+    pub const fn on_trajectories(name: &'static str, total: u64) -> Self {
+        Self { name, total, unit: "trajectories", shown: Shown::Everywhere }
+    }
+
+    /// A search of at most this many steps. It is short, so that only a terminal shows its progress.
+    pub const fn search(name: &'static str, total: u64) -> Self {
+        Self { name, total, unit: "steps", shown: Shown::OnTerminal }
+    }
+}
+
+/// Does `work` on a thread of its own, and shows its progress. The first interrupt asks it to stop, and
+/// the second ends the process.
 ///
 /// # Errors
 /// When the work panics, or listening for signals fails.
 pub async fn follow_own<T, E>(
-    name: &str,
-    total: u64,
+    OwnWork { name, total, unit, shown }: OwnWork,
     work: impl FnOnce(ProgressCallback<'_>) -> Result<T, E> + Send + 'static,
 ) -> anyhow::Result<Result<T, E>>
 where
@@ -34,11 +61,13 @@ where
     let state = Arc::new(State::default());
     let shared = Arc::clone(&state);
     let mut working = tokio::task::spawn_blocking(move || work(&|done| shared.report(done)));
-    let mut display = Display::new();
+    let mut display = match shown {
+        Shown::Everywhere => Display::new(),
+        Shown::OnTerminal => Display::on_terminal(),
+    };
     let mut rate = Rate::default();
     let mut show = |state: JobState, done: u64| {
-        let progress =
-            Progress { done, total, unit: "trajectories".to_owned(), ..Progress::default() };
+        let progress = Progress { done, total, unit: unit.to_owned(), ..Progress::default() };
         display.show(&[Row {
             name: name.to_owned(),
             state,

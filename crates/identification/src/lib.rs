@@ -44,8 +44,8 @@ pub use arm::{Arm, JointParameter, Parameter};
 pub use check::check_log;
 pub use error::IdentificationError;
 pub use excitation::{
-    Excitation, ExcitationError, ExcitationReport, ExcitationSettings, JointExcitation,
-    ParameterPrediction, RandomMotions, excite,
+    Excitation, ExcitationError, ExcitationProgress, ExcitationReport, ExcitationSettings,
+    JointExcitation, ParameterPrediction, RandomMotions, excite,
 };
 pub use figure::Curves;
 pub use fourier::{Fourier, FourierJoint, MotionState};

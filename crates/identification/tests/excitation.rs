@@ -3,11 +3,11 @@
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use std::ops::ControlFlow;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use dynamics::{RigidBody, Robot, bias_forces, mass_matrix};
 use identification::{
-    Excitation, ExcitationError, ExcitationSettings, MotionState, Recording, Settings, excite,
-    identify,
+    Excitation, ExcitationError, ExcitationSettings, MotionState, Recording, Settings, identify,
 };
 use random::{ChaCha8Rng, keyed, normal, unit};
 use spec::{Gravity, JointFriction, Range, RobotDescription, RobotModel, RobotSpec};
@@ -32,6 +32,14 @@ fn generated(joints: usize, seed: u64) -> RobotDescription {
         joint.position_rad = Range::new(-0.5 - 2.0 * low, 0.5 + 2.0 * high);
     }
     description
+}
+
+/// A search that nobody follows.
+fn excite(
+    description: &RobotDescription,
+    settings: &ExcitationSettings,
+) -> Result<Excitation, ExcitationError> {
+    identification::excite(description, settings, &|_| ControlFlow::Continue(()))
 }
 
 /// A short search.
@@ -310,4 +318,26 @@ fn what_leaves_no_room_is_refused_with_its_value_and_what_is_allowed() {
     let impossible =
         changed(&|arm| arm.joints[0].link.inertia_kg_m2 = [1.0, 0.0, 0.0, 0.1, 0.0, 0.1]);
     assert!(matches!(impossible, ExcitationError::Arm(_)), "{impossible}");
+}
+
+#[test]
+fn a_search_tells_its_steps_and_ends_on_request() {
+    let done = AtomicU64::new(0);
+    let hear = |count: u64| {
+        done.fetch_add(count, Ordering::Relaxed);
+        ControlFlow::Continue(())
+    };
+    let found = identification::excite(&generated(2, 3), &quick(), &hear).unwrap();
+    let done = done.into_inner();
+    assert!(done <= quick().steps(), "{done} of {}", quick().steps());
+    assert!(done > quick().steps() / 2, "{done} of {}", quick().steps());
+    assert_eq!(found.motion, excite(&generated(2, 3), &quick()).unwrap().motion);
+
+    let seen = AtomicU64::new(0);
+    let stop = |_| match seen.fetch_add(1, Ordering::Relaxed) {
+        0..20 => ControlFlow::Continue(()),
+        _ => ControlFlow::Break(()),
+    };
+    let stopped = identification::excite(&generated(2, 3), &quick(), &stop);
+    assert!(matches!(stopped, Err(ExcitationError::Stopped)), "{stopped:?}");
 }

@@ -7,16 +7,19 @@ use std::fs::{self, File};
 use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use anyhow::{Context, ensure};
 use clap::Args;
-use identification::{Excitation, ExcitationSettings, MotionState, excite};
+use identification::{Excitation, ExcitationError, ExcitationSettings, MotionState, excite};
 use serde::Serialize;
 use serde_json::json;
 
 use crate::commands::result_folder::ResultFolder;
+use crate::exit::INTERRUPTED;
 use crate::kept_robot::AnyRobotArguments;
 use crate::output::write_json;
+use crate::progress::{self, OwnWork, ProgressCallback};
 
 #[derive(Debug, Args)]
 pub struct Arguments {
@@ -80,7 +83,19 @@ pub async fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
         eprintln!("warning: {doubt}");
     }
     let _folder = ResultFolder::prepare(&arguments.out)?;
-    let found = excite(robot.description(), &settings)?;
+    let (description, work) =
+        (robot.description().clone(), OwnWork::search("excite", settings.steps()));
+    let search = move |progress: ProgressCallback<'_>| {
+        let done = AtomicU64::new(0);
+        let step = |count: u64| progress(done.fetch_add(count, Ordering::Relaxed) + count);
+        excite(&description, &settings, &step)
+    };
+    let found = progress::follow_own(work, search).await?;
+    if matches!(found, Err(ExcitationError::Stopped)) {
+        eprintln!("interrupted");
+        return Ok(ExitCode::from(INTERRUPTED));
+    }
+    let found = found?;
     write(&arguments.out, arguments.rate_hz, &found)?;
     if arguments.json {
         write_json(&found.report)?;
@@ -200,6 +215,8 @@ fn pretty(value: &impl Serialize) -> anyhow::Result<String> {
 
 #[cfg(test)]
 mod tests {
+    use std::ops::ControlFlow;
+
     use clap::Parser;
 
     use super::*;
@@ -228,7 +245,8 @@ mod tests {
         for flag in ["--accelerations", "--noise-nm"] {
             let Command { excite: arguments } = Command::parse_from(["excite", "panda", flag, "1"]);
             let panda = spec::RobotModel::panda();
-            let error = excite(panda.description(), &settings(&arguments)).unwrap_err();
+            let unheard = |_| ControlFlow::Continue(());
+            let error = excite(panda.description(), &settings(&arguments), &unheard).unwrap_err();
             assert_eq!(
                 error.to_string(),
                 format!("{flag} has 1 numbers, allowed: 7, one per joint")

@@ -2,23 +2,27 @@
 
 mod hints;
 mod log;
+mod search;
 
 use std::fs;
-use std::ops::ControlFlow;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::{Context, anyhow, ensure};
 use clap::Args;
-use identification::{IdentificationError, Recording, Settings, identify, identify_load};
+use identification::{IdentificationError, Recording, Settings};
 use log::{LogArguments, LogFile};
 use spec::IdentifySpec;
-use worker::{ArmFile, FoundLoad, IdentifiedArm};
+use wire::ArmReport;
+use worker::{ArmFile, IdentifiedArm};
 
 use crate::commands::result_folder::ResultFolder;
+use crate::exit::INTERRUPTED;
 use crate::kept_robot::AnyRobotArguments;
 use crate::output::write_json;
+use crate::progress::{self, OwnWork};
 use crate::robots::Urdf;
+use search::{Found, Search};
 
 #[derive(Debug, Args)]
 pub struct Arguments {
@@ -94,19 +98,21 @@ pub async fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
     let recordings = |logs: &[LogFile]| -> Vec<Recording> {
         logs.iter().flat_map(|file| &file.logs).map(|log| log.recording(rate_hz)).collect()
     };
-    let progress = &mut || ControlFlow::Continue(());
-    let (fit, validation) = (recordings(&logs), recordings(&validation));
-    let found = identify(description, &fit, &validation, &settings, progress).map_err(with_flag)?;
     let per_load = if arguments.same_load { loads.len() } else { 1 };
-    let load = |recordings: &[Recording]| -> anyhow::Result<FoundLoad> {
-        let names: Vec<&str> = recordings.iter().map(|log| log.name.as_str()).collect();
-        let progress = &mut || ControlFlow::Continue(());
-        let found = identify_load(description, &found.arm, recordings, &[], &settings, progress)
-            .map_err(with_flag)?;
-        Ok(FoundLoad { recordings: names.join(", "), found })
+    let search = Search {
+        description: description.clone(),
+        fit: recordings(&logs),
+        validation: recordings(&validation),
+        loads: loads.chunks(per_load.max(1)).map(recordings).collect(),
+        settings,
     };
-    let loads = loads.chunks(per_load.max(1)).map(|files| load(&recordings(files)));
-    let loads = loads.collect::<anyhow::Result<Vec<FoundLoad>>>()?;
+    let work = OwnWork::search("identify", search.steps());
+    let found = progress::follow_own(work, move |progress| search.run(progress)).await?;
+    if matches!(found, Err(IdentificationError::Stopped)) {
+        eprintln!("interrupted");
+        return Ok(ExitCode::from(INTERRUPTED));
+    }
+    let Found { arm: found, loads } = found.map_err(with_flag)?;
 
     let arm = IdentifiedArm {
         described: description,

@@ -11,7 +11,7 @@ use super::survey::Survey;
 use crate::exit::INTERRUPTED;
 use crate::kept_robot::AnyRobotArguments;
 use crate::output::write_json;
-use crate::progress::{self, ProgressCallback, measure};
+use crate::progress::{self, OwnWork, ProgressCallback, measure};
 
 #[derive(Debug, Args)]
 #[command(
@@ -44,13 +44,16 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let doubts: Vec<String> = robot.doubts.iter().cloned().chain(of_spec).collect();
     let simulated = spec.clone();
     let work = move |progress: ProgressCallback<'_>| Survey::new(&simulated, progress);
-    let survey = match progress::follow_own("check", spec.trajectories, work).await? {
-        Err(DynamicsError::Cancelled { .. }) => {
-            eprintln!("interrupted");
-            return Ok(ExitCode::from(INTERRUPTED));
-        }
-        survey => survey?,
-    };
+    let survey =
+        match progress::follow_own(OwnWork::on_trajectories("check", spec.trajectories), work)
+            .await?
+        {
+            Err(DynamicsError::Cancelled { .. }) => {
+                eprintln!("interrupted");
+                return Ok(ExitCode::from(INTERRUPTED));
+            }
+            survey => survey?,
+        };
     if arguments.json {
         let mut document = serde_json::to_value(&survey)?;
         document["doubts"] = json!(doubts);

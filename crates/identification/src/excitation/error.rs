@@ -112,6 +112,9 @@ pub enum ExcitationError {
         /// Their number.
         random_motions: usize,
     },
+    /// The caller of the search has ended it.
+    #[error("stopped on request")]
+    Stopped,
     /// The description's arm cannot be identified at all.
     #[error(transparent)]
     Arm(#[from] IdentificationError),

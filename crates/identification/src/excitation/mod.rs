@@ -35,7 +35,8 @@ use self::limits::{Limits, TIME_TO_FULL_SPEED_S, heights};
 use self::objective::Objective;
 use self::report::deviations;
 pub use self::report::{ExcitationReport, JointExcitation, ParameterPrediction, RandomMotions};
-use self::search::{Candidate, improved, random_motions, random_posture};
+pub use self::search::ExcitationProgress;
+use self::search::{Candidate, Steps, improved, random_motions, random_posture};
 pub use self::settings::ExcitationSettings;
 use self::settings::USUAL_NOISE;
 use crate::arm::{Arm, Prior, described_bends};
@@ -89,6 +90,7 @@ fn torques(arm: &Arm, linear: &DVector<f64>, state: &MotionState) -> Joints<f64>
 pub fn excite(
     description: &RobotDescription,
     settings: &ExcitationSettings,
+    progress: ExcitationProgress<'_>,
 ) -> Result<Excitation, ExcitationError> {
     let joints = description.joints.len();
     settings.check()?;
@@ -119,7 +121,8 @@ pub fn excite(
     };
 
     let postures = postures(description, settings, &objective)?;
-    let random = random_motions(&objective, &postures);
+    let steps = Steps::new(progress);
+    let random = random_motions(&objective, &postures, &steps);
     // Between the times of the search's grid, a motion may be a little nearer to its limits.
     let on_fine_grid = Objective { limits: &limits, ..objective };
     let fine = times * FINER;
@@ -129,7 +132,11 @@ pub fn excite(
     };
     let stays_within =
         |found: &Candidate| on_fine_grid.is_allowed(states_of(&basis.motion(&found.variables)));
-    let Candidate { variables, information: log_det } = improved(&objective, &random)
+    let improved = improved(&objective, &random, &steps);
+    if steps.are_stopped() {
+        return Err(ExcitationError::Stopped);
+    }
+    let Candidate { variables, information: log_det } = improved
         .into_iter()
         .find(stays_within)
         .ok_or(ExcitationError::NoMotion { random_motions: settings.random_motions })?;

@@ -1,6 +1,8 @@
 //! From random motions to the best one.
 
 use std::collections::VecDeque;
+use std::ops::ControlFlow;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use dynamics::Joints;
 use nalgebra::DVector;
@@ -22,6 +24,58 @@ const STEPS: usize = 50;
 /// The first part of the keys of random numbers.
 const MOTIONS: u64 = 2;
 
+/// Hears how many steps of a search were done, of which there are at most
+/// [`ExcitationSettings::steps`](super::ExcitationSettings::steps). The search ends with
+/// [`ExcitationError::Stopped`](super::ExcitationError::Stopped) when it breaks.
+pub type ExcitationProgress<'a> = &'a (dyn Fn(u64) -> ControlFlow<()> + Sync);
+
+/// The steps of a search, done on several threads.
+pub(crate) struct Steps<'a> {
+    progress: ExcitationProgress<'a>,
+    stopped: AtomicBool,
+}
+
+impl<'a> Steps<'a> {
+    /// The most steps of a search that begins with so many random motions.
+    pub(crate) const fn most(random_motions: usize) -> u64 {
+        let barriers = TRIED * TRIED_BARRIERS + GOING_ON * (BARRIERS.len() - TRIED_BARRIERS);
+        (random_motions + barriers * STEPS) as u64
+    }
+
+    pub(crate) const fn new(progress: ExcitationProgress<'a>) -> Self {
+        Self { progress, stopped: AtomicBool::new(false) }
+    }
+
+    pub(crate) fn are_stopped(&self) -> bool {
+        self.stopped.load(Ordering::Relaxed)
+    }
+
+    fn done(&self, count: u64) {
+        if (self.progress)(count).is_break() {
+            self.stopped.store(true, Ordering::Relaxed);
+        }
+    }
+}
+
+/// The steps of one maximization. Those that it does not need are done at its end.
+struct Remaining<'a> {
+    steps: &'a Steps<'a>,
+    left: u64,
+}
+
+impl Remaining<'_> {
+    fn step(&mut self) {
+        self.left = self.left.saturating_sub(1);
+        self.steps.done(1);
+    }
+}
+
+impl Drop for Remaining<'_> {
+    fn drop(&mut self) {
+        self.steps.done(self.left);
+    }
+}
+
 /// A motion within the limits, and its log det.
 #[derive(Clone)]
 pub(crate) struct Candidate {
@@ -34,10 +88,15 @@ pub(crate) struct Candidate {
 pub(crate) fn random_motions(
     objective: &Objective<'_>,
     postures: &[Joints<f64>],
+    steps: &Steps<'_>,
 ) -> Vec<Candidate> {
     let drawn = postures.par_iter().enumerate();
     let mut motions: Vec<Candidate> = drawn
-        .filter_map(|(number, posture)| random_motion(objective, posture, number as u64))
+        .filter_map(|(number, posture)| {
+            steps.done(1);
+            let is_wanted = !steps.are_stopped();
+            is_wanted.then(|| random_motion(objective, posture, number as u64)).flatten()
+        })
         .collect();
     motions.sort_by(|a, b| b.information.total_cmp(&a.information));
     motions
@@ -113,7 +172,11 @@ pub(crate) fn random_posture(middle: &Joints<f64>, half: &Joints<f64>, number: u
 
 /// The best of `motions`, which are in falling order, and what the search makes of them, in falling
 /// order. After each barrier comes a motion that is a little nearer to the limits.
-pub(crate) fn improved(objective: &Objective<'_>, motions: &[Candidate]) -> Vec<Candidate> {
+pub(crate) fn improved(
+    objective: &Objective<'_>,
+    motions: &[Candidate],
+    steps: &Steps<'_>,
+) -> Vec<Candidate> {
     let (first, later) = BARRIERS.split_at(TRIED_BARRIERS);
     let through = |start: &Candidate, barriers: &[f64]| -> Vec<Candidate> {
         let mut variables = start.variables.clone();
@@ -121,7 +184,7 @@ pub(crate) fn improved(objective: &Objective<'_>, motions: &[Candidate]) -> Vec<
         for barrier in barriers {
             let slopes = |at: &DVector<f64>| objective.slopes(at, *barrier);
             let value = |at: &DVector<f64>| objective.value(at, *barrier);
-            variables = maximized(variables, slopes, value);
+            variables = maximized(variables, slopes, value, steps);
             if let Some(information) = objective.information(&variables) {
                 after.push(Candidate { variables: variables.clone(), information });
             }
@@ -150,6 +213,7 @@ fn maximized(
     mut variables: DVector<f64>,
     mut slopes: impl FnMut(&DVector<f64>) -> Option<(f64, DVector<f64>)>,
     mut value: impl FnMut(&DVector<f64>) -> Option<f64>,
+    steps: &Steps<'_>,
 ) -> DVector<f64> {
     const REMEMBERED: usize = 12;
     /// The length of the first step.
@@ -159,10 +223,15 @@ fn maximized(
     /// A step that gains less ends the search.
     const LEAST_GAIN: f64 = 1e-3;
 
+    let mut remaining = Remaining { steps, left: STEPS as u64 };
     let Some((mut height, mut gradient)) = slopes(&variables) else { return variables };
     // Steps, changes of the gradient, and one over their products.
     let mut memory: VecDeque<(DVector<f64>, DVector<f64>, f64)> = VecDeque::new();
     for _ in 0..STEPS {
+        remaining.step();
+        if steps.are_stopped() {
+            return variables;
+        }
         let mut direction = gradient.clone();
         let mut shares = Vec::with_capacity(memory.len());
         for (step, change, scale) in memory.iter().rev() {

@@ -1,6 +1,7 @@
 //! The settings of an excitation, and what is allowed.
 
 use super::error::ExcitationError;
+use super::search::Steps;
 use crate::motion::whole;
 
 /// The settings of an excitation.
@@ -71,6 +72,11 @@ impl ExcitationSettings {
     pub fn harmonics(&self) -> usize {
         let usual = whole(USUAL_BANDWIDTH_HZ / self.base_frequency_hz());
         self.harmonics.unwrap_or(usual.clamp(5, 15))
+    }
+
+    /// The most steps of the search.
+    pub const fn steps(&self) -> u64 {
+        Steps::most(self.random_motions)
     }
 
     /// Checks what does not depend on the arm.
