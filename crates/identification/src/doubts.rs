@@ -25,6 +25,15 @@ pub(crate) fn doubts(report: &ArmReport) -> Vec<String> {
     doubts
 }
 
+/// Whether recordings fit the arm that was identified from them: it explains most of their torques, and
+/// its simulations are better than holding the position.
+pub fn fits(report: &ArmReport) -> bool {
+    let mut doubts = Vec::new();
+    of_torques(report, &mut doubts);
+    of_simulations(report, &mut doubts);
+    doubts.is_empty()
+}
+
 /// Joints whose torques the arm does not explain.
 fn of_torques(report: &ArmReport, doubts: &mut Vec<String>) {
     let mut unexplained: Vec<u32> = Vec::new();

@@ -42,6 +42,7 @@ mod wording;
 
 pub use arm::{Arm, JointParameter, Parameter};
 pub use check::check_log;
+pub use doubts::fits;
 pub use error::IdentificationError;
 pub use excitation::{
     Excitation, ExcitationError, ExcitationProgress, ExcitationReport, ExcitationSettings,

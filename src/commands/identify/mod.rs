@@ -141,11 +141,23 @@ pub async fn run(arguments: &Arguments) -> anyhow::Result<ExitCode> {
             gains.join(", ")
         );
     }
-    println!(
-        "\nThe identified arm is {}, which jobs take as `robot.model`. Look at parameters.csv beside it.",
-        arguments.out.join("description.json").display()
-    );
+    println!("\n{}", closing(&arguments.out.join("description.json"), &report.arm));
     Ok(ExitCode::SUCCESS)
+}
+
+/// The last sentences about an identified arm.
+fn closing(description: &Path, report: &ArmReport) -> String {
+    let path = description.display();
+    if identification::fits(report) {
+        return format!(
+            "The identified arm is {path}, which jobs take as `robot.model`. Their specs need \"friction\": {{}} beside the \
+             model, or they leave its friction out. parameters.csv in the same folder has every number."
+        );
+    }
+    format!(
+        "The recordings do not fit the identified arm: do not use {path} before the warnings above are settled. Look at \
+         torques.svg and motion.svg beside it."
+    )
 }
 
 /// The error with the flag where it names the field of a spec.
@@ -187,11 +199,33 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_error_of_the_low_pass_names_the_flag() {
+    fn an_arm_that_does_not_fit_its_recordings_is_not_recommended() {
+        let report = |identified_nm: f64| -> ArmReport {
+            let torque = json!({"joint": 1, "deviation_nm": 2.0, "described_nm": 1.0, "identified_nm": identified_nm});
+            let none: [u8; 0] = [];
+            let report = json!({
+                "parameters": none, "torques": [torque], "validation_torques": none, "horizons_s": none,
+                "errors": none, "validation_errors": none, "warnings": none,
+            });
+            serde_json::from_value(report).unwrap()
+        };
+        let path = Path::new("found/description.json");
+        let fits = closing(path, &report(0.1));
+        assert!(fits.starts_with("The identified arm is found/description.json"), "{fits}");
+        assert!(fits.contains("\"friction\": {}"), "{fits}");
+        let refused = closing(path, &report(1.5));
+        assert!(refused.starts_with("The recordings do not fit the identified arm"), "{refused}");
+        assert!(refused.contains("do not use found/description.json"), "{refused}");
+    }
+
+    #[test]
+    fn an_error_names_the_flags_that_were_typed() {
         let low_pass = IdentificationError::LowPass {
             recording: "a.csv".to_owned(),
             low_pass_hz: 70.0,
             rate_hz: 100.0,
+    use serde_json::json;
+
             below_hz: 50.0,
         };
         let message = with_flag(low_pass).to_string();
