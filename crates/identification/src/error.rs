@@ -81,11 +81,17 @@ pub enum IdentificationError {
     },
     /// A joint never moves, so its friction and rotor cannot be seen.
     #[error(
-        "joint {joint} moves by {range_rad:.2e} rad in all recordings, allowed: at least {least_rad} rad"
+        "joint {joint} moves by {range_rad:.2e} rad in all recordings, allowed: at least {least_rad} rad; lock a joint \
+         that stands still: `torqued robot add ARM.urdf --lock {name}={position_rad}`, and leave it out of columns.q and \
+         columns.u of the import"
     )]
     Still {
         /// From 1.
         joint: usize,
+        /// Its name in the description.
+        name: String,
+        /// Where it stands, rad.
+        position_rad: f64,
         /// The range of its positions, rad.
         range_rad: f64,
         /// The least range, rad.

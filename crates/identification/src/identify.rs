@@ -17,6 +17,7 @@ use crate::normal_equations::minimize;
 use crate::rollouts::{RolloutFit, Windows};
 use crate::torque_fit::{self, Progress, TorqueFit};
 use crate::torques::Torques;
+use crate::wording::rounded;
 
 /// The settings of an identification.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -158,7 +159,7 @@ fn search(
         return Err(IdentificationError::NoRecordings);
     }
     let mut warnings = Vec::new();
-    check_motion(&motions, joints, &mut warnings)?;
+    check_motion(&motions, description, &mut warnings)?;
     warnings.extend((0..joints).filter_map(|joint| about_cuts(&motions, joint)));
 
     let mut best = torque_fit::best_of(&prior, &beginnings_rad_s, &motions, progress)?;
@@ -241,19 +242,25 @@ fn motions(
 
 fn check_motion(
     motions: &[Motion],
-    joints: usize,
+    description: &RobotDescription,
     warnings: &mut Vec<String>,
 ) -> Result<(), IdentificationError> {
     const LEAST_RANGE_RAD: f64 = 1e-3;
     const SMALL_RANGE_RAD: f64 = 0.2;
 
-    for joint in 0..joints {
+    for (joint, described) in description.joints.iter().enumerate() {
         let positions = || motions.iter().flat_map(|motion| &motion.q).map(|row| row[joint]);
-        let range_rad = positions().fold(f64::NEG_INFINITY, f64::max)
-            - positions().fold(f64::INFINITY, f64::min);
+        let highest_rad = positions().fold(f64::NEG_INFINITY, f64::max);
+        let lowest_rad = positions().fold(f64::INFINITY, f64::min);
+        let range_rad = highest_rad - lowest_rad;
         if range_rad < LEAST_RANGE_RAD {
-            let (joint, least_rad) = (joint + 1, LEAST_RANGE_RAD);
-            return Err(IdentificationError::Still { joint, range_rad, least_rad });
+            return Err(IdentificationError::Still {
+                joint: joint + 1,
+                name: described.name.clone(),
+                position_rad: rounded(0.5 * (lowest_rad + highest_rad)),
+                range_rad,
+                least_rad: LEAST_RANGE_RAD,
+            });
         }
         if range_rad < SMALL_RANGE_RAD {
             let (joint, range_deg) = (joint + 1, range_rad.to_degrees());

@@ -396,6 +396,9 @@ fn recordings_that_say_nothing_are_refused() {
     };
     let still = refused(&|recording| recording.q.iter_mut().for_each(|row| row[2] = 0.3));
     assert!(matches!(still, IdentificationError::Still { joint: 3, .. }), "{still}");
+    let way_out =
+        "lock a joint that stands still: `torqued robot add ARM.urdf --lock panda_joint3=0.3`";
+    assert!(still.to_string().contains(way_out), "{still}");
     let short = refused(&|recording| {
         recording.q.truncate(200);
         recording.u.truncate(200);

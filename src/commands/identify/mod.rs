@@ -166,6 +166,14 @@ fn with_flag(error: IdentificationError) -> anyhow::Error {
         IdentificationError::LowPass { .. } => {
             anyhow!(error.to_string().replacen("low_pass_hz", "--low-pass-hz", 1))
         }
+        IdentificationError::Still { ref name, position_rad, .. } => {
+            let text = error.to_string();
+            let (refusal, _) = text.split_once("; ").unwrap_or((&text, ""));
+            anyhow!(
+                "{refusal}; lock a joint that stands still: `--lock {name}={position_rad}` for a URDF, and name the \
+                 columns of the other joints with --q and --u"
+            )
+        }
         error => error.into(),
     }
 }
@@ -196,6 +204,8 @@ fn settings(arguments: &Arguments, has_gains: bool) -> anyhow::Result<Settings> 
 
 #[cfg(test)]
 mod tests {
+    use serde_json::json;
+
     use super::*;
 
     #[test]
@@ -224,12 +234,22 @@ mod tests {
             recording: "a.csv".to_owned(),
             low_pass_hz: 70.0,
             rate_hz: 100.0,
-    use serde_json::json;
-
             below_hz: 50.0,
         };
         let message = with_flag(low_pass).to_string();
         assert!(message.starts_with("--low-pass-hz is 70 Hz, allowed for "), "{message}");
+        let still = IdentificationError::Still {
+            joint: 1,
+            name: "j1".to_owned(),
+            position_rad: 0.1,
+            range_rad: 2e-5,
+            least_rad: 1e-3,
+        };
+        assert_eq!(
+            with_flag(still).to_string(),
+            "joint 1 moves by 2.00e-5 rad in all recordings, allowed: at least 0.001 rad; lock a joint that stands still: \
+             `--lock j1=0.1` for a URDF, and name the columns of the other joints with --q and --u"
+        );
         let other = with_flag(IdentificationError::NoRecordings).to_string();
         assert_eq!(other, "there are no recordings");
     }
