@@ -25,7 +25,7 @@ pub struct OwnWork {
     shown: Shown,
 }
 
-/// Where progress is shown.
+/// The outputs that show progress.
 #[derive(Clone, Copy, Debug)]
 enum Shown {
     Everywhere,

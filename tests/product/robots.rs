@@ -159,6 +159,9 @@ async fn a_server_keeps_an_arm_that_specs_name() {
     let again = with_server(&["add", file.to_str().unwrap(), "--json"]);
     let known: Value = serde_json::from_str(&again).unwrap();
     assert_eq!((&known["id"], &known["name"]), (&json!(1), &json!("my arm")));
+    let renamed = with_server(&["add", file.to_str().unwrap(), "--name", "arm of the lab"]);
+    let kept = "robot 1: my arm, 3 joints, which the server had already: it keeps this name, not \"arm of the lab\"\n";
+    assert!(renamed.starts_with(kept), "{renamed}");
     let other = ["add", file.to_str().unwrap(), "--lock", "joint2=0.5", "--mount", "0,0,1,180,0,0"];
     let other = with_server(&other);
     assert!(other.starts_with("robot 2: chain, 2 joints\n"), "{other}");

@@ -90,7 +90,7 @@ pub enum IdentificationError {
         joint: usize,
         /// Its name in the description.
         name: String,
-        /// Where it stands, rad.
+        /// The position at which it stands, rad.
         position_rad: f64,
         /// The range of its positions, rad.
         range_rad: f64,

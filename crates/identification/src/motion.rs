@@ -34,7 +34,7 @@ pub(crate) struct Motion {
     pub(crate) u: Vec<Vec<f64>>,
     /// Torques as they were recorded, `[sample][joint]`, N·m.
     pub(crate) recorded_u: Vec<Vec<f64>>,
-    /// Where the recorded torque of each joint is cut off.
+    /// The levels at which the recorded torque of each joint is cut off.
     pub(crate) saturation: Vec<Saturation>,
     /// Samples that the low-pass spreads a cut over, on each side.
     spread: usize,
@@ -50,7 +50,7 @@ pub(crate) fn slope_of_bend(ratio: f64) -> f64 {
     -ratio / ratio.cosh().powi(2)
 }
 
-/// How far the low-pass spreads the torque that is cut off, in periods of its edge.
+/// The low-pass spreads a torque that is cut off by this many periods of its edge.
 const SPREAD: f64 = 0.5;
 
 impl Motion {

@@ -7,8 +7,8 @@
 
 use std::ops::Range;
 
-/// A level has at least this share of the samples, and so many samples. A controller may reach its
-/// limit for a moment.
+/// A level has at least this share of the samples, and at least this number of them. A controller may
+/// reach its limit for a moment.
 const LEAST_SHARE: f64 = 0.03;
 const LEAST_SAMPLES: usize = 25;
 
@@ -21,7 +21,7 @@ const TOLERANCE: f64 = 1e-4;
 const BAND: f64 = 0.01;
 const BAND_OF_REPEATED: f64 = 0.05;
 
-/// How many times the samples of the band a level has at least. A rounded sine has as many in both.
+/// A level has at least this many times the samples of the band. A rounded sine has as many in both.
 const TIMES: usize = 3;
 
 /// Values overshoot a level after a low-pass by less than this share of the range.
@@ -118,8 +118,8 @@ fn highest_level(sorted: &[f64], tolerance: f64, band: f64, inner: &Range<f64>) 
     (at_level as f64 >= least && TIMES * others <= at_level).then_some(level)
 }
 
-/// The middle of the interval of ± `tolerance` that has most of the values at `places`, and how many it
-/// has.
+/// The middle of the interval of ± `tolerance` that has most of the values at `places`, and the number
+/// of these.
 fn fullest(sorted: &[f64], places: Range<usize>, tolerance: f64) -> Option<(f64, usize)> {
     let values = &sorted[places];
     let mut best: Option<(f64, usize)> = None;

@@ -245,7 +245,7 @@ impl JointRegression {
         values
     }
 
-    /// How many rows count, at least 1.
+    /// The number of rows that count, at least 1.
     fn count(&self) -> f64 {
         (self.torques.len() - self.left_out.len()).max(1) as f64
     }

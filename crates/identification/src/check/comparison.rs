@@ -17,7 +17,7 @@ pub struct Comparison {
     pub period_s: f64,
     pub layout: Layout,
     pub channels: Vec<Channel>,
-    /// How much of each channel is cut off.
+    /// The levels at which each channel is cut off.
     pub cuts: Vec<Cuts>,
     pub ties: Ties,
     /// How far each joint goes towards its limits. Empty if no recording is long enough, and where

@@ -9,7 +9,7 @@ use crate::wording::digits;
 /// A smaller share of the samples is no reason for doubt.
 const LEAST_SHARE: f64 = 0.03;
 
-/// How much of a channel of torques stands at its highest and lowest level.
+/// The highest and the lowest level of a channel of torques, and the samples there.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Cuts {
     highest: Cut,
@@ -20,7 +20,7 @@ pub struct Cuts {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Cut {
     level_nm: f64,
-    /// Of all samples.
+    /// The share of all samples.
     share: f64,
 }
 
