@@ -185,7 +185,8 @@ fn deviations_after(
         (0..samples).map(|sample| motion.at(sample as f64 / RATE_HZ).q.to_vec()).collect();
     let u = vec![vec![0.0; noise_nm.len()]; samples];
     let recording = Recording { name: "the motion".to_owned(), rate_hz: RATE_HZ, q, u };
-    let motion = Motion::new(&recording, noise_nm.len(), Settings::default().low_pass_hz)?;
+    let unlimited_nm = vec![f64::INFINITY; noise_nm.len()];
+    let motion = Motion::new(&recording, &unlimited_nm, Settings::default().low_pass_hz)?;
     let torques = Torques::new(&prior.arm, &[motion]).weighed_by(noise_nm);
     let curvature = torques.normal_equations(&prior.arm).curvature;
     Ok(deviations(prior, &posterior(&curvature, &prior.deviations)))
