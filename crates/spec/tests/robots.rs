@@ -165,9 +165,28 @@ fn friction_needs_numbers_that_the_description_or_the_spec_has() {
 }
 
 #[test]
+fn the_doubt_about_friction_names_the_joints_that_have_some_and_a_remedy_that_is_accepted() {
+    let mut model = arm_of_six();
+    model["joints"][0]["friction"] = Value::Null;
+    for joint in 2..6 {
+        model["joints"][joint]["friction"]["phi1_nm"] = 0.into();
+    }
+    let doubt = |model: &Value| {
+        let spec = accepted(&simulate(&json!({"model": model}), &json!({})));
+        spec.robot.friction_doubt().map(|doubt| doubt.reason)
+    };
+    let found = doubt(&model).unwrap();
+    assert!(found.contains("friction of joint axis 2, which"), "{found}");
+    assert!(found.contains("phi1_nm, phi2_s_rad and phi3_rad_s of every joint"), "{found}");
+    model["joints"][1]["friction"] = Value::Null;
+    assert_eq!(doubt(&model), None);
+}
+
+#[test]
 fn explicit_steps_are_in_doubt_where_nothing_tells_whether_they_are_stable() {
     let rk4 = json!({"integrator": {"scheme": "rk4", "substeps": 12}});
-    let doubts = accepted(&simulate(&json!({"model": arm_of_six()}), &rk4)).doubts();
+    let doubts =
+        accepted(&simulate(&json!({"model": arm_of_six(), "friction": {}}), &rk4)).doubts();
     assert_eq!(doubts.len(), 1);
     assert!(doubts[0].reason.contains("least_inertia_kg_m2"), "{}", doubts[0].reason);
 }

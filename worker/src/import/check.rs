@@ -115,6 +115,7 @@ pub(super) fn check(spec: &ImportSpec, measured: Vec<Measured>) -> Option<LogChe
     match check_log(robot.description(), &recordings) {
         Ok(mut check) => {
             check.doubts.extend(of_gravity(robot.gravity, &check));
+            check.doubts.extend(robot.friction_doubt().map(|doubt| doubt.to_string()));
             Some(check)
         }
         Err(error) => {

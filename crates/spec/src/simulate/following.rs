@@ -46,8 +46,15 @@ impl fmt::Display for Doubt {
 const RUNGE_KUTTA_LIMIT: f64 = 2.785;
 
 impl SimulateSpec {
-    /// Warnings about a valid spec that the integrator cannot follow, or that the robots cannot do.
+    /// Warnings about a valid spec that the integrator cannot follow, that the robots cannot do, or
+    /// that leaves out friction of the robot.
     pub fn doubts(&self) -> Vec<Doubt> {
+        let mut doubts = self.doubts_of_motion();
+        doubts.extend(self.robot.friction_doubt());
+        doubts
+    }
+
+    fn doubts_of_motion(&self) -> Vec<Doubt> {
         let mut doubts = Vec::new();
         let mut doubt = |field: &str, value: String, reason: String| {
             doubts.push(Doubt { field: field.to_owned(), value, reason });

@@ -3,7 +3,8 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use crate::{InertiaScheme, Range, RobotDescription, RobotModel};
+use super::following::Doubt;
+use crate::{InertiaScheme, JointDescription, Range, RobotDescription, RobotModel};
 
 /// The arm, and how far each robot's parameters deviate from the nominal ones.
 ///
@@ -76,6 +77,34 @@ impl RobotSpec {
     /// Number of joints.
     pub fn joints(&self) -> usize {
         self.description().joints.len()
+    }
+
+    /// The warning about friction that a described arm has and this spec leaves out. Built-in arms
+    /// get none, because their presets leave it out on purpose.
+    pub fn friction_doubt(&self) -> Option<Doubt> {
+        let (None, RobotModel::Described(description)) = (&self.friction, &self.model) else {
+            return None;
+        };
+        let rubs = |joint: &&JointDescription| {
+            joint.friction.is_some_and(|friction| friction.phi1_nm > 0.0)
+        };
+        let rubbing = description.joints.iter().filter(rubs);
+        let names: Vec<&str> = rubbing.map(|joint| joint.name.as_str()).collect();
+        if names.is_empty() {
+            return None;
+        }
+        let remedy = match Friction::nominal(description) {
+            Some(_) => "say \"friction\": {} to simulate it",
+            None => {
+                "give \"friction\" phi1_nm, phi2_s_rad and phi3_rad_s of every joint to simulate it"
+            }
+        };
+        let joints = if names.len() == 1 { "joint" } else { "joints" };
+        let reason = format!(
+            "robot.model has friction of {joints} {}, which this spec leaves out; {remedy}",
+            names.join(", ")
+        );
+        Some(Doubt { field: "robot.friction".to_owned(), value: "null".to_owned(), reason })
     }
 }
 
