@@ -240,7 +240,11 @@ fn facts(dataset: &Dataset, kind: JobKind, trajectories: u64) -> Vec<Fact> {
     ];
     if !recorded {
         let is_controlled = dataset.spec["controller"].is_object();
-        let why = if is_controlled { "near limits or off their reference" } else { "near limits" };
+        let why = if is_controlled {
+            "near limits, off their reference or with an unstable controller"
+        } else {
+            "near limits"
+        };
         let again = format!("{} drawn again, {why}", text::count(dataset.rejected));
         facts.push(Fact::new("Draws kept", kept(trajectories, dataset.rejected), again));
     }

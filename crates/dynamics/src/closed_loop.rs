@@ -11,6 +11,7 @@ use crate::error::LostTrack;
 use crate::integrators::{Scheme, Scratch, State};
 use crate::kernels::Advance;
 use crate::kinematics::POSE;
+use crate::limit_cycle::LimitCycles;
 use crate::model::Model;
 use crate::planner::ReferenceAt;
 use crate::reference::{Reference, ReferenceState};
@@ -54,6 +55,7 @@ pub(crate) fn simulate<L: Lanes, S: Structure<N>, const N: usize>(
     let is_noisy = Encoder::new(spec).is_noisy();
 
     let mut controllers = Controllers::<L, N>::new(structure, spec, controller, known);
+    let mut limit_cycles = LimitCycles::<N>::new(spec, controller);
     let mut model = Model::splat(structure, block.source.nominal());
     let mut state = State::<L, N>::zero();
     let mut scratch = Scratch::new();
@@ -97,6 +99,7 @@ pub(crate) fn simulate<L: Lanes, S: Structure<N>, const N: usize>(
                 model.set_lane(structure, lane, &scenario.robot);
                 state.set_lane(lane, &scenario.q0, &scenario.qd0);
                 controllers.set_lane(lane, &tracking.gains, &start);
+                limit_cycles.start(lane);
                 let noise = Draws::new(spec.seed, scenario.index, Purpose::PositionNoise, 0);
                 courses[lane] = Some(Course { reference: start, noise });
                 lanes[lane] = LaneState::Running { row, sample: 0 };
@@ -167,6 +170,12 @@ pub(crate) fn simulate<L: Lanes, S: Structure<N>, const N: usize>(
         let mut velocities = [[0.0; MAX_LANES]; N];
         let mut measured = [[0.0; MAX_LANES]; N];
         let mut torques = [[0.0; MAX_LANES]; N];
+        let mut peaks = [[[0.0; MAX_LANES]; N]; 2];
+        for (stored, peaks) in peaks.iter_mut().zip(controllers.take_peaks()) {
+            for joint in 0..joints {
+                peaks[joint].store(&mut stored[joint]);
+            }
+        }
         let mut zeros = L::splat(0.0);
         for joint in 0..joints {
             at_sample[joint].store(&mut positions[joint]);
@@ -190,6 +199,12 @@ pub(crate) fn simulate<L: Lanes, S: Structure<N>, const N: usize>(
         for lane in 0..L::LANES {
             let LaneState::Running { row, sample } = lanes[lane] else { continue };
             let scenario = &block.scenarios[row];
+            // Torques that are added swing without being the controller's fault.
+            let unstable = tracking_of(scenario)
+                .added_nm
+                .is_empty()
+                .then(|| limit_cycles.add(joints, lane, &peaks))
+                .flatten();
             // Infinite torques of an unstable loop come before positions that are not finite.
             let lost = if zero_if_finite[lane] != 0.0 {
                 Some(LostTrack::Diverged)
@@ -199,6 +214,8 @@ pub(crate) fn simulate<L: Lanes, S: Structure<N>, const N: usize>(
                 Some(LostTrack::OffReference)
             } else if excess[lane] > 0.0 {
                 Some(LostTrack::AtLimit)
+            } else if let Some(joint) = unstable {
+                Some(LostTrack::Unstable { joint })
             } else {
                 None
             };
@@ -283,7 +300,8 @@ fn lost_track(
     reference: &ReferenceState,
 ) -> DynamicsError {
     let off: Vec<f64> = q.iter().zip(reference.r.iter()).map(|(q, r)| (q - r).abs()).collect();
-    let worst = (0..off.len()).max_by(|&a, &b| off[a].total_cmp(&off[b])).unwrap_or_default();
+    let farthest = (0..off.len()).max_by(|&a, &b| off[a].total_cmp(&off[b])).unwrap_or_default();
+    let worst = if let LostTrack::Unstable { joint } = lost { joint } else { farthest };
     let gains = &tracking_of(scenario).gains;
     DynamicsError::NoDrawTracked {
         index: scenario.index,

@@ -73,6 +73,11 @@ pub enum LostTrack {
     AtLimit,
     /// The posture is singular for a controller of the hand.
     Singular,
+    /// The torque of a joint, counted from 0, swings from limit to limit.
+    Unstable {
+        /// The joint.
+        joint: usize,
+    },
 }
 
 impl std::fmt::Display for LostTrack {
@@ -81,6 +86,9 @@ impl std::fmt::Display for LostTrack {
             Self::Diverged => "the motion diverged",
             Self::OffReference => "the arm lost its reference",
             Self::AtLimit => "a joint came too close to its limit",
+            Self::Unstable { .. } => {
+                "its controller is unstable (the torque of a joint swings from limit to limit)"
+            }
             Self::Singular => "the hand could not move in some direction (a singular posture)",
         })
     }

@@ -46,6 +46,7 @@ mod inverse_kinematics;
 mod joints;
 mod kernels;
 mod kinematics;
+mod limit_cycle;
 mod measurement;
 mod model;
 #[cfg(test)]

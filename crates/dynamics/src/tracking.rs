@@ -80,6 +80,8 @@ pub(crate) struct Controllers<'a, L, const N: usize> {
     sum: [L; N],
     /// The latest commands, the last one first.
     commands: [[L; N]; DELAYS],
+    /// The largest commands since they were taken, and the largest of their negatives; 0 at least.
+    peaks: [[L; N]; 2],
     task: HandTask<L, N>,
 }
 
@@ -122,6 +124,7 @@ impl<'a, L: Lanes, const N: usize> Controllers<'a, L, N> {
             velocity: zero,
             sum: zero,
             commands: [zero; DELAYS],
+            peaks: [zero; 2],
             task: HandTask::new(dims(controller, known.arm.joints()), &known.arm, period_s),
         }
     }
@@ -176,6 +179,13 @@ impl<'a, L: Lanes, const N: usize> Controllers<'a, L, N> {
             largest = largest.max(error).max(-error);
         }
         largest
+    }
+
+    /// The largest commands of each joint since the last call, and the largest of their negatives; 0
+    /// at least.
+    #[inline(always)]
+    pub(crate) fn take_peaks(&mut self) -> [[L; N]; 2] {
+        std::mem::replace(&mut self.peaks, [[L::splat(0.0); N]; 2])
     }
 
     /// Above 0 where the posture of a controller of the hand was singular since the last call.
@@ -317,7 +327,7 @@ impl<'a, L: Lanes, const N: usize> Controllers<'a, L, N> {
     }
 
     #[inline(always)]
-    fn limit(&self, joints: usize, command: &mut [L; N]) {
+    fn limit(&mut self, joints: usize, command: &mut [L; N]) {
         for joint in 0..joints {
             let most = self.largest_torque[joint];
             command[joint] = clamped(command[joint], most);
@@ -325,6 +335,9 @@ impl<'a, L: Lanes, const N: usize> Controllers<'a, L, N> {
                 let before = self.commands[0][joint];
                 command[joint] = before + clamped(command[joint] - before, most);
             }
+            let [highest, lowest] = &mut self.peaks;
+            highest[joint] = highest[joint].max(command[joint]);
+            lowest[joint] = lowest[joint].max(-command[joint]);
         }
     }
 

@@ -18,7 +18,7 @@ pub struct Survey {
     pub kept: u64,
     /// Draws that grow without bounds before a joint comes near a limit.
     pub diverged: u64,
-    /// Draws that lose the reference of their controller.
+    /// Draws that lose the reference of their controller, or whose controller is unstable.
     pub lost: u64,
     /// The distance from a limit at which a draw is refused, rad.
     pub margin_rad: Option<f64>,
@@ -42,7 +42,7 @@ pub struct JointSurvey {
     /// The largest torque in them, with that which compensates gravity.
     pub largest_torque_nm: Option<f64>,
     /// Draws that are refused because this joint is the first that comes near a limit, or is
-    /// farthest from a reference that is lost.
+    /// farthest from a reference that is lost, or has the torque of an unstable controller.
     pub refused: u64,
 }
 

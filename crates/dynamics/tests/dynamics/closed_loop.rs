@@ -2,10 +2,10 @@
 
 use std::ops::ControlFlow;
 
-use dynamics::{InstructionSet, Reference, Robot, simulate_on};
+use dynamics::{InstructionSet, Reference, Robot, simulate, simulate_on};
 use nalgebra::Vector3;
 use serde_json::{Value, json};
-use spec::{Precision, RobotSpec, SimulateSpec};
+use spec::{JobSpec, Precision, RobotSpec, SimulateSpec};
 
 use crate::simulated_alone::{hand, simulated_alone};
 use crate::{JOINTS, failure, run, spec};
@@ -201,6 +201,60 @@ fn an_unstable_controller_ends_with_its_gains_and_the_time() {
     for part in ["none of 3 draws followed its reference", "kp 1", "kd 0.0000", "s after the start"]
     {
         assert!(error.contains(part), "{part}: {error}");
+    }
+}
+
+/// Pandas under `computed-torque` of a natural frequency, with the largest delays.
+fn stiff(natural_frequency_hz: f64, max_draws: u32) -> SimulateSpec {
+    let law = json!({"computed-torque": {"natural_frequency_hz": vec![natural_frequency_hz; 2]}});
+    let controller = json!({"law": law, "delay_periods": [3, 3], "torque_rate_nm_s": null});
+    let rejection = json!({"max_draws": max_draws});
+    let fields = json!({"preset": "panda-real", "controller": controller, "rejection": rejection});
+    match spec::parse(fields.to_string().as_bytes()).unwrap() {
+        JobSpec::Simulate(spec) => spec,
+        other => panic!("{other:?}"),
+    }
+}
+
+/// Such torques were data, although their motion had nothing of the arm.
+#[test]
+fn a_limit_cycle_is_no_data_and_ends_with_joint_gains_delay_and_time() {
+    let once = stiff(20.0, 1);
+    let go_on = |_| ControlFlow::Continue(());
+    let failures = (0..40).filter_map(|index| simulate(&once, index..index + 1, &go_on).err());
+    let errors: Vec<String> = failures.map(|error| error.to_string()).collect();
+    let unstable: Vec<&String> =
+        errors.iter().filter(|error| error.contains("its controller is unstable")).collect();
+    assert!(unstable.len() > 5, "{errors:?}");
+    for part in [
+        "none of 1 draws followed its reference; in the last one, its controller is unstable (the torque of a joint \
+         swings from limit to limit): joint ",
+        " s after the start, with kp ",
+        "and a delay of 3 control periods",
+    ] {
+        assert!(unstable.iter().all(|error| error.contains(part)), "{part}: {unstable:?}");
+    }
+
+    let spec = stiff(15.0, 1000);
+    let kept = run(&spec, 0..100);
+    assert!(kept.rejected > 0);
+    let limits = spec.robot.description().per_joint(|joint| 0.9 * joint.torque_nm);
+    let row = spec.samples as usize * JOINTS;
+    for u in kept.series.u().chunks_exact(row) {
+        let jumps = u.windows(JOINTS + 1).zip(0..).filter(|(pair, at)| {
+            let limit = limits[at % JOINTS];
+            f64::from(pair[0].abs()) > limit && f64::from(pair[0] * pair[JOINTS]) < -limit * limit
+        });
+        assert!(jumps.count() < 20, "a limit cycle was kept");
+    }
+}
+
+#[test]
+fn no_draw_of_the_presets_has_a_limit_cycle() {
+    for preset in ["panda-real", "ur10e-real"] {
+        let text = json!({"preset": preset}).to_string();
+        let JobSpec::Simulate(spec) = spec::parse(text.as_bytes()).unwrap() else { panic!() };
+        assert_eq!(run(&spec, 0..1000).rejected, 0, "{preset}");
     }
 }
 
