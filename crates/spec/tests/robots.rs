@@ -113,6 +113,13 @@ fn a_field_of_a_description_is_named_with_its_value_and_what_is_allowed() {
         &json!({"model": 7}),
         &["robot.model is 7", "\"panda\", \"ur10e\" or an object with"],
     );
+    for model in [json!("UR lab"), json!({"name": "UR lab"}), json!({"id": 7})] {
+        let expected = format!(
+            "robot.model is {model}, allowed: \"panda\", \"ur10e\", a description, or a robot that the server keeps as \
+             {{\"robot\": ID}} or {{\"digest\": HEX}}; `torqued robot list` has their ids"
+        );
+        check_robot_refused(&json!({"model": model}), &[&expected]);
+    }
     check_refused("/jonts", json!([]), &["robot.model.jonts", "joints"]);
     check_refused("/joints/2/link/mass", json!(1), &["robot.model.joints[2].link.mass", "mass_kg"]);
     check_refused("/joints/0/a_m", json!("far"), &["robot.model.joints[0].a_m", "far"]);

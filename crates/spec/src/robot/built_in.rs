@@ -57,7 +57,12 @@ impl RobotModel {
         Self::BuiltIn(&BUILT_IN[0])
     }
 
-    fn named(name: &str) -> Option<Self> {
+    /// The names of the built-in robots.
+    pub(super) fn names() -> impl Iterator<Item = &'static str> {
+        BUILT_IN.iter().map(|robot| robot.name)
+    }
+
+    pub(super) fn named(name: &str) -> Option<Self> {
         BUILT_IN.iter().find(|robot| robot.name == name).map(Self::BuiltIn)
     }
 
@@ -87,7 +92,7 @@ impl<'de> Deserialize<'de> for RobotModel {
             type Value = RobotModel;
 
             fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                let names: Vec<&str> = BUILT_IN.iter().map(|robot| robot.name).collect();
+                let names: Vec<&str> = RobotModel::names().collect();
                 write!(f, "{}, or a description as an object", names.join(", "))
             }
 

@@ -12,5 +12,5 @@ pub use description::{
     JointDescription, JointFriction, MAX_JOINTS, Randomization, RobotDescription,
 };
 pub use initial_state::InitialState;
-pub(crate) use reference::refuse_named_robots;
 pub use reference::{MAX_ROBOT_REFERENCES, NamedRobot, RobotReference, named_robots};
+pub(crate) use reference::{allowed_for_misnamed, refuse_named_robots};

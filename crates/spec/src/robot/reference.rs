@@ -5,6 +5,7 @@ use std::fmt;
 
 use serde_json::Value;
 
+use super::built_in::RobotModel;
 use crate::error::without_middle;
 use crate::{Digest, FIELD_BYTES, SpecError, Violation};
 
@@ -120,6 +121,26 @@ fn find<'a>(
 fn is_reference(value: &Value) -> bool {
     let Some(fields) = value.as_object().filter(|fields| fields.len() == 1) else { return false };
     fields.contains_key("robot") || fields.contains_key("digest")
+}
+
+/// The allowed values of a `robot.model`, in words, for one that is neither a reference nor a
+/// description: a name that is not built in, or an object with only a name or an id.
+pub(crate) fn allowed_for_misnamed(model: &Value) -> Option<String> {
+    let is_misnamed = match model {
+        Value::String(name) => RobotModel::named(name).is_none(),
+        Value::Object(fields) if fields.len() == 1 => {
+            fields.contains_key("name") || fields.contains_key("id")
+        }
+        _ => false,
+    };
+    is_misnamed.then(|| {
+        let built_in: Vec<String> = RobotModel::names().map(|name| format!("{name:?}")).collect();
+        format!(
+            "{}, a description, or a robot that the server keeps as {{\"robot\": ID}} or {{\"digest\": HEX}}; \
+             `torqued robot list` has their ids",
+            built_in.join(", ")
+        )
+    })
 }
 
 /// The name of the reference's field, and the robot.

@@ -9,6 +9,7 @@ use super::nearest::{listed, nearest};
 use super::nested::paths_to;
 use super::words::{Components, allowed, only_field, range_of, referred};
 use crate::error::FIELD_BYTES;
+use crate::robot::allowed_for_misnamed;
 use crate::shorten::shorten;
 use crate::{Moment, SpecError, Violation};
 
@@ -58,6 +59,11 @@ impl<'a> Walk<'a> {
             schema = named;
         }
         schema
+    }
+
+    /// Whether a schema is the one with this name.
+    fn is(&self, schema: &Value, name: &str) -> bool {
+        self.components.get(name).is_some_and(|named| std::ptr::eq(named, schema))
     }
 
     /// Visits a field of the current value.
@@ -111,6 +117,11 @@ impl<'a> Walk<'a> {
 
     fn value(&mut self, schema: &'a Value, value: &Value) {
         let schema = self.resolve(schema);
+        if self.is(schema, "RobotModel")
+            && let Some(allowed) = allowed_for_misnamed(value)
+        {
+            return self.refuse(|| (shorten(value), allowed));
+        }
         if let Some(Value::Array(choices)) = schema.get("oneOf") {
             return self.choice(schema, choices, value);
         }
