@@ -58,24 +58,24 @@ impl TrainSpec {
     /// `data`.
     ///
     /// # Errors
-    /// Names each field that differs, with both values.
+    /// Names each field of this training or its data that differs, with both values.
     pub fn check_init(&self, data: &DataSpec, init: &Training<'_>) -> Result<(), SpecError> {
         let mut violations = Violations::default();
-        let mut same = |what: &str, found: String, ours: String| {
-            if found != ours {
-                let allowed = format!("{what} {ours}, as this training has");
-                violations.add("init", format!("trained with {what} {found}"), allowed);
+        let mut same = |field: &str, theirs: String, ours: String| {
+            if theirs != ours {
+                violations.add(field, ours, format!("{theirs}, as init was trained"));
             }
         };
         let [theirs, ours] = [&init.spec.model, &self.model];
         let is_same_architecture = theirs.architecture() == ours.architecture();
-        same("architecture", theirs.architecture().to_owned(), ours.architecture().to_owned());
-        same("joints", init.data.joints().to_string(), data.joints().to_string());
-        same("rate_hz", init.data.rate_hz().to_string(), data.rate_hz().to_string());
+        let [found, asked] = [theirs, ours].map(|model| model.architecture().to_owned());
+        same("model.architecture", found, asked);
+        same("data.joints", init.data.joints().to_string(), data.joints().to_string());
+        same("data.rate_hz", init.data.rate_hz().to_string(), data.rate_hz().to_string());
         if is_same_architecture {
             if ours.lengths() != Lengths::Any {
                 same("context", init.spec.context.to_string(), self.context.to_string());
-                same("samples", init.data.samples().to_string(), data.samples().to_string());
+                same("data.samples", init.data.samples().to_string(), data.samples().to_string());
             }
             let [found, asked] = [init.spec, self].map(|spec| spec.normalization.name().to_owned());
             same("normalization", found, asked);
