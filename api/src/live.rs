@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use futures::future::BoxFuture;
 use series::{JointMotion, Series};
-use spec::{Digest, Given, SamplerSpec, SpecError};
+use spec::{Digest, Given, Lengths, MAX_SAMPLING_RATE_HZ, SamplerSpec, SpecError};
 use store::{Checkpoint, StoreError};
 use thiserror::Error;
 use wire::Warning;
@@ -27,8 +27,8 @@ pub trait LiveModel: Send + Sync {
     /// Its shapes, its rate and its device.
     fn about(&self) -> &AboutModel;
 
-    /// Predicts for a request with the shapes in [`AboutModel`]. Dropping the future cancels the
-    /// computation.
+    /// Predicts for a request with the shapes in [`AboutModel::at`] its rate. Dropping the future
+    /// cancels the computation.
     fn predict(
         &self,
         question: Question,
@@ -76,6 +76,8 @@ pub struct AboutModel {
     pub joints: usize,
     /// Samples per second of its context and of its predictions.
     pub rate_hz: f64,
+    /// The contexts and horizons that it answers, which say at which other rates it answers.
+    pub lengths: Lengths,
     /// The series that it is given beside the positions of the context.
     pub given: Given,
     /// Whether it can give several answers to the same question.
@@ -88,6 +90,29 @@ pub struct AboutModel {
     pub device: String,
     /// Number of threads that compute one prediction.
     pub threads: usize,
+}
+
+impl AboutModel {
+    /// The same model, asked with `rate_hz` samples per second. Context and horizon last as long as
+    /// before. `None` if it does not answer at this rate.
+    pub fn at(&self, rate_hz: f64) -> Option<Self> {
+        let multiple = self.lengths.multiple(self.rate_hz, rate_hz)?;
+        (multiple == 1 || rate_hz <= MAX_SAMPLING_RATE_HZ).then(|| Self {
+            context: multiple * self.context,
+            horizon: multiple * self.horizon,
+            rate_hz,
+            ..self.clone()
+        })
+    }
+
+    /// The rates at which it answers, in words.
+    pub fn rates(&self) -> String {
+        let multiples = match self.lengths {
+            Lengths::Any => format!(", or a whole multiple of it up to {MAX_SAMPLING_RATE_HZ}"),
+            _ => String::new(),
+        };
+        format!("{}, the checkpoint's rate{multiples}", self.rate_hz)
+    }
 }
 
 /// A queue of predictions. Those of one queue are computed one after the other, and never wait for
@@ -209,4 +234,49 @@ pub enum LiveError {
     /// The checkpoint's files could not be read.
     #[error("reading the checkpoint failed")]
     Store(#[from] StoreError),
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn model(lengths: Lengths) -> AboutModel {
+        AboutModel {
+            context: 80,
+            horizon: 40,
+            joints: 6,
+            rate_hz: 31.25,
+            lengths,
+            given: Given::Torques,
+            has_samples: true,
+            sampler: None,
+            needs_future: false,
+            device: "cpu".to_owned(),
+            threads: 1,
+        }
+    }
+
+    #[test]
+    fn a_law_at_a_multiple_of_its_rate_has_as_many_times_the_rows() {
+        let rows = |rate_hz: f64| {
+            model(Lengths::Any).at(rate_hz).map(|about| (about.context, about.horizon))
+        };
+        assert_eq!(rows(31.25), Some((80, 40)));
+        assert_eq!(rows(125.0), Some((320, 160)));
+        assert_eq!(rows(1000.0), Some((2560, 1280)));
+        for rate_hz in [0.0, 15.625, 100.0, 2000.0, -31.25, f64::NAN] {
+            assert_eq!(rows(rate_hz), None, "{rate_hz}");
+        }
+        let rates = model(Lengths::Any).rates();
+        assert_eq!(rates, "31.25, the checkpoint's rate, or a whole multiple of it up to 1000");
+    }
+
+    #[test]
+    fn a_network_answers_at_its_own_rate_alone() {
+        for lengths in [Lengths::Trained, Lengths::From(20)] {
+            let network = model(lengths);
+            assert!(network.at(31.25).is_some() && network.at(62.5).is_none());
+            assert_eq!(network.rates(), "31.25, the checkpoint's rate");
+        }
+    }
 }

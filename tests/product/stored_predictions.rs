@@ -30,19 +30,9 @@ fn pipeline() -> Value {
     })
 }
 
-#[tokio::test]
-async fn a_viewed_prediction_has_the_error_that_the_evaluation_told() {
-    let data = tempfile::tempdir().unwrap();
-    let product = Product::start(data.path());
-    let ended = product.succeeded(product.submit(&pipeline()).await).await;
-    let of = async |name: &str, field: &str| {
-        product.get(&format!("/v1/jobs/{}", member(&ended, name))).await[field].clone()
-    };
-    let (dataset, run) = (of("data", "dataset").await, of("evaluate", "run").await);
-    let newest = |ids: Value| ids.as_array().unwrap().last().unwrap().as_i64().unwrap();
-    let law = newest(of("law", "checkpoints").await);
-    let denoiser = newest(of("denoiser", "checkpoints").await);
-
+/// Checks that the predictions of `law`, the only checkpoint of the evaluation `run`, have the errors
+/// that the evaluation told.
+async fn check_told(product: &Product, dataset: &Value, law: i64, run: &Value) {
     let drawn = product.get(&format!("/v1/runs/{run}/artifacts/predictions.json")).await;
     for scenario in drawn["scenarios"].as_array().unwrap() {
         let (trajectory, told) = (&scenario["trajectory"], scenario["rmse_deg"].as_f64().unwrap());
@@ -60,6 +50,57 @@ async fn a_viewed_prediction_has_the_error_that_the_evaluation_told() {
             predictions[1].get("checkpoint").is_none() && predictions[0].get("quantiles").is_none()
         );
     }
+}
+
+/// Regression: a law was evaluated at twice its rate, and its predictions of the same trajectories
+/// were refused.
+#[tokio::test]
+async fn a_law_of_half_the_rate_is_viewed_as_it_is_evaluated() {
+    let folder = tempfile::tempdir().unwrap();
+    let product = Product::start(folder.path());
+    let mut slow = pipeline();
+    let jobs = slow["jobs"].as_object_mut().unwrap();
+    jobs["law"]["data"] =
+        json!({"stream": {"preset": "D1-multisine", "samples": 30, "rate_hz": 30}});
+    jobs["law"]["context"] = json!(20);
+    let ended = product.succeeded(product.submit(&slow).await).await;
+    let of = async |name: &str, field: &str| {
+        product.get(&format!("/v1/jobs/{}", member(&ended, name))).await[field].clone()
+    };
+    let (dataset, run) = (of("data", "dataset").await, of("evaluate", "run").await);
+    let law = of("law", "checkpoints").await.as_array().unwrap().last().unwrap().as_i64().unwrap();
+    check_told(&product, &dataset, law, &run).await;
+
+    // Networks answer at their own rate, and a law at no part of it.
+    let faster = json!({"preset": "D1-multisine", "samples": 60, "trajectories": 4, "rate_hz": 45});
+    let faster = product.succeeded(product.submit(&faster).await).await["dataset"].clone();
+    let denoiser = of("denoiser", "checkpoints").await[0].as_i64().unwrap();
+    let path = format!("/v1/datasets/{faster}/trajectories/0/predictions");
+    let query = format!("?checkpoint={law},{denoiser}");
+    let (status, problem) = product.try_get(&format!("{path}{query}")).await;
+    assert_eq!(status, 422, "{problem}");
+    let allowed: Vec<&Value> =
+        problem["violations"].as_array().unwrap().iter().map(|it| &it["allowed"]).collect();
+    assert_eq!(
+        allowed,
+        ["45 Hz, as the trajectory has, or a whole part of it", "45 Hz, as the trajectory has"]
+    );
+}
+
+#[tokio::test]
+async fn a_viewed_prediction_has_the_error_that_the_evaluation_told() {
+    let data = tempfile::tempdir().unwrap();
+    let product = Product::start(data.path());
+    let ended = product.succeeded(product.submit(&pipeline()).await).await;
+    let of = async |name: &str, field: &str| {
+        product.get(&format!("/v1/jobs/{}", member(&ended, name))).await[field].clone()
+    };
+    let (dataset, run) = (of("data", "dataset").await, of("evaluate", "run").await);
+    let newest = |ids: Value| ids.as_array().unwrap().last().unwrap().as_i64().unwrap();
+    let law = newest(of("law", "checkpoints").await);
+    let denoiser = newest(of("denoiser", "checkpoints").await);
+
+    check_told(&product, &dataset, law, &run).await;
 
     // A denoiser has samples, and the steps of its sampler can be chosen.
     let base = format!("/v1/datasets/{dataset}/trajectories/3/predictions");

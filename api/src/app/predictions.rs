@@ -23,6 +23,27 @@ use crate::live::{AboutModel, LiveError, LiveModel, LivePrediction, LiveQueue};
 pub struct HeldModel {
     pub resource: PredictingModel,
     pub model: Arc<dyn LiveModel>,
+    /// Its shapes at the rate that it is asked at.
+    pub about: AboutModel,
+}
+
+impl HeldModel {
+    /// The model asked at `rate_hz`, or at the checkpoint's own rate.
+    ///
+    /// # Errors
+    /// [`ApiError::Question`] if it does not answer at this rate.
+    pub fn at(&self, rate_hz: Option<f64>) -> Result<Self, ApiError> {
+        let own = self.model.about();
+        let about = match rate_hz {
+            None => own.clone(),
+            Some(rate_hz) => own.at(rate_hz).ok_or_else(|| {
+                let error = SpecError::one("rate_hz", rate_hz.to_string(), own.rates());
+                ApiError::Question(error)
+            })?,
+        };
+        let resource = PredictingModel { rate_hz: about.rate_hz, ..self.resource.clone() };
+        Ok(Self { resource, model: Arc::clone(&self.model), about })
+    }
 }
 
 impl App {
@@ -33,7 +54,7 @@ impl App {
         let models = self.models.as_ref().ok_or(ApiError::NoModels)?;
         let row = self.store.checkpoint(CheckpointId(checkpoint)).await?;
         let model = models.load(&row).await.map_err(|error| not_loaded(&row, error))?;
-        let about = model.about();
+        let about = model.about().clone();
         if about.needs_future {
             let allowed = "one whose normalization does not look into the horizon";
             let error = SpecError::one("checkpoint", "trained with paper-leaky", allowed);
@@ -47,7 +68,7 @@ impl App {
             device: about.device.clone(),
             threads: about.threads,
         };
-        Ok(HeldModel { resource, model })
+        Ok(HeldModel { resource, model, about })
     }
 
     /// The answer to a [`PredictionRequest`], a [`Prediction`] as JSON.
@@ -59,9 +80,10 @@ impl App {
         let bytes = body.len();
         let request: PredictionRequest = self.read_body(body, ApiError::Question).await?;
         let asked = Instant::now();
-        let HeldModel { resource, model } = self.held_model(checkpoint).await?;
+        let held = self.held_model(checkpoint).await?.at(request.rate_hz)?;
+        let HeldModel { resource, model, about } = held;
         let load = milliseconds(asked.elapsed());
-        let (about, size) = (model.about().clone(), answers_to(&request));
+        let (size, horizon) = (answers_to(&request), about.horizon);
         let sampling = request.sampling.clone();
         let input = question_bytes(size, &about);
         let _memory = self.checks.memory(input)?;
@@ -69,7 +91,6 @@ impl App {
         let work = bytes.max(input / 16);
         let question = self.checks.run(work, move || question(&request, &about)).await?;
         let prediction = model.predict(question, LiveQueue::Requests).await?;
-        let horizon = model.about().horizon;
         let written = prediction.answered_bytes(&sampling);
         let write = move || {
             let answers = prediction.answers(size, horizon, &sampling).collect();

@@ -172,6 +172,16 @@ fn counted(number: usize, noun: &str) -> String {
     format!("{number} {noun}{plural}")
 }
 
+/// The number of rows of a context, as an error explains it.
+pub fn context_of(about: &AboutModel) -> String {
+    format!("the checkpoint's context at {} Hz", about.rate_hz)
+}
+
+/// The number of rows of a horizon, as an error explains it.
+pub fn horizon_of(about: &AboutModel) -> String {
+    format!("the checkpoint's horizon at {} Hz", about.rate_hz)
+}
+
 /// Number of answers to a request: one for each future of each scenario.
 pub fn answers_to(request: &PredictionRequest) -> usize {
     request.scenarios.iter().map(|scenario| scenario.possible_futures().len()).sum()
@@ -195,7 +205,7 @@ pub fn numbers_of(size: usize, about: &AboutModel) -> usize {
 /// # Errors
 /// Every violation.
 pub fn question(request: &PredictionRequest, about: &AboutModel) -> Result<Question, ApiError> {
-    let PredictionRequest { scenarios, sampling, position_noise_rad } = request;
+    let PredictionRequest { scenarios, sampling, position_noise_rad, rate_hz: _ } = request;
     let AboutModel { context, horizon, joints, rate_hz, .. } = *about;
     let mut violations = RequestViolations::default();
     let size = answers_to(request);
@@ -206,12 +216,12 @@ pub fn question(request: &PredictionRequest, about: &AboutModel) -> Result<Quest
         // So many are not looked at one by one.
         return Err(violations.finish().err().unwrap_or(ApiError::Internal));
     }
+    let [of_context, of_horizon] = [context_of(about), horizon_of(about)];
     for (index, scenario) in scenarios.iter().enumerate() {
         let field = |name: &str| format!("scenarios[{index}].{name}");
         let (u, y, future_u) = (field("u"), field("y"), field("future_u"));
-        let of_context = "the checkpoint's context";
-        violations.rows(&u, &scenario.u, context, of_context);
-        violations.rows(&y, &scenario.y, context, of_context);
+        violations.rows(&u, &scenario.u, context, &of_context);
+        violations.rows(&y, &scenario.y, context, &of_context);
         violations.values(&u, &scenario.u, joints);
         violations.values(&y, &scenario.y, joints);
         let futures = field("futures");
@@ -224,7 +234,7 @@ pub fn question(request: &PredictionRequest, about: &AboutModel) -> Result<Quest
                 0 => future_u.clone(),
                 _ => format!("{futures}[{number}]"),
             };
-            violations.rows(&name, rows, horizon, "the checkpoint's horizon");
+            violations.rows(&name, rows, horizon, &of_horizon);
             violations.values(&name, rows, joints);
         }
     }

@@ -14,7 +14,9 @@ use wire::{
 };
 
 use crate::app::predictions::{HeldModel, milliseconds};
-use crate::app::questions::{RequestViolations, asked, noise_of_positions, read, series_of};
+use crate::app::questions::{
+    RequestViolations, asked, horizon_of, noise_of_positions, read, series_of,
+};
 use crate::app::torques::{check_motion, contexts, motion_of, said};
 use crate::checks::Checks;
 use crate::error::ApiError;
@@ -101,7 +103,7 @@ impl PredictionStream {
     /// Reads a message, and checks a step or a motion.
     async fn read(&self, message: Bytes) -> Result<StreamMessage, ApiError> {
         let (is_open, filled) = (self.settings.is_some(), self.window.u.len());
-        let (about, bytes) = (self.held.model.about().clone(), message.len());
+        let (about, bytes) = (self.held.about.clone(), message.len());
         let read = move || {
             let read = read(&message, ApiError::Question)?;
             match &read {
@@ -124,16 +126,17 @@ impl PredictionStream {
     }
 
     /// Makes a trial prediction with the settings. It also makes the first real prediction as fast
-    /// as the later ones.
+    /// as the later ones. Samples at another rate are forgotten.
     async fn open(&mut self, settings: StreamSettings) -> Result<StreamReply, ApiError> {
-        let about = self.held.model.about();
+        let held = self.held.at(settings.rate_hz)?;
+        let about = &held.about;
         let AboutModel { context, horizon, joints, .. } = *about;
         let mut violations = RequestViolations::default();
         violations.sampling(&settings.sampling, 1, about);
         violations.position_noise(settings.position_noise_rad);
         violations.finish()?;
         let rest = |samples: usize| vec![0.0; samples * joints];
-        let scenario = self.scenario(rest(context + horizon), rest(context))?;
+        let scenario = scenario(about, rest(context + horizon), rest(context))?;
         let noise = noise_of_positions(settings.position_noise_rad);
         let question = asked(&settings.sampling, scenario.with_noise(noise));
         if let Some(steps) = settings.warm_start_steps {
@@ -141,14 +144,18 @@ impl PredictionStream {
             self.ask(Question { previous, ..question.clone() }).await?;
         }
         self.ask(question).await?;
+        if context != self.held.about.context {
+            self.window = Window::default();
+        }
         self.settings = Some(settings);
         (self.last, self.fitted) = (None, None);
+        self.held = held;
         let model = self.held.resource.clone();
         Ok(StreamReply::Opened(StreamOpened { model, filled: self.filled(), horizon }))
     }
 
     async fn step(&mut self, step: StreamStep, arrived: Instant) -> Result<StreamReply, ApiError> {
-        let AboutModel { context, horizon, .. } = *self.held.model.about();
+        let AboutModel { context, horizon, .. } = self.held.about;
         let Some(settings) = self.settings.clone() else {
             let mut violations = RequestViolations::default();
             violations.add("step", "the first message", "after open");
@@ -175,7 +182,7 @@ impl PredictionStream {
         });
         let warm_start_shift = previous.as_ref().map(|previous| previous.shift);
         let noise = noise_of_positions(settings.position_noise_rad);
-        let scenario = self.scenario(u, y)?.with_noise(noise);
+        let scenario = scenario(&self.held.about, u, y)?.with_noise(noise);
         let question = Question { previous, ..asked(&settings.sampling, scenario) };
         let prediction = self.ask(question).await?;
         let (queued, computed) = (prediction.queued, prediction.computed);
@@ -203,7 +210,7 @@ impl PredictionStream {
 
     /// Fits a robot to the context.
     async fn fit(&mut self, arrived: Instant) -> Result<StreamReply, ApiError> {
-        let (about, filled) = (self.held.model.about(), self.window.u.len());
+        let (about, filled) = (&self.held.about, self.window.u.len());
         let Some(settings) = self.settings.as_ref().filter(|_| filled == about.context) else {
             let mut violations = RequestViolations::default();
             let allowed =
@@ -234,16 +241,9 @@ impl PredictionStream {
             violations.add("motion", "before fit", "after fit");
             return Err(violations.finish().err().unwrap_or(ApiError::Internal));
         };
-        let said = said(robot, &motion_of(motion, self.held.model.about().joints)?)?;
+        let said = said(robot, &motion_of(motion, self.held.about.joints)?)?;
         let latency_ms = milliseconds(arrived.elapsed());
         Ok(StreamReply::Torques(StreamedTorques { said, age: *age, latency_ms }))
-    }
-
-    /// One robot: torques of context and horizon, and positions of the context.
-    fn scenario(&self, u: Vec<f32>, y: Vec<f32>) -> Result<Series, ApiError> {
-        let AboutModel { context, horizon, joints, rate_hz, .. } = *self.held.model.about();
-        let shape = Shape { robots: 1, samples: context + horizon, joints };
-        series_of(shape, context, rate_hz, u, y)
     }
 
     async fn ask(&self, question: Question) -> Result<LivePrediction, ApiError> {
@@ -252,8 +252,15 @@ impl PredictionStream {
     }
 
     fn filled(&self) -> FilledContext {
-        FilledContext { filled: self.window.u.len(), context: self.held.model.about().context }
+        FilledContext { filled: self.window.u.len(), context: self.held.about.context }
     }
+}
+
+/// One robot: torques of context and horizon, and positions of the context.
+fn scenario(about: &AboutModel, u: Vec<f32>, y: Vec<f32>) -> Result<Series, ApiError> {
+    let AboutModel { context, horizon, joints, rate_hz, .. } = *about;
+    let shape = Shape { robots: 1, samples: context + horizon, joints };
+    series_of(shape, context, rate_hz, u, y)
 }
 
 /// Checks a step, before which the context has `filled` samples.
@@ -268,7 +275,7 @@ fn check(step: &StreamStep, filled: usize, about: &AboutModel) -> Result<(), Api
     violations.values("step.u", &step.u, joints);
     violations.values("step.y", &step.y, joints);
     if let Some(future_u) = &step.future_u {
-        violations.rows("step.future_u", future_u, horizon, "the checkpoint's horizon");
+        violations.rows("step.future_u", future_u, horizon, &horizon_of(about));
         violations.values("step.future_u", future_u, joints);
         let filled = filled + seen;
         if filled < context {

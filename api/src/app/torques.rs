@@ -9,7 +9,7 @@ use wire::{PredictionLatency, SaidTorques, TorqueAnswer, TorqueRequest, WantedMo
 
 use crate::app::App;
 use crate::app::predictions::{HeldModel, milliseconds, rows};
-use crate::app::questions::{RequestViolations, noise_of_positions, series_of};
+use crate::app::questions::{RequestViolations, context_of, noise_of_positions, series_of};
 use crate::error::ApiError;
 use crate::limits::{MOTION_INSTANTS, TORQUE_SCENARIOS};
 use crate::live::{AboutModel, FittedRobot, LiveError, LiveFit, LiveQueue};
@@ -28,9 +28,9 @@ impl App {
         let bytes = body.len();
         let request: TorqueRequest = self.read_body(body, ApiError::Question).await?;
         let asked = Instant::now();
-        let HeldModel { resource, model } = self.held_model(checkpoint).await?;
+        let held = self.held_model(checkpoint).await?.at(request.rate_hz)?;
+        let HeldModel { resource, model, about } = held;
         let load = milliseconds(asked.elapsed());
-        let about = model.about().clone();
         let question = move || question(&request, &about);
         let (robots, motions) = self.checks.run(bytes, question).await?;
         let fit = match robots {
@@ -99,11 +99,11 @@ fn question(
     request: &TorqueRequest,
     about: &AboutModel,
 ) -> Result<(Robots, Vec<JointMotion>), ApiError> {
-    let TorqueRequest { scenarios, fit, position_noise_rad } = request;
+    let TorqueRequest { scenarios, fit, position_noise_rad, rate_hz: _ } = request;
     let AboutModel { context, joints, .. } = *about;
     let (context, why) = match fit {
-        Some(_) => (0, "because fit names the robots"),
-        None => (context, "the checkpoint's context"),
+        Some(_) => (0, "because fit names the robots".to_owned()),
+        None => (context, context_of(about)),
     };
     let mut violations = RequestViolations::default();
     if !(1..=TORQUE_SCENARIOS).contains(&scenarios.len()) {
@@ -113,7 +113,7 @@ fn question(
     for (index, scenario) in scenarios.iter().enumerate() {
         let field = |name: &str| format!("scenarios[{index}].{name}");
         for (name, of_context) in [("u", &scenario.u), ("y", &scenario.y)] {
-            violations.rows(&field(name), of_context, context, why);
+            violations.rows(&field(name), of_context, context, &why);
             violations.values(&field(name), of_context, joints);
         }
         check_motion(&field("motion"), &scenario.motion, joints, &mut violations);

@@ -1,7 +1,7 @@
 //! Checkpoints predict a stored trajectory, at once and without a job.
 
 use series::{MeasurementNoise, Shape};
-use spec::{Column, Given, SamplerSpec};
+use spec::{Column, Given, Lengths, SamplerSpec};
 use store::RunId;
 use wire::{PredictionSampling, TrajectoryPrediction, TrajectoryPredictions};
 
@@ -125,7 +125,9 @@ impl App {
         let stored = self.trajectory(dataset, trajectory).await?;
         let mut models = Vec::with_capacity(request.checkpoints.len());
         for &checkpoint in &request.checkpoints {
-            models.push(self.held_model(checkpoint).await?);
+            let held = self.held_model(checkpoint).await?;
+            // A window refuses a model that does not answer at the trajectory's rate.
+            models.push(held.at(Some(stored.rate_hz)).unwrap_or(held));
         }
         let window = Window::of(&stored, &models, request.begin)?;
         let truth = stored.rows(Column::positions(stored.joints()))?;
@@ -163,7 +165,7 @@ impl App {
         &self,
         stored: &StoredTrajectory,
         future: &[Vec<f32>],
-        HeldModel { resource, model }: &HeldModel,
+        HeldModel { resource, model, about }: &HeldModel,
         request: &PredictionsRequest,
     ) -> Result<TrajectoryPrediction, ApiError> {
         let begin = stored.samples() - future.len();
@@ -179,13 +181,12 @@ impl App {
         if let Some(remembered) = key.and_then(|key| self.remembered.get(&key)) {
             return Ok(remembered);
         }
-        let about = model.about().clone();
-        let sampling = request.sampling(&about);
+        let sampling = request.sampling(about);
         let mut violations = RequestViolations::default();
-        violations.sampling(&sampling, 1, &about);
+        violations.sampling(&sampling, 1, about);
         violations.finish()?;
-        let _memory = self.checks.memory(numbers_of(1, &about) * size_of::<f32>())?;
-        let question = question(stored, &about, begin, &sampling)?;
+        let _memory = self.checks.memory(numbers_of(1, about) * size_of::<f32>())?;
+        let question = question(stored, about, begin, &sampling)?;
         let prediction = model.predict(question, LiveQueue::Requests).await?;
         let own_steps = about.sampler.and_then(|sampler| sampler.steps);
         let steps = sampling.sampler.map_or(own_steps, |sampler| sampler.steps);
@@ -289,16 +290,19 @@ impl Window {
     ) -> Result<Self, ApiError> {
         let samples = stored.samples();
         let mut violations = RequestViolations::default();
-        let abouts = || models.iter().map(|held| held.model.about());
-        for HeldModel { resource, model } in models {
-            let about = model.about();
+        let abouts = || models.iter().map(|held| &held.about);
+        for HeldModel { resource, about, .. } in models {
             let field = format!("checkpoint {}", resource.checkpoint);
             if about.joints != stored.joints() {
                 let allowed = format!("{} joints, as the trajectory has", stored.joints());
                 violations.add(&field, format!("{} joints", about.joints), allowed);
             }
             if (about.rate_hz - stored.rate_hz).abs() > 1e-9 * stored.rate_hz {
-                let allowed = format!("{} Hz, as the trajectory has", stored.rate_hz);
+                let part = match about.lengths {
+                    Lengths::Any => ", or a whole part of it",
+                    _ => "",
+                };
+                let allowed = format!("{} Hz, as the trajectory has{part}", stored.rate_hz);
                 violations.add(&field, format!("{} Hz", about.rate_hz), allowed);
             }
             if about.context + about.horizon > samples {

@@ -107,6 +107,7 @@ impl Service {
             horizon: 1,
             joints: 1,
             rate_hz: 60.0,
+            lengths: spec::Lengths::Trained,
             given: spec::Given::Torques,
             has_samples: false,
             sampler: None,

@@ -67,6 +67,7 @@ async fn server(context: usize, horizon: usize) -> Server {
         horizon,
         joints: 7,
         rate_hz: 60.0,
+        lengths: spec::Lengths::Trained,
         given: spec::Given::Torques,
         has_samples: true,
         sampler: None,

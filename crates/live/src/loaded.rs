@@ -50,6 +50,7 @@ impl Loaded {
             horizon: model.horizon(),
             joints: model.joints(),
             rate_hz: model.rate_hz(),
+            lengths: model.architecture().lengths(),
             given: model.config().given,
             has_samples: model.is_generative(),
             sampler: model.architecture().sampler().copied(),
@@ -128,7 +129,7 @@ async fn fit(
     queues: Arc<LiveQueues>,
 ) -> Result<LiveFit, LiveError> {
     let work = move |interrupt: &Interrupt| {
-        let observed = contexts.observed(model.context());
+        let observed = contexts.observed(contexts.known());
         let robots = interrupt.guard(|| model.fit(&observed))?;
         let mut warnings = context_warnings(&observed);
         warnings.extend(model.warnings(&observed)?);
@@ -145,6 +146,7 @@ async fn fit(
 /// The digest of everything that a fit depends on.
 fn digest_of(contexts: &Series) -> Digest {
     let mut digest = Sha256::new();
+    digest.update(contexts.rate_hz().to_le_bytes());
     digest.update(contexts.noise().position_rad.to_le_bytes());
     for value in [contexts.u(), contexts.y()].into_iter().flatten() {
         digest.update(value.to_le_bytes());
@@ -164,7 +166,7 @@ fn ask(
     interrupt: &Interrupt,
 ) -> Result<Predicted, ModelError> {
     let Question { scenarios, samples, sampler, seed, previous } = question;
-    let observed = scenarios.observed(model.context());
+    let observed = scenarios.observed(scenarios.known());
     let warm_start = previous.map(|previous| WarmStart {
         previous: previous.positions,
         shift: previous.shift,

@@ -200,6 +200,11 @@ impl Series {
         self.shape.joints
     }
 
+    /// Samples whose positions are known.
+    pub fn known(&self) -> usize {
+        self.known
+    }
+
     /// Samples per second, Hz.
     pub fn rate_hz(&self) -> f64 {
         self.rate_hz

@@ -2,6 +2,9 @@
 
 use crate::{Cell, Column, ImportSpec, Observations, Range, RobotSpec, SimulateSpec};
 
+/// The highest rate of trajectories, Hz.
+pub const MAX_SAMPLING_RATE_HZ: f64 = 1000.0;
+
 /// The spec that makes trajectories, of a dataset or a stream.
 #[derive(Clone, Debug, PartialEq)]
 pub enum DataSpec {

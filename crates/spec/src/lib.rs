@@ -88,7 +88,7 @@ pub use canonical::{Digest, ParseDigestError};
 pub use control::{
     ControlBaseline, ControlPath, ControlSpec, PlanWeights, Planner, PointToPoint, Swing,
 };
-pub use data::DataSpec;
+pub use data::{DataSpec, MAX_SAMPLING_RATE_HZ};
 pub use error::{
     ALLOWED_BYTES, FIELD_BYTES, LISTED_VIOLATIONS, SpecError, VALUE_BYTES, Violation, cut,
 };

@@ -22,6 +22,11 @@ pub struct PredictionRequest {
     /// filter `y`.
     #[serde(default)]
     pub position_noise_rad: f64,
+    /// Samples per second of `u`, `y` and the answer; the checkpoint's own if left out. A
+    /// `lagrangian` also answers at whole multiples of it. Context and horizon then have as many
+    /// times the rows.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rate_hz: Option<f64>,
 }
 
 /// The motion of a robot so far, and the planned torques.
@@ -96,6 +101,10 @@ pub struct TorqueRequest {
     /// Standard deviation of the noise of `y`, rad, 0 to 0.1. The model filters `y` with it.
     #[serde(default)]
     pub position_noise_rad: f64,
+    /// Samples per second of `u` and `y`: the checkpoint's own, which is the default, or a whole
+    /// multiple of it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rate_hz: Option<f64>,
 }
 
 /// The motion of a robot so far, and a motion that it should make.

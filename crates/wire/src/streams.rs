@@ -36,6 +36,10 @@ pub struct StreamSettings {
     /// Standard deviation of the noise of positions, rad, 0 to 0.1. Models that fit motions filter
     /// them accordingly.
     pub position_noise_rad: f64,
+    /// Samples per second of the stream and its predictions; `null` for the checkpoint's own. A
+    /// `lagrangian` also answers at whole multiples of it. Another rate than before empties the
+    /// context.
+    pub rate_hz: Option<f64>,
 }
 
 /// Samples measured since the last message and, to request a prediction, the planned torques.

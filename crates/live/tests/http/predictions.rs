@@ -2,7 +2,7 @@
 
 use models::{Sampling, TrainedModel};
 use serde_json::{Value, json};
-use series::{Series, Shape};
+use series::{MeasurementNoise, Series, Shape};
 use spec::{SamplerKind, SamplerSpec};
 
 use crate::fixture::{
@@ -52,6 +52,60 @@ async fn what_is_answered_is_what_the_model_says() {
         assert!(answer["latency_ms"]["compute"].as_f64().unwrap() > 0.0, "{twin}");
         assert!(answer["scenarios"][0].get("samples").is_none());
     }
+}
+
+#[tokio::test]
+async fn a_law_answers_at_multiples_of_its_rate_as_it_does_in_evaluations() {
+    let server = Server::start().await;
+    let checkpoint = server.checkpoint("lagrangian").await;
+    let model = model("lagrangian");
+    for multiple in [1, 2, 5] {
+        let [context, horizon] = [model.context(), model.horizon()].map(|rows| multiple * rows);
+        let rate_hz = 60.0 * multiple as f64;
+        let question = json!({
+            "scenarios": [scenario_of(context, horizon, 0.2)],
+            "rate_hz": rate_hz, "position_noise_rad": 1e-4,
+        });
+        let (status, answer) = server.predict(checkpoint, &question).await;
+        assert_eq!(status, 200, "{answer}");
+        assert_eq!(answer["rate_hz"], rate_hz);
+        // An evaluation asks the model with the recording's rate.
+        let shape = Shape { robots: 1, samples: context + horizon, joints: JOINTS };
+        let u = rows(context + horizon, 3.0 * 0.2).into_flattened();
+        let y = rows(context, 0.2).into_flattened();
+        let recording = Series::question(shape, context, rate_hz, u, y).unwrap();
+        let recording = recording.with_noise(MeasurementNoise::new(1e-4, 0.0));
+        let expected = model.predict(&recording.observed(context)).unwrap();
+        assert_eq!(numbers(&answer["scenarios"][0]["y"]), expected, "{multiple}");
+    }
+}
+
+#[tokio::test]
+async fn a_rate_that_a_model_does_not_answer_at_is_refused_with_those_that_it_does() {
+    let server = Server::start().await;
+    let law = server.checkpoint("lagrangian").await;
+    let network = server.checkpoint("cdt").await;
+    let multiples = "60, the checkpoint's rate, or a whole multiple of it up to 1000";
+    for (checkpoint, rate_hz, allowed) in [
+        (law, json!(90.0), multiples),
+        (law, json!(30.0), multiples),
+        (law, json!(1020.0), multiples),
+        (law, json!(-60.0), multiples),
+        (network, json!(120.0), "60, the checkpoint's rate"),
+    ] {
+        let mut question = two();
+        question["rate_hz"] = rate_hz;
+        let (status, problem) = server.predict(checkpoint, &question).await;
+        assert_eq!((status.as_u16(), fields(&problem)), (422, vec!["rate_hz"]), "{problem}");
+        assert_eq!(problem["violations"][0]["allowed"], allowed);
+    }
+    // Rows are counted at the rate that is asked.
+    let mut question = two_of(&model("lagrangian"));
+    question["rate_hz"] = json!(120.0);
+    let (_, problem) = server.predict(law, &question).await;
+    assert_eq!(fields(&problem)[0], "scenarios[0].u", "{problem}");
+    let allowed = "16 rows, the checkpoint's context at 120 Hz";
+    assert_eq!(problem["violations"][0]["allowed"], allowed);
 }
 
 #[tokio::test]

@@ -116,6 +116,43 @@ async fn each_prediction_begins_with_the_one_before() {
 }
 
 #[tokio::test]
+async fn a_stream_at_a_multiple_of_the_rate_has_as_many_times_the_samples() {
+    let server = Server::start().await;
+    let checkpoint = server.checkpoint("lagrangian").await;
+    let model = model("lagrangian");
+    let [context, horizon] = [model.context(), model.horizon()].map(|rows| 2 * rows);
+    let mut socket = connect(&server, checkpoint).await;
+    let refused = ask(&mut socket, &json!({"open": {"rate_hz": 100}})).await;
+    assert_eq!(fields(&refused["error"]), ["open.rate_hz"], "{refused}");
+    let opened = ask(&mut socket, &json!({"open": {"rate_hz": 120}})).await["opened"].take();
+    let found = [&opened["rate_hz"], &opened["context"], &opened["horizon"]];
+    assert_eq!(found, [&json!(120.0), &json!(context), &json!(horizon)], "{opened}");
+
+    let step_at = |first: usize, count: usize| {
+        let (u, y) = seen(first, count);
+        json!({"step": {"u": u, "y": y, "future_u": seen(first + count, horizon).0}})
+    };
+    for end in [context, context + 1] {
+        let message = if end == context { step_at(0, context) } else { step_at(context, 1) };
+        let told = ask(&mut socket, &message).await["prediction"].take();
+        let first = end - context;
+        let shape = Shape { robots: 1, samples: context + horizon, joints: JOINTS };
+        let u = seen(first, context + horizon).0.into_flattened();
+        let y = seen(first, context).1.into_flattened();
+        let question = Series::question(shape, context, 120.0, u, y).unwrap();
+        assert_eq!(numbers(&told["y"]), model.predict(&question.observed(context)).unwrap());
+    }
+
+    // Settings at the same rate keep the samples. Those of another rate mean nothing there.
+    let open = async |socket: &mut Socket, settings: Value| {
+        ask(socket, &json!({"open": settings})).await["opened"]["filled"].take()
+    };
+    let kept = open(&mut socket, json!({"rate_hz": 120, "position_noise_rad": 1e-3})).await;
+    assert_eq!(kept, json!(context));
+    assert_eq!(open(&mut socket, json!({})).await, json!(0));
+}
+
+#[tokio::test]
 async fn a_message_that_cannot_be_accepted_is_answered_and_changes_nothing() {
     let server = Server::start().await;
     let checkpoint = server.checkpoint("cdt").await;

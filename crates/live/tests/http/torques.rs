@@ -23,17 +23,22 @@ fn scenario(scale: f32, instants: usize) -> Value {
 
 /// The torques that the model itself says for a motion after a context.
 fn expected(context_scale: f32, instants: usize, scale: f32) -> Vec<f32> {
+    expected_at(1, context_scale, instants, scale)
+}
+
+/// The same after a context of `multiple` times the rate.
+fn expected_at(multiple: usize, context_scale: f32, instants: usize, scale: f32) -> Vec<f32> {
     let wide = |scale: f32| -> Vec<f64> {
         rows(instants, scale).into_iter().flatten().map(f64::from).collect()
     };
     let motion = JointMotion::new(JOINTS, wide(scale), wide(2.0 * scale), wide(5.0 * scale));
-    let shape = Shape { robots: 1, samples: CONTEXT + 1, joints: JOINTS };
-    let mut u = rows(CONTEXT, 3.0 * context_scale);
-    u.push(u[CONTEXT - 1]);
-    let y = rows(CONTEXT, context_scale);
-    let context =
-        Series::question(shape, CONTEXT, 60.0, u.into_flattened(), y.into_flattened()).unwrap();
-    let said = model("lagrangian").torques(&context.observed(CONTEXT), &[motion.unwrap()]);
+    let context = multiple * CONTEXT;
+    let shape = Shape { robots: 1, samples: context + 1, joints: JOINTS };
+    let mut u = rows(context, 3.0 * context_scale);
+    u.push(u[context - 1]);
+    let (u, y) = (u.into_flattened(), rows(context, context_scale).into_flattened());
+    let series = Series::question(shape, context, 60.0 * multiple as f64, u, y).unwrap();
+    let said = model("lagrangian").torques(&series.observed(context), &[motion.unwrap()]);
     said.unwrap().unwrap().remove(0)
 }
 
@@ -73,6 +78,24 @@ async fn torques_are_those_of_the_model_and_the_robot_of_a_context_is_remembered
         let (status, answer) = server.post(&path, &question).await;
         assert_eq!((status.as_u16(), fields(&answer)[0]), (422, field), "{answer}");
     }
+}
+
+#[tokio::test]
+async fn torques_after_a_context_of_a_higher_rate_are_those_of_the_model_there() {
+    let server = Server::start().await;
+    let checkpoint = server.checkpoint("lagrangian").await;
+    let path = format!("/v1/checkpoints/{checkpoint}/torque");
+    let mut longer = scenario(0.2, 3);
+    longer["u"] = json!(rows(2 * CONTEXT, 3.0 * 0.2));
+    longer["y"] = json!(rows(2 * CONTEXT, 0.2));
+    let (_, problem) = server.post(&path, &json!({"scenarios": [longer]})).await;
+    assert_eq!(fields(&problem), ["scenarios[0].u", "scenarios[0].y"], "{problem}");
+    let (status, answer) =
+        server.post(&path, &json!({"scenarios": [longer], "rate_hz": 120})).await;
+    assert_eq!((status.as_u16(), &answer["rate_hz"]), (200, &json!(120.0)), "{answer}");
+    assert_eq!(numbers(&answer["scenarios"][0]["u"]), expected_at(2, 0.2, 3, 0.2));
+    let (_, problem) = server.post(&path, &json!({"scenarios": [longer], "rate_hz": 100})).await;
+    assert_eq!(fields(&problem), ["rate_hz"], "{problem}");
 }
 
 #[tokio::test]

@@ -7,8 +7,8 @@ use super::spec::{
     CsvLayout, FileFormat, ImportColumns, ImportRanges, ImportSpec, LowPassHz, McapMessages,
     NamedFile, Split,
 };
-use crate::MAX_POSITION_NOISE_RAD;
 use crate::check::{Check, Violations};
+use crate::{MAX_POSITION_NOISE_RAD, MAX_SAMPLING_RATE_HZ};
 
 impl Check for ImportSpec {
     fn check(&self, violations: &mut Violations) {
@@ -22,7 +22,7 @@ impl Check for ImportSpec {
         self.check_ranges(violations);
         let noise = 0.0..=MAX_POSITION_NOISE_RAD;
         violations.within("position_noise_rad", self.position_noise_rad, noise);
-        violations.within("rate_hz", self.rate_hz, 1.0..=1000.0);
+        violations.within("rate_hz", self.rate_hz, 1.0..=MAX_SAMPLING_RATE_HZ);
         self.check_low_pass(violations);
         violations.within("max_gap_s", self.max_gap_s, 0.001..=1.0);
         self.check_samples(violations);

@@ -41,6 +41,21 @@ impl Lengths {
             }
         }
     }
+
+    /// How many times the rate of its training a model with these lengths is asked at, if it can
+    /// answer: 1, or any whole number for a model that integrates equations.
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "a ratio of rates, at least 1 and below 1e6"
+    )]
+    pub fn multiple(self, trained_hz: f64, asked_hz: f64) -> Option<usize> {
+        let ratio = asked_hz / trained_hz;
+        let most = if self == Self::Any { 1e6 } else { 1.0 };
+        let whole = ratio.round();
+        let is_whole = (ratio - whole).abs() <= 1e-9 * whole && (1.0..=most).contains(&whole);
+        is_whole.then_some(whole as usize)
+    }
 }
 
 #[cfg(test)]

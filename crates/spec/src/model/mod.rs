@@ -129,19 +129,10 @@ impl ModelSpec {
         self.spec().lengths()
     }
 
-    /// How many times the rate of its training it is asked at, if it can answer: 1, or any whole
-    /// number for a model that integrates equations.
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "a ratio of rates, at least 1 and below 1e6"
-    )]
+    /// How many times the rate of its training it is asked at, if it can answer
+    /// ([`Lengths::multiple`]).
     pub fn multiple(&self, trained_hz: f64, asked_hz: f64) -> Option<usize> {
-        let ratio = asked_hz / trained_hz;
-        let most = if self.lengths() == Lengths::Any { 1e6 } else { 1.0 };
-        let whole = ratio.round();
-        let is_whole = (ratio - whole).abs() <= 1e-9 * whole && (1.0..=most).contains(&whole);
-        is_whole.then_some(whole as usize)
+        self.lengths().multiple(trained_hz, asked_hz)
     }
 
     /// How predictions are generated; `None` for a model that predicts in one pass.

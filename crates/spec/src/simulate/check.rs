@@ -4,6 +4,7 @@ use super::excitation::{Chirp, Excitation, Family, Frequency, Multisine, Pulses,
 use super::integrator::{Integrator, MAX_SUBSTEPS};
 use super::robot_spec::{Friction, Payload, RobotSpec};
 use super::spec::{MAX_TRAJECTORIES, Rejection, SimulateSpec};
+use crate::MAX_SAMPLING_RATE_HZ;
 use crate::check::{Check, Violations};
 use crate::robot::check::{ARMATURE_KG_M2, DAMPING_NM_S_RAD, PHI1_NM, PHI2_S_RAD, PHI3_RAD_S};
 
@@ -19,7 +20,7 @@ impl Check for SimulateSpec {
         violations.within("trajectories", self.trajectories, 1..=MAX_TRAJECTORIES);
         violations.seed("seed", self.seed);
         violations.within("samples", self.samples, 2..=10_000);
-        violations.within("rate_hz", self.rate_hz, 1.0..=1000.0);
+        violations.within("rate_hz", self.rate_hz, 1.0..=MAX_SAMPLING_RATE_HZ);
         violations.within("shard_trajectories", self.shard_trajectories, 1..=100_000);
         violations.part("excitation", &self.excitation);
         violations.part("robot", &self.robot);
