@@ -97,9 +97,10 @@ impl ClientError {
 
 impl ClientError {
     /// The same refusal with what to do next.
-    pub(super) fn with_advice(mut self, advice: &str) -> Self {
+    pub fn with_advice(mut self, advice: &str) -> Self {
         if let Self::Refused { message, .. } = &mut self {
-            let _ = write!(message, "; {advice}");
+            let separator = if message.contains('\n') { "\n" } else { "; " };
+            let _ = write!(message, "{separator}{advice}");
         }
         self
     }

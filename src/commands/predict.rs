@@ -11,6 +11,7 @@ use tokio_util::codec::{FramedRead, LinesCodec};
 use wire::{StreamReply, TrajectoryPrediction, TrajectoryPredictions, Warning};
 
 use crate::arguments::{AskArguments, ServerArguments};
+use crate::client::ClientError;
 use crate::commands::submit::read_json;
 use crate::resource::Reference;
 
@@ -65,7 +66,8 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let question = read_json(question, api::limits::QUESTION_BYTES as u64)?;
     let client = arguments.ask.client()?;
     let what = if arguments.torque { "torque" } else { "predict" };
-    let answer = client.question(&arguments.checkpoint, what, question).await?;
+    let answer = client.question(&arguments.checkpoint, what, question).await;
+    let answer = answer.map_err(|error| with_flag(error, arguments.torque))?;
     if arguments.ask.output.json {
         println!("{answer}");
     } else {
@@ -73,6 +75,19 @@ pub async fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         println!("{}", readable(&answer));
     }
     Ok(ExitCode::SUCCESS)
+}
+
+/// A refusal, and whether `--torque` is for this request.
+fn with_flag(error: ClientError, asks_for_torques: bool) -> ClientError {
+    let ClientError::Refused { fields, .. } = &error else { return error };
+    let has = |name: &str| fields.iter().any(|field| field.ends_with(&format!("].{name}")));
+    match asks_for_torques {
+        false if has("motion") => error.with_advice("--torque asks for the torques of a motion"),
+        true if has("future_u") || has("futures") => {
+            error.with_advice("without --torque, the positions under future torques are predicted")
+        }
+        _ => error,
+    }
 }
 
 /// Predicts a stored trajectory, and prints the errors.
@@ -157,4 +172,33 @@ pub async fn stream(arguments: StreamArguments) -> anyhow::Result<ExitCode> {
 
 fn is_refusal(answer: &str) -> bool {
     matches!(serde_json::from_str(answer), Ok(StreamReply::Error(_)))
+}
+
+#[cfg(test)]
+mod tests {
+    use reqwest::StatusCode;
+
+    use super::*;
+
+    #[test]
+    fn a_request_of_the_other_kind_is_told_the_flag() {
+        let said = |field: &str, asks_for_torques: bool| {
+            let refused = ClientError::Refused {
+                status: StatusCode::UNPROCESSABLE_ENTITY,
+                message: "not allowed".to_owned(),
+                fields: vec![field.to_owned()],
+            };
+            with_flag(refused, asks_for_torques).to_string()
+        };
+        let motion = said("scenarios[0].motion", false);
+        assert_eq!(motion, "not allowed; --torque asks for the torques of a motion");
+        for field in ["scenarios[1].future_u", "scenarios[1].futures"] {
+            assert!(said(field, true).contains("; without --torque, "), "{field}");
+        }
+        for (field, asks_for_torques) in
+            [("scenarios[0].motion", true), ("scenarios[0].future_u", false), ("rate_hz", false)]
+        {
+            assert_eq!(said(field, asks_for_torques), "not allowed");
+        }
+    }
 }
