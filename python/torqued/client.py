@@ -176,9 +176,19 @@ class Client:
     def predict(self, checkpoint, scenarios, **options):
         """Predictions of a checkpoint for scenarios with `u`, `y` and `future_u`, each `[time][joint]`.
 
-        A scenario may have `futures`, a list of such `future_u`, and then has an answer for each."""
+        A scenario may have `futures`, a list of such `future_u`, and then has an answer for each. Options are
+        `sampling`, `position_noise_rad` and `rate_hz` (docs/prediction.md)."""
         body = {"scenarios": scenarios, **options}
         return self.post(f"/v1/checkpoints/{checkpoint}/predict", body)
+
+    def torque(self, checkpoint, scenarios, **options):
+        """The torques of motions, said by a checkpoint with equations of motion. Scenarios have `u` and `y`, each
+        `[time][joint]`, and `motion`, a dict of `q`, `qd` and `qdd`, each `[instant][joint]`.
+
+        With `fit`, that of an earlier answer, they have no `u` and `y`, and nothing is fitted. Further options are
+        `position_noise_rad` and `rate_hz` (docs/prediction.md)."""
+        body = {"scenarios": scenarios, **options}
+        return self.post(f"/v1/checkpoints/{checkpoint}/torque", body)
 
     def download(self, kind, item, folder):
         """Downloads all files of a dataset, a checkpoint, a run or an evaluation into `folder` and returns their

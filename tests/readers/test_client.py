@@ -119,6 +119,15 @@ class OwnClient(unittest.TestCase):
         with self.assertRaisesRegex(ValueError, "'job', allowed: 'dataset', 'checkpoint', 'run', 'evaluation'"):
             self.client.download("job", 1, self.folder)
 
+    def test_questions_go_to_the_checkpoint_with_their_options(self):
+        for ask in (self.client.predict, self.client.torque):
+            with self.assertRaises(torqued.ServerError) as refused:
+                ask(1, [], position_noise_rad=1e-4, rate_hz=120)
+            self.assertEqual(refused.exception.status, 404)
+            with self.assertRaises(torqued.ServerError) as refused:
+                ask(1, [], rate=120)
+            self.assertEqual([it["field"] for it in refused.exception.problem["violations"]], ["rate"])
+
     def test_an_error_has_one_line_for_each_violation(self):
         with self.assertRaises(torqued.ServerError) as refused:
             self.client.submit({"preset": "D1-chirp", "trajectories": 0, "steps": 1})

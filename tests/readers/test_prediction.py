@@ -20,17 +20,26 @@ class Prediction(unittest.TestCase):
         cls.addClassCleanup(cls.product.stop)
 
     def test_the_controllers_loop_gets_a_prediction_for_every_sample(self):
-        (snippet,) = re.findall(r"```python\n(.*?)```", DOCUMENT, flags=re.DOTALL)
+        lines = self.printed_by("connect(")
+        self.assertEqual([int(line.split()[0]) for line in lines], list(range(320, 380)))
+
+    def test_the_client_gets_a_prediction_and_the_torques_of_a_motion(self):
+        positions, torques = map(json.loads, self.printed_by("client.torque("))
+        self.assertEqual((len(positions), len(torques)), (7, 7))
+
+    def printed_by(self, part):
+        """The lines that the document's snippet with `part` prints."""
+        snippets = re.findall(r"```python\n(.*?)```", DOCUMENT, flags=re.DOTALL)
+        (snippet,) = (snippet for snippet in snippets if part in snippet)
         snippet = snippet.replace("127.0.0.1:7070", self.product.url.removeprefix("http://"))
         done = subprocess.run(
             [str(REPOSITORY / ".venv/bin/python"), "-c", snippet],
             capture_output=True,
             text=True,
-            env={**os.environ, "NO_PROXY": "127.0.0.1"},
+            env={**os.environ, "NO_PROXY": "127.0.0.1", "PYTHONPATH": str(REPOSITORY / "python")},
         )
         self.assertEqual(done.returncode, 0, done.stderr)
-        lines = done.stdout.splitlines()
-        self.assertEqual([int(line.split()[0]) for line in lines], list(range(320, 380)))
+        return done.stdout.splitlines()
 
     def test_the_command_on_the_page_predicts(self):
         with urllib.request.urlopen(f"{self.product.url}/checkpoints/8") as answer:
