@@ -214,10 +214,8 @@ pub(crate) fn simulate<L: Lanes, S: Structure<N>, const N: usize>(
                 Some(LostTrack::OffReference)
             } else if excess[lane] > 0.0 {
                 Some(LostTrack::AtLimit)
-            } else if let Some(joint) = unstable {
-                Some(LostTrack::Unstable { joint })
             } else {
-                None
+                unstable.map(|joint| LostTrack::Unstable { joint })
             };
             if let Some(lost) = lost {
                 let q: Vec<f64> = (0..joints).map(|joint| positions[joint][lane].into()).collect();
