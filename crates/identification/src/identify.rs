@@ -279,9 +279,14 @@ fn about_cuts(motions: &[Motion], joint: usize) -> Option<String> {
     let all: usize = motions.iter().map(Motion::samples).sum();
     (left_out > 0).then(|| {
         let joint = joint + 1;
+        // Those that are left are at small speeds, which a low-pass leaves uncertain.
+        let more = match 2 * left_out > all {
+            true => ". Its friction and rotor are less certain than their intervals say",
+            false => "",
+        };
         format!(
             "the fit leaves out {left_out} of {all} samples of the torque of joint {joint}, because it is cut off there \
-             or within the width of the low-pass"
+             or near{more}"
         )
     })
 }

@@ -30,15 +30,38 @@ pub(crate) struct Motion {
     pub(crate) q: Vec<Vec<f64>>,
     pub(crate) qd: Vec<Vec<f64>>,
     pub(crate) qdd: Vec<Vec<f64>>,
-    /// Smooth torques, `[sample][joint]`, N·m.
+    /// Smooth torques, `[sample][joint]`, N·m. Those of a joint with cuts are averages.
     pub(crate) u: Vec<Vec<f64>>,
     /// Torques as they were recorded, `[sample][joint]`, N·m.
     pub(crate) recorded_u: Vec<Vec<f64>>,
     /// The levels at which the recorded torque of each joint is cut off.
     pub(crate) saturation: Vec<Saturation>,
-    /// Samples that the low-pass spreads a cut over, on each side.
-    spread: usize,
+    smoothing: Smoothing,
+}
+
+/// The smoothing of torques.
+#[derive(Clone)]
+struct Smoothing {
     filter: LowPass,
+    /// The joints whose torques are cut off, and the samples before and after each that are averaged.
+    cut: Vec<usize>,
+    averaged: usize,
+}
+
+impl Smoothing {
+    /// Smooths `rows`, `[sample][joint]`.
+    fn of(&self, rows: &[Vec<f64>]) -> Vec<Vec<f64>> {
+        let mut smooth = self.filter.apply_to_columns(rows);
+        for (sample, row) in smooth.iter_mut().enumerate() {
+            let last = (sample + self.averaged).min(rows.len() - 1);
+            let near = &rows[sample.saturating_sub(self.averaged)..=last];
+            for joint in &self.cut {
+                let sum: f64 = near.iter().map(|row| row[*joint]).sum();
+                row[*joint] = sum / near.len() as f64;
+            }
+        }
+        smooth
+    }
 }
 
 /// The ends of a recording that a low-pass and differences leave uncertain, s.
@@ -50,8 +73,9 @@ pub(crate) fn slope_of_bend(ratio: f64) -> f64 {
     -ratio / ratio.cosh().powi(2)
 }
 
-/// The low-pass spreads a torque that is cut off by this many periods of its edge.
-const SPREAD: f64 = 0.5;
+/// Torques of a joint with cuts are averaged over this time, s. The low-pass would spread a cut: half a
+/// period of its edge away, 7 % of a step are left.
+const AVERAGED_S: f64 = 0.04;
 
 impl Motion {
     /// The motion of an arm whose drives have these limits, N·m.
@@ -78,6 +102,14 @@ impl Motion {
         let qdd = slopes(&qd, *rate_hz);
         let moves = moves(&qd, joints);
         let column = |joint: usize| -> Vec<f64> { u.iter().map(|row| row[joint]).collect() };
+        let saturation: Vec<Saturation> = (0..joints)
+            .map(|joint| Saturation::of(&column(joint), &moves, limits_nm[joint]))
+            .collect();
+        let smoothing = Smoothing {
+            filter,
+            cut: (0..joints).filter(|joint| saturation[*joint].has_level()).collect(),
+            averaged: whole(0.5 * AVERAGED_S * rate_hz).max(1),
+        };
         Ok(Self {
             name: name.clone(),
             rate_hz: *rate_hz,
@@ -85,13 +117,10 @@ impl Motion {
             q: smooth_q,
             qd,
             qdd,
-            u: filter.apply_to_columns(u),
+            u: smoothing.of(u),
             recorded_u: u.clone(),
-            saturation: (0..joints)
-                .map(|joint| Saturation::of(&column(joint), &moves, limits_nm[joint]))
-                .collect(),
-            spread: whole((SPREAD / low_pass_hz * rate_hz).ceil()),
-            filter,
+            saturation,
+            smoothing,
         })
     }
 
@@ -111,7 +140,7 @@ impl Motion {
         let of_row = |row: &Vec<f64>| {
             row.iter().zip(bends_rad_s).map(|(qd, speed)| torque(qd / speed)).collect()
         };
-        self.filter.apply_to_columns(&self.qd.iter().map(of_row).collect::<Vec<Vec<f64>>>())
+        self.smoothing.of(&self.qd.iter().map(of_row).collect::<Vec<Vec<f64>>>())
     }
 
     /// The smooth torques of each joint `later_s` after a sample, N·m.
@@ -137,6 +166,7 @@ impl Motion {
             u: of(&self.u),
             recorded_u: of(&self.recorded_u),
             saturation: self.saturation.clone(),
+            smoothing: self.smoothing.clone(),
             ..*self
         }
     }
@@ -152,10 +182,12 @@ impl Motion {
         if !self.saturation[joint].has_level() {
             return Vec::new();
         }
+        // As much again, because noise decides close to the level what is cut.
+        let spread = 2 * self.smoothing.averaged;
         let mut near = vec![false; self.samples()];
         for sample in (0..self.samples()).filter(|sample| self.is_cut(joint, *sample)) {
-            let last = (sample + self.spread).min(self.samples() - 1);
-            near[sample.saturating_sub(self.spread)..=last].fill(true);
+            let last = (sample + spread).min(self.samples() - 1);
+            near[sample.saturating_sub(spread)..=last].fill(true);
         }
         near
     }

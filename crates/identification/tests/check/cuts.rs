@@ -103,7 +103,10 @@ fn motions_are_fitted_only_where_no_torque_is_cut_off() {
     let said = "the motions are not fitted: no 1.33 s of the recordings are free of torques";
     let warnings = &found.report.warnings;
     assert!(warnings.iter().any(|warning| warning.starts_with(said)), "{warnings:#?}");
+    let less = "Its friction and rotor are less certain than their intervals say";
+    assert!(warnings.iter().any(|warning| warning.ends_with(less)), "{warnings:#?}");
     let found = identify(&arm(3), &[cut(1, (0.9, 0.7))], &[], &settings, unheard).unwrap();
     let warnings = &found.report.warnings;
     assert!(warnings.iter().all(|warning| !warning.starts_with(said)), "{warnings:#?}");
+    assert!(warnings.iter().all(|warning| !warning.ends_with(less)), "{warnings:#?}");
 }
