@@ -8,7 +8,10 @@ use std::time::Duration;
 
 use futures::future::BoxFuture;
 use series::{JointMotion, Series};
-use spec::{Digest, Given, Lengths, MAX_SAMPLING_RATE_HZ, SamplerSpec, SpecError};
+use spec::{
+    Digest, Given, JointDescription, Lengths, MAX_SAMPLING_RATE_HZ, Range, RobotDescription,
+    SamplerSpec, SpecError,
+};
 use store::{Checkpoint, StoreError};
 use thiserror::Error;
 use wire::Warning;
@@ -65,6 +68,29 @@ pub struct LiveFit {
     pub computed: Duration,
 }
 
+/// The limits of a joint.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct JointLimits {
+    /// Positions, rad.
+    pub position_rad: Range,
+    /// The largest speed, rad/s.
+    pub velocity_rad_s: f64,
+    /// The largest torque, N·m.
+    pub torque_nm: f64,
+}
+
+impl JointLimits {
+    /// Those of each joint of a robot.
+    pub fn of(robot: &RobotDescription) -> Arc<[Self]> {
+        let of_joint = |joint: &JointDescription| Self {
+            position_rad: joint.position_rad,
+            velocity_rad_s: joint.velocity_rad_s,
+            torque_nm: joint.torque_nm,
+        };
+        robot.joints.iter().map(of_joint).collect()
+    }
+}
+
 /// The properties of a loaded model.
 #[derive(Clone, Debug)]
 pub struct AboutModel {
@@ -80,6 +106,8 @@ pub struct AboutModel {
     pub lengths: Lengths,
     /// The series that it is given beside the positions of the context.
     pub given: Given,
+    /// The limits of each joint of the arm that it is told; empty for a model that is told none.
+    pub limits: Arc<[JointLimits]>,
     /// Whether it can give several answers to the same question.
     pub has_samples: bool,
     /// Its own sampler, of a model that removes noise.
@@ -248,6 +276,7 @@ mod tests {
             rate_hz: 31.25,
             lengths,
             given: Given::Torques,
+            limits: Arc::default(),
             has_samples: true,
             sampler: None,
             needs_future: false,

@@ -200,9 +200,9 @@ fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }
 
-#[expect(clippy::cast_possible_truncation, reason = "positions are f32")]
-const fn narrow(position: f64) -> f32 {
-    position as f32
+#[expect(clippy::cast_possible_truncation, reason = "positions and torques are f32")]
+pub const fn narrow(value: f64) -> f32 {
+    value as f32
 }
 
 #[cfg(test)]

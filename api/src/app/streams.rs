@@ -241,9 +241,12 @@ impl PredictionStream {
             violations.add("motion", "before fit", "after fit");
             return Err(violations.finish().err().unwrap_or(ApiError::Internal));
         };
-        let said = said(robot, &motion_of(motion, self.held.about.joints)?)?;
+        let about = &self.held.about;
+        // A controller must not miss a warning about the torques that it is about to use, so these
+        // are repeated.
+        let (said, warnings) = said(robot, &motion_of(motion, about.joints)?, &about.limits)?;
         let latency_ms = milliseconds(arrived.elapsed());
-        Ok(StreamReply::Torques(StreamedTorques { said, age: *age, latency_ms }))
+        Ok(StreamReply::Torques(StreamedTorques { said, age: *age, latency_ms, warnings }))
     }
 
     async fn ask(&self, question: Question) -> Result<LivePrediction, ApiError> {

@@ -1,18 +1,21 @@
 //! The torques that motions take: the inverse question to a checkpoint.
 
+use std::sync::Arc;
 use std::time::Instant;
 
 use axum::body::Bytes;
 use series::{JointMotion, Series, Shape, ShapeError};
-use spec::{Digest, SpecError};
-use wire::{PredictionLatency, SaidTorques, TorqueAnswer, TorqueRequest, WantedMotion};
+use spec::{Digest, Range, SpecError};
+use wire::{
+    PredictionLatency, SaidTorques, TorqueAnswer, TorqueRequest, WantedMotion, Warning, WarningKind,
+};
 
 use crate::app::App;
-use crate::app::predictions::{HeldModel, milliseconds, rows};
+use crate::app::predictions::{HeldModel, milliseconds, narrow, rows};
 use crate::app::questions::{RequestViolations, context_of, noise_of_positions, series_of};
 use crate::error::ApiError;
 use crate::limits::{MOTION_INSTANTS, TORQUE_SCENARIOS};
-use crate::live::{AboutModel, FittedRobot, LiveError, LiveFit, LiveQueue};
+use crate::live::{AboutModel, FittedRobot, JointLimits, LiveError, LiveFit, LiveQueue};
 
 impl App {
     /// The answer to a [`TorqueRequest`], a [`TorqueAnswer`] as JSON.
@@ -31,6 +34,7 @@ impl App {
         let held = self.held_model(checkpoint).await?.at(request.rate_hz)?;
         let HeldModel { resource, model, about } = held;
         let load = milliseconds(asked.elapsed());
+        let limits = Arc::clone(&about.limits);
         let question = move || question(&request, &about);
         let (robots, motions) = self.checks.run(bytes, question).await?;
         let fit = match robots {
@@ -43,18 +47,20 @@ impl App {
         };
         let write = move || {
             let computing = Instant::now();
-            let said = fit.robots.iter().zip(&motions).map(|(robot, motion)| said(robot, motion));
-            let scenarios = said.collect::<Result<_, _>>()?;
+            let mut scenarios = Vec::with_capacity(motions.len());
+            let mut beyond = Vec::new();
+            for (robot, motion) in fit.robots.iter().zip(&motions) {
+                let (said, warnings) = said(robot, motion, &limits)?;
+                scenarios.push(said);
+                beyond.extend(warnings);
+            }
+            let mut warnings = fit.warnings;
+            warnings.extend(Warning::merge(beyond));
             let queue = milliseconds(fit.queued);
             let compute = milliseconds(fit.computed + computing.elapsed());
             let latency_ms = PredictionLatency { load, queue, compute };
-            let answer = TorqueAnswer {
-                model: resource,
-                fit: fit.digest,
-                scenarios,
-                latency_ms,
-                warnings: fit.warnings,
-            };
+            let answer =
+                TorqueAnswer { model: resource, fit: fit.digest, scenarios, latency_ms, warnings };
             // It has only strings and finite numbers, so this cannot fail.
             serde_json::to_vec(&answer).map_err(|_| ApiError::Internal)
         };
@@ -70,17 +76,57 @@ fn forgotten(digest: Digest) -> ApiError {
     ApiError::Question(SpecError::one("fit", digest.to_string(), allowed))
 }
 
-/// The torques of a motion.
+/// The torques of a motion, with a warning for each joint that leaves `limits`, if they are known.
 ///
 /// # Errors
 /// [`LiveError::Failed`] if they are not finite.
-pub(super) fn said(robot: &FittedRobot, motion: &JointMotion) -> Result<SaidTorques, ApiError> {
+pub(super) fn said(
+    robot: &FittedRobot,
+    motion: &JointMotion,
+    limits: &[JointLimits],
+) -> Result<(SaidTorques, Vec<Warning>), ApiError> {
     let torques = robot(motion);
     if torques.iter().any(|torque| !torque.is_finite()) {
         let reason = "it says torques that are not finite".to_owned();
         return Err(ApiError::Live(LiveError::Failed { reason }));
     }
-    Ok(SaidTorques { u: rows(&torques, motion.joints()) })
+    let warnings = beyond_limits(motion, &torques, limits);
+    Ok((SaidTorques { u: rows(&torques, motion.joints()) }, warnings))
+}
+
+/// A warning for each quantity and joint that leaves its limits.
+fn beyond_limits(motion: &JointMotion, torques: &[f32], limits: &[JointLimits]) -> Vec<Warning> {
+    let torques: Vec<f64> = torques.iter().copied().map(f64::from).collect();
+    let within = |largest: f64| Range::new(-largest, largest);
+    let range_of = |kind: WarningKind, limits: &JointLimits| match kind {
+        WarningKind::PositionLimits => limits.position_rad,
+        WarningKind::VelocityLimits => within(limits.velocity_rad_s),
+        _ => within(limits.torque_nm),
+    };
+    let quantities = [
+        (WarningKind::PositionLimits, motion.q()),
+        (WarningKind::VelocityLimits, motion.qd()),
+        (WarningKind::TorqueLimits, &torques),
+    ];
+    let mut warnings = Vec::new();
+    for (kind, values) in quantities {
+        for ((joint, limits), number) in limits.iter().enumerate().zip(1..) {
+            let range = range_of(kind, limits);
+            let of_joint = values.iter().skip(joint).step_by(motion.joints()).copied();
+            let reached = furthest(of_joint, range);
+            warnings
+                .extend(reached.map(|reached| Warning::outside(kind, number, reached, range, 1)));
+        }
+    }
+    warnings
+}
+
+/// The value that lies furthest outside of `range`, if any does. Values are those of f32, so the ends
+/// are rounded to it.
+fn furthest(values: impl Iterator<Item = f64>, range: Range) -> Option<f64> {
+    let [min, max] = [range.min, range.max].map(|end| f64::from(narrow(end)));
+    let beyond = |value: &f64| (min - value).max(value - max);
+    values.filter(|value| beyond(value) > 0.0).max_by(|a, b| beyond(a).total_cmp(&beyond(b)))
 }
 
 /// The robots that a request asks about.

@@ -33,6 +33,7 @@ mod streams;
 mod submission;
 mod tables;
 mod tokens;
+mod torques;
 mod trainings;
 mod trajectories;
 mod trash;

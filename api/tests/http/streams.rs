@@ -109,6 +109,7 @@ impl Service {
             rate_hz: 60.0,
             lengths: spec::Lengths::Trained,
             given: spec::Given::Torques,
+            limits: Arc::default(),
             has_samples: false,
             sampler: None,
             needs_future: false,
@@ -139,7 +140,7 @@ impl Service {
 }
 
 /// The part of a WebSocket (RFC 6455) that is needed here, on a connection that a test can drop.
-struct Client(TcpStream);
+pub struct Client(TcpStream);
 
 const TEXT: u8 = 1;
 const CLOSE: u8 = 8;
@@ -147,7 +148,7 @@ const PING: u8 = 9;
 const PONG: u8 = 10;
 
 impl Client {
-    async fn connect(address: SocketAddr) -> Self {
+    pub async fn connect(address: SocketAddr) -> Self {
         let mut connection = TcpStream::connect(address).await.unwrap();
         let handshake = format!(
             "GET /v1/checkpoints/1/stream HTTP/1.1\r\nHost: {address}\r\nUpgrade: websocket\r\n\
@@ -195,11 +196,11 @@ impl Client {
         u16::from_be_bytes([payload[0], payload[1]])
     }
 
-    async fn say(&mut self, message: &Value) {
+    pub async fn say(&mut self, message: &Value) {
         self.send(TEXT, message.to_string().as_bytes()).await;
     }
 
-    async fn hear(&mut self) -> Value {
+    pub async fn hear(&mut self) -> Value {
         let (kind, payload) = self.receive().await;
         assert_eq!(kind, TEXT, "{}", String::from_utf8_lossy(&payload));
         serde_json::from_slice(&payload).unwrap()

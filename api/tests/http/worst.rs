@@ -69,6 +69,7 @@ async fn server(context: usize, horizon: usize) -> Server {
         rate_hz: 60.0,
         lengths: spec::Lengths::Trained,
         given: spec::Given::Torques,
+        limits: Arc::default(),
         has_samples: true,
         sampler: None,
         needs_future: false,

@@ -4,7 +4,8 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use api::live::{
-    AboutModel, FittedRobot, LiveError, LiveFit, LiveModel, LivePrediction, LiveQueue, Question,
+    AboutModel, FittedRobot, JointLimits, LiveError, LiveFit, LiveModel, LivePrediction, LiveQueue,
+    Question,
 };
 use futures::FutureExt;
 use futures::future::BoxFuture;
@@ -52,6 +53,11 @@ impl Loaded {
             rate_hz: model.rate_hz(),
             lengths: model.architecture().lengths(),
             given: model.config().given,
+            limits: model
+                .architecture()
+                .robot()
+                .map(|robot| JointLimits::of(robot.model.description()))
+                .unwrap_or_default(),
             has_samples: model.is_generative(),
             sampler: model.architecture().sampler().copied(),
             needs_future: model.needs_leak(),

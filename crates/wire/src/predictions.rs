@@ -145,7 +145,8 @@ pub struct TorqueAnswer {
     pub scenarios: Vec<SaidTorques>,
     /// How long the parts of the answer took.
     pub latency_ms: PredictionLatency,
-    /// Data outside the checkpoint's training data, and contexts without information.
+    /// Data outside the checkpoint's training data, contexts without information, and motions or
+    /// torques beyond the limits of the arm that a law is told.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<Warning>,
 }

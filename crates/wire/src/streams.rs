@@ -121,6 +121,10 @@ pub struct StreamedTorques {
     pub age: usize,
     /// Time from the message to the answer, ms.
     pub latency_ms: f64,
+    /// Positions, velocities and torques beyond the limits of the arm that a law is told. Each answer
+    /// has all of its own.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub warnings: Vec<Warning>,
 }
 
 /// A prediction on a stream.

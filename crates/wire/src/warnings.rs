@@ -4,8 +4,8 @@ use serde::{Deserialize, Serialize};
 use spec::Range;
 use utoipa::ToSchema;
 
-/// Data outside a checkpoint's training data, a context without information, or a prediction beyond
-/// the joints' limits.
+/// Data outside a checkpoint's training data, a context without information, or a prediction, motion
+/// or torque beyond the joints' limits.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Warning {
     /// The kind of doubt.
@@ -47,6 +47,12 @@ pub enum WarningKind {
     ShortContext,
     /// The prediction exceeds the limits of a joint.
     JointLimits,
+    /// A motion whose torques are asked for has positions beyond the limits of a joint.
+    PositionLimits,
+    /// A motion whose torques are asked for is faster than a joint may be.
+    VelocityLimits,
+    /// A motion takes more torque than a joint has.
+    TorqueLimits,
     /// A checkpoint is asked about data that it was trained on.
     TrainingData,
     /// A predictor holds the last position, because its simulation is not finite.
@@ -66,6 +72,9 @@ impl WarningKind {
             | Self::Held => ("q", "rad"),
             Self::RateRange => ("the rate of q", "rad/s"),
             Self::JointLimits => ("the predicted q", "rad"),
+            Self::PositionLimits => ("the wanted q", "rad"),
+            Self::VelocityLimits => ("the wanted qd", "rad/s"),
+            Self::TorqueLimits => ("the torque", "N·m"),
         }
     }
 }
@@ -82,7 +91,10 @@ impl Warning {
     ) -> Self {
         let (quantity, unit) = kind.quantity();
         let bounds = match kind {
-            WarningKind::JointLimits => "its limits are",
+            WarningKind::JointLimits
+            | WarningKind::PositionLimits
+            | WarningKind::VelocityLimits
+            | WarningKind::TorqueLimits => "its limits are",
             _ => "the checkpoint was trained on",
         };
         let (low, high) = (number(range.min), number(range.max));
@@ -282,6 +294,12 @@ mod tests {
         assert_eq!(
             warning.message,
             "the predicted q of joint 4 reaches 0.300 rad; its limits are -3.07 to -0.070 rad"
+        );
+        let rated = Range::new(-330.0, 330.0);
+        let warning = Warning::outside(WarningKind::TorqueLimits, 2, 36_941.0, rated, 1);
+        assert_eq!(
+            warning.message,
+            "the torque of joint 2 reaches 36941 N·m; its limits are -330 to 330 N·m"
         );
     }
 
