@@ -6,6 +6,8 @@
 use simd::MAX_LANES;
 use spec::{Controller, SimulateSpec};
 
+use crate::reference::whole;
+
 /// The swings in a row that make a limit cycle. No torque of 1000 draws of `panda-real` and of
 /// `ur10e-real` swings. Of 180 trajectories of Pandas under `computed-torque` of 15 to 25 Hz with
 /// delays of up to 3 ms, those of 56 do, each 82 times in a row or more within 4 s.
@@ -14,14 +16,19 @@ const SWINGS: u32 = 20;
 /// The longest time between two swings of a limit cycle, s. The median of those above is 0.015.
 const LONGEST_S: f64 = 0.05;
 
+/// The largest product of an encoder's noise and the control rate, rad/s, at which swings count. More
+/// noise swings the torques of stable controllers as well.
+const QUIET_RAD_S: f64 = 0.1;
+
 /// The share of its limit from which a torque counts as being there.
 const AT_LIMIT: f32 = 0.999;
 
 /// The torques of controllers in lanes, as far as they swing.
 pub(crate) struct LimitCycles<const N: usize> {
     limits_nm: [f32; N],
-    /// The most sampling periods between two swings. 0 if a sampling period is too long to tell.
-    longest: u32,
+    /// The most sampling periods between two swings. 0 if a sampling period is too long to tell, or
+    /// positions are too noisy.
+    longest: usize,
     lanes: [[Swings; N]; MAX_LANES],
 }
 
@@ -33,7 +40,7 @@ struct Swings {
     /// Swings in a row.
     count: u32,
     /// Sampling periods since the last one.
-    since: u32,
+    since: usize,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -48,7 +55,11 @@ impl<const N: usize> LimitCycles<N> {
         for (limit, joint) in limits_nm.iter_mut().zip(&spec.robot.description().joints) {
             *limit = rounded(joint.torque_nm * controller.torque_share);
         }
-        let longest = whole(LONGEST_S * spec.rate_hz);
+        let observations = &spec.observations;
+        let rounding_rad = observations.position_resolution_rad / 12.0_f64.sqrt();
+        let noise_rad = observations.position_noise_rad.hypot(rounding_rad);
+        let is_quiet = noise_rad * controller.rate_hz <= QUIET_RAD_S;
+        let longest = if is_quiet { whole(LONGEST_S * spec.rate_hz) } else { 0 };
         Self { limits_nm, longest, lanes: [[Swings::default(); N]; MAX_LANES] }
     }
 
@@ -75,7 +86,7 @@ impl<const N: usize> LimitCycles<N> {
 
 impl Swings {
     /// The swings in a row after a sampling period in which the torque reached its limits or not.
-    fn add(&mut self, highest: bool, lowest: bool, longest: u32) -> u32 {
+    fn add(&mut self, highest: bool, lowest: bool, longest: usize) -> u32 {
         self.since = self.since.saturating_add(1);
         let side = match (highest, lowest) {
             (false, false) => return self.count,
@@ -105,15 +116,6 @@ impl Side {
 #[expect(clippy::cast_possible_truncation, reason = "series hold f32")]
 fn rounded(torque_nm: f64) -> f32 {
     torque_nm as f32
-}
-
-#[expect(
-    clippy::cast_possible_truncation,
-    clippy::cast_sign_loss,
-    reason = "checks bound the sampling rate"
-)]
-fn whole(number: f64) -> u32 {
-    number as u32
 }
 
 #[cfg(test)]
@@ -150,6 +152,6 @@ mod tests {
     fn a_pause_ends_a_row_of_swings() {
         let burst = [1, -1, 1, -1, 1, -1];
         assert_eq!(swings(burst), 5);
-        assert_eq!(swings(burst.into_iter().chain([0; 10]).chain(burst)), 5);
+        assert_eq!(swings(burst.into_iter().chain([0; 10]).chain(burst)), 6);
     }
 }
