@@ -133,7 +133,11 @@ mod tests {
     fn a_torque_that_swings_from_limit_to_limit_is_counted() {
         assert_eq!(swings([1, 1, 1, 0, 0, 1, 1]), 0);
         let square = |half: usize| {
-            (0..100).map(move |sample| if (sample / half).is_multiple_of(2) { 1 } else { -1 })
+            (0..100).map(
+                move |sample: usize| {
+                    if (sample / half).is_multiple_of(2) { 1 } else { -1 }
+                },
+            )
         };
         assert!(swings(square(1)) >= 98);
         assert!(swings(square(5)) >= 18);
