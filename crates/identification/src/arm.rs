@@ -136,7 +136,7 @@ impl Prior {
         let joints = nominal.joints();
         let mut numbers = DVector::zeros(joints * NUMBERS);
         let mut deviations = DVector::zeros(joints * NUMBERS);
-        for joint in 0..joints {
+        for (joint, bend_rad_s) in bends_rad_s.iter().enumerate() {
             let described = &description.joints[joint];
             let rated_nm = described.torque_nm;
             let link = body::log_cholesky(&nominal.links[joint])
@@ -151,7 +151,7 @@ impl Prior {
             let viscous = or_usual(described.damping_nm_s_rad, 0.005);
             let rotor = or_usual(described.armature_kg_m2, 0.001);
             let at = joint * NUMBERS;
-            let own = [coulomb.ln(), viscous.ln(), 0.0, rotor.ln(), 0.0, bends_rad_s[joint].ln()];
+            let own = [coulomb.ln(), viscous.ln(), 0.0, rotor.ln(), 0.0, bend_rad_s.ln()];
             for (k, value) in link.into_iter().chain(own).enumerate() {
                 numbers[at + k] = value;
             }
@@ -368,7 +368,7 @@ impl Arm {
                 .view_mut((last, values), (LINK_PARAMETERS, LINK_PARAMETERS))
                 .copy_from(&body::derivatives(&load));
         }
-        for joint in 0..self.joints() {
+        for (joint, bend_rad_s) in bends_rad_s.iter().enumerate() {
             let at = joint * NUMBERS;
             derivatives
                 .view_mut((at, at), (LINK_PARAMETERS, LINK_PARAMETERS))
@@ -384,8 +384,7 @@ impl Arm {
                     _ => number.exp(),
                 };
             }
-            derivatives[(own + BEND, own + COULOMB)] =
-                coulomb * (numbers[BEND] - bends_rad_s[joint].ln());
+            derivatives[(own + BEND, own + COULOMB)] = coulomb * (numbers[BEND] - bend_rad_s.ln());
         }
         derivatives
     }
