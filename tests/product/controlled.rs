@@ -56,6 +56,14 @@ async fn models_and_baselines_answer_for_arms_under_a_controller() {
     let evaluation = member(&pipeline, "evaluate");
     let report = product.get(&format!("/v1/evaluations/{evaluation}")).await["report"].clone();
     assert_eq!(report["failures"], json!([]));
+    let run = product.get(&format!("/v1/jobs/{evaluation}")).await["run"].clone();
+    let metrics = product.get(&format!("/v1/runs/{run}")).await["metrics"].clone();
+    for group in report["groups"].as_array().unwrap() {
+        for rmse in group["rmse_deg"].as_array().unwrap() {
+            let key = format!("{}/{}/rmse_deg", group["name"], rmse["predictor"]).replace('"', "");
+            assert_eq!(metrics[&key]["value"], rmse["mean"], "{key}: {metrics}");
+        }
+    }
     let cells: Vec<(&str, f64)> = report["cells"]
         .as_array()
         .unwrap()

@@ -8,8 +8,8 @@ use jobs::EvaluateTask;
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use spec::{DataSpec, EvaluateSpec};
-use store::{RunId, Task};
-use wire::{DataNoise, EvaluationResult, Headline};
+use store::{Metric, RunId, Task};
+use wire::{DataNoise, EvaluationResult, GroupSummary, Headline, PredictorSummary, Report};
 
 use super::cell::{CellRecord, TableAt};
 use super::checkpoints::LoadedCheckpoint;
@@ -78,7 +78,26 @@ pub(super) fn report(attempt: &Attempt, spec: &EvaluateSpec) -> Result<(), TaskE
     let footer = rows::footer(&attempt.task.spec, joints, &horizons_s);
     let written = attempt.store.put_table(attempt.fence(), "scenarios.parquet", tables, &footer);
     attempt.wait(written)?;
+    attempt.wait(attempt.store.record_metrics(attempt.fence(), &metrics(&report)))?;
     attempt.complete(&EvaluationResult { headline: Headline::of(&report) })
+}
+
+/// The mean RMSE of each predictor in each group, degrees, as metrics such as
+/// `in distribution/lagrangian/rmse_deg`. Characters that keys of MLflow may not have become `_`.
+fn metrics(report: &Report) -> Vec<Metric> {
+    let allowed = |c: char| if c.is_alphanumeric() || "_-. :".contains(c) { c } else { '_' };
+    let part = |name: &str| -> String { name.chars().map(allowed).collect() };
+    let of_group = |group: &GroupSummary| {
+        let group_name = part(&group.name);
+        let metric = |rmse: &PredictorSummary| Metric {
+            key: format!("{group_name}/{}/rmse_deg", part(&rmse.predictor)),
+            step: 0,
+            value: rmse.interval.mean,
+        };
+        let finite = group.rmse_deg.iter().filter(|rmse| rmse.interval.mean.is_finite());
+        finite.map(metric).collect::<Vec<_>>()
+    };
+    report.groups.iter().flat_map(of_group).collect()
 }
 
 fn data_noise(data: &DataSpec) -> Option<DataNoise> {
