@@ -86,8 +86,8 @@ fn joints(report: &ExcitationReport) -> Table {
 
 /// Kinds of parameters, each with its share of the joints' parameters that the motion shows.
 fn parameters_by_kind(parameters: &[ParameterPrediction]) -> Table {
-    const KINDS: [&str; 8] =
-        ["mass", "center", "inertia", "coulomb", "viscous", "offset", "rotor", "gain"];
+    const KINDS: [&str; 9] =
+        ["mass", "center", "inertia", "coulomb", "viscous", "offset", "rotor", "gain", "bend"];
     const SEEN: f64 = 0.5;
 
     struct Kind {
