@@ -58,10 +58,10 @@ async fn more_than_three_warnings_are_folded() {
         (1..=5).map(|seed| (format!("data-{seed}"), doubtful(seed))).collect();
     let pipeline =
         server.submitted(&json!({"kind": "pipeline", "name": "five", "jobs": jobs})).await;
-    assert_eq!(pipeline["warnings"].as_array().unwrap().len(), 5, "{pipeline}");
+    assert_eq!(pipeline["warnings"].as_array().unwrap().len(), 15, "{pipeline}");
     let path = format!("/jobs/{}", pipeline["id"]);
     let parts =
-        ["data-3.robot.damping", "<summary>2 more warnings</summary>", "data-4.robot.damping"];
+        ["data-1.robot.damping", "<summary>12 more warnings</summary>", "data-2.robot.damping"];
     let places = places(&server, &path, parts).await;
     assert!(places.is_sorted(), "{places:?}");
 }

@@ -81,7 +81,7 @@ async fn a_thing_has_one_name_on_all_pages() {
         let name = json!({"name": format!("run {run} of Ada")});
         assert_eq!(labels::patch(&server, &format!("/v1/runs/{run}"), &name).await.status, 200);
     }
-    for path in ["/runs/1", "/checkpoints/1", "/datasets/1", "/evaluations/4", "/jobs/5"] {
+    for path in ["/runs/1", "/checkpoints/1", "/datasets/2", "/evaluations/4", "/jobs/5"] {
         let found = boxes(&server, path).await;
         for (name, href) in
             [("run 1 of Ada: train", "runs/1"), ("run 2 of Ada: eval", "evaluations/4")]

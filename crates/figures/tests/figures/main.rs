@@ -281,10 +281,13 @@ fn long_names_of_a_few_curves_are_whole_below_the_plot() {
         let curves = (1..=count).map(|k| Curve::line(name(k), points(&[1.0, 2.0]))).collect();
         figure(curves).to_svg(Size::PAGE).unwrap()
     };
+    let has = |drawn: &str, name: &str| {
+        drawn.split("</text>").any(|before| before.trim_end().ends_with(name))
+    };
     let few = drawn(3);
-    assert!((1..=3).all(|k| few.contains(&format!(">{}</text>", name(k)))), "{few}");
+    assert!((1..=3).all(|k| has(&few, &name(k))), "{few}");
     // With many, the plot needs the height.
-    assert!(!drawn(12).contains(&format!(">{}</text>", name(1))));
+    assert!(!has(&drawn(12), &name(1)));
 }
 
 #[test]
