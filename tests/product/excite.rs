@@ -103,7 +103,7 @@ fn a_urdf_becomes_a_motion_for_its_controller() {
         assert!((q - row[2]).abs() < 1e-7, "{q} {row:?}");
     }
     let parameters = fs::read_to_string(motion.join("parameters.csv")).unwrap();
-    assert_eq!(parameters.lines().count(), 1 + 2 * 15);
+    assert_eq!(parameters.lines().count(), 1 + 2 * 16);
     assert!(fs::read_to_string(motion.join("figure.svg")).unwrap().starts_with("<svg"));
 
     let (code, _, errors) = excite(folder, &["--out", "motion"]);
@@ -174,8 +174,9 @@ fn a_ur10e_moves_above_its_table_and_shows_its_base_parameters() {
     assert_eq!(code, Some(0), "{errors}");
     let report: Value = serde_json::from_str(&report).unwrap();
     let number = |value: &Value| value.as_f64().unwrap();
-    // 36 of the links, Coulomb and viscous friction, offsets, and the rotors of the last four joints.
-    assert_eq!(number(&report["base_parameters"]), 58.0);
+    // 36 of the links, Coulomb and viscous friction, its bends, offsets, and the rotors of the last four
+    // joints.
+    assert_eq!(number(&report["base_parameters"]), 64.0);
     assert!(number(&report["lowest_m"]) >= 0.1);
     assert!(number(&report["log_det"]) > number(&report["random"]["best_log_det"]));
     for joint in report["joints"].as_array().unwrap() {

@@ -141,14 +141,14 @@ async fn a_fine_tuning_of_another_model_is_refused_at_submission() {
     for (changes, parts) in [
         (
             json!({"model": {"preset": "cdt-tiny", "patch": 4}}),
-            vec!["architecture robomorph", "architecture cdt"],
+            vec!["model.architecture is cdt, allowed: robomorph"],
         ),
-        (json!({"context": 16}), vec!["context 32", "context 16"]),
+        (json!({"context": 16}), vec!["context is 16, allowed: 32"]),
         (
             json!({"data": {"stream": {"preset": "D1-multisine", "samples": 48, "rate_hz": 50}}}),
-            vec!["rate_hz 60", "rate_hz 50"],
+            vec!["rate_hz is 50, allowed: 60"],
         ),
-        (json!({"normalization": "none"}), vec!["normalization context", "normalization none"]),
+        (json!({"normalization": "none"}), vec!["normalization is none, allowed: context"]),
         (json!({"frozen": ["decoder"]}), vec!["frozen[0]", "decoder_blocks"]),
         (json!({"init": {"checkpoint": 99}}), vec!["init.checkpoint", "99"]),
     ] {

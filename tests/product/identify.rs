@@ -100,7 +100,7 @@ fn a_urdf_and_logs_become_an_identified_urdf() {
     within(0.5 * number(&joint["friction"]["phi1_nm"]), COULOMB_NM);
 
     let parameters = fs::read_to_string(found.join("parameters.csv")).unwrap();
-    assert_eq!(parameters.lines().count(), 1 + 15);
+    assert_eq!(parameters.lines().count(), 1 + 16);
     let report = read_json(&found.join("report.json"));
     let errors = report["arm"]["validation_errors"].as_array().unwrap();
     let of = |name: &str| {
@@ -140,7 +140,6 @@ fn logs_that_do_not_fit_the_arm_are_refused_before_any_work() {
         (&["--q", "q1,u1"][..], "--q names 2 columns, allowed: 1, one per joint"),
         (&["--time", "zeit"], "there is no column \"zeit\", only t, q1, u1"),
         (&["--angle", "grad"], "possible values: rad, deg"),
-        (&["--separator", "ab"], "allowed: one character, or \\t for a tab"),
         (&["--low-pass-hz", "70"], "--low-pass-hz is 70 Hz, allowed for recording \"one.csv\""),
         (&["--gain-deviation", "2"], "--gain-deviation is 2, allowed: 0 to 1"),
         (&["--most-delay-s", "1"], "--most-delay-s is 1, allowed: 0 to 0.1"),
@@ -150,6 +149,10 @@ fn logs_that_do_not_fit_the_arm_are_refused_before_any_work() {
         assert!(matches!(code, Some(1 | 2)), "{flags:?}");
         assert!(errors.contains(said), "{errors}");
     }
+    let mut command = torqued(&["identify", "arm.urdf", "one.csv", "--separator", "ab"]);
+    let (code, _, errors) = run_to_end(command.current_dir(folder));
+    assert_eq!(code, Some(2), "{errors}");
+    assert!(errors.contains("allowed: one character, or \\t for a tab"), "{errors}");
 }
 
 #[test]

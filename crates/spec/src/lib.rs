@@ -54,6 +54,7 @@ mod canonical;
 mod check;
 mod control;
 mod data;
+mod doubt;
 mod error;
 mod error_text;
 mod evaluate;
@@ -89,6 +90,7 @@ pub use control::{
     ControlBaseline, ControlPath, ControlSpec, PlanWeights, Planner, PointToPoint, Swing,
 };
 pub use data::{DataSpec, MAX_SAMPLING_RATE_HZ};
+pub use doubt::Doubt;
 pub use error::{
     ALLOWED_BYTES, FIELD_BYTES, LISTED_VIOLATIONS, SpecError, VALUE_BYTES, Violation, cut,
 };
@@ -125,7 +127,7 @@ pub use robot::{
 pub use schema::{nearest, schemas, shape_violations};
 pub use simulate::{
     CartesianImpedance, Cell, Chirp, ChirpBand, Column, ColumnType, ComputedTorque, ControlLaw,
-    Controller, Doubt, Excitation, Family, FourierSeries, Frequency, Friction, Gravity, HandPaths,
+    Controller, Excitation, Family, FourierSeries, Frequency, Friction, Gravity, HandPaths,
     Integrator, JointPd, MAX_DELAY_PERIODS, MAX_POSITION_NOISE_RAD, MAX_TRAJECTORIES, MoveProfile,
     Multisine, Observations, OperationalSpace, PULSES, PathShape, Payload, PointToPointMoves,
     Precision, Pulses, Rejection, RobotSpec, STEP_LEVELS, SimulateSpec, Steps, ViaPoints,

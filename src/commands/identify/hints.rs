@@ -65,7 +65,7 @@ mod tests {
             "hint: \"unwrap\" is --unwrap; ranges.qd_rad_s is a field of a mapping, see --mapping"
         );
         let gap = "at most max_gap_s = 0.1; with units.time \"ms\" rows are 0.002 s apart";
-        assert_eq!(hint(gap).unwrap(), "hint: units.time is a field of a mapping, see --mapping");
+        assert_eq!(hint(gap).unwrap(), "hint: units.time is --time-unit");
         assert_eq!(hint("line 502, column \"u3\": nothing"), None);
     }
 }

@@ -1,8 +1,6 @@
 //! From random motions to the best one.
 
 use std::collections::VecDeque;
-use std::ops::ControlFlow;
-use std::sync::atomic::{AtomicBool, Ordering};
 
 use dynamics::Joints;
 use nalgebra::DVector;
@@ -10,52 +8,10 @@ use random::{ChaCha8Rng, keyed, normal, unit};
 use rayon::prelude::*;
 
 use super::objective::Objective;
-
-/// Weights of the barrier, one after the other. Each is a maximization that begins where the one
-/// before ended.
-const BARRIERS: [f64; 5] = [3.0, 1.0, 0.3, 0.1, 0.03];
-/// Motions that the first barriers improve, and those of them that go on.
-const TRIED: usize = 6;
-const TRIED_BARRIERS: usize = 2;
-const GOING_ON: usize = 2;
-/// Steps for each barrier.
-const STEPS: usize = 50;
+use super::steps::{BARRIERS, GOING_ON, STEPS, Steps, TRIED, TRIED_BARRIERS};
 
 /// The first part of the keys of random numbers.
 const MOTIONS: u64 = 2;
-
-/// Hears how many steps of a search were done, of which there are at most
-/// [`ExcitationSettings::steps`](super::ExcitationSettings::steps). The search ends with
-/// [`ExcitationError::Stopped`](super::ExcitationError::Stopped) when it breaks.
-pub type ExcitationProgress<'a> = &'a (dyn Fn(u64) -> ControlFlow<()> + Sync);
-
-/// The steps of a search, done on several threads.
-pub(crate) struct Steps<'a> {
-    progress: ExcitationProgress<'a>,
-    stopped: AtomicBool,
-}
-
-impl<'a> Steps<'a> {
-    /// The most steps of a search that begins with so many random motions.
-    pub(crate) const fn most(random_motions: usize) -> u64 {
-        let barriers = TRIED * TRIED_BARRIERS + GOING_ON * (BARRIERS.len() - TRIED_BARRIERS);
-        (random_motions + barriers * STEPS) as u64
-    }
-
-    pub(crate) const fn new(progress: ExcitationProgress<'a>) -> Self {
-        Self { progress, stopped: AtomicBool::new(false) }
-    }
-
-    pub(crate) fn are_stopped(&self) -> bool {
-        self.stopped.load(Ordering::Relaxed)
-    }
-
-    fn done(&self, count: u64) {
-        if (self.progress)(count).is_break() {
-            self.stopped.store(true, Ordering::Relaxed);
-        }
-    }
-}
 
 /// The steps of one maximization. Those that it does not need are done at its end.
 struct Remaining<'a> {

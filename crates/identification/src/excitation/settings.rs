@@ -1,7 +1,7 @@
 //! The settings of an excitation, and what is allowed.
 
 use super::error::ExcitationError;
-use super::search::Steps;
+use super::steps::Steps;
 use crate::motion::whole;
 
 /// The settings of an excitation.

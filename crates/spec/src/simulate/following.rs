@@ -4,42 +4,11 @@
 //! 60 Hz. Those of controlled arms are of 400 samples at 1020 control periods per second. `cargo run --release -p dynamics --example errors` measures them over damping, gravity,
 //! friction and excitation. A motion is followed if its error is below 10⁻⁴ rad.
 
-use std::fmt;
-
-use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
-
 use super::integrator::Integrator;
 use super::robot_spec::{Gravity, RobotSpec};
 use super::spec::SimulateSpec;
 use crate::check::Violations;
-
-/// A warning about a value that is allowed. A reader of the results should know about it.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct Doubt {
-    /// Path of the field.
-    pub field: String,
-    /// The value.
-    pub value: String,
-    /// Why the value is doubtful, with numbers, and what to do about it.
-    pub reason: String,
-}
-
-impl Doubt {
-    /// The same warning about a spec at `path` in another one.
-    #[must_use]
-    pub fn within(self, path: &str) -> Self {
-        Self { field: format!("{path}.{}", self.field), ..self }
-    }
-}
-
-/// Displays the warning as a sentence.
-impl fmt::Display for Doubt {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { field, value, reason } = self;
-        write!(f, "{field} is {value}: {reason}")
-    }
-}
+use crate::doubt::Doubt;
 
 /// Runge-Kutta of order 4 is stable if a step is shorter than this many time constants of the
 /// fastest decay. It is the method's interval of stability on the negative real axis.

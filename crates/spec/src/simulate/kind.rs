@@ -3,8 +3,8 @@
 use serde_json::{Map, Value};
 
 use super::completion::complete;
-use super::following::Doubt;
 use super::spec::SimulateSpec;
+use crate::doubt::Doubt;
 use crate::kind::{KindSpec, from_fields};
 use crate::schema::Components;
 use crate::{DataSpec, Execution, Product, SpecError};

@@ -24,7 +24,6 @@ pub use controller::{Controller, MAX_DELAY_PERIODS};
 pub use excitation::{
     Chirp, ChirpBand, Excitation, Family, Frequency, Multisine, PULSES, Pulses, STEP_LEVELS, Steps,
 };
-pub use following::Doubt;
 pub use integrator::{Integrator, Precision};
 pub use observations::{MAX_POSITION_NOISE_RAD, Observations};
 pub use references::{

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::following::Doubt;
+use crate::doubt::Doubt;
 use crate::{InertiaScheme, JointDescription, Range, RobotDescription, RobotModel};
 
 /// The arm, and how far each robot's parameters deviate from the nominal ones.

@@ -4,9 +4,9 @@
 //! its velocity. Draws that come near a limit of position are rejected.
 
 use super::excitation::{Excitation, Frequency};
-use super::following::Doubt;
 use super::spec::SimulateSpec;
 use crate::Range;
+use crate::doubt::Doubt;
 
 impl SimulateSpec {
     /// Warnings about initial velocities and torques that move joints faster than their
