@@ -4,6 +4,7 @@ use std::collections::VecDeque;
 use std::io::IsTerminal;
 use std::time::{Duration, Instant};
 
+use console::Term;
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use wire::{JobState, Progress};
 
@@ -140,12 +141,16 @@ impl Bars {
     fn show(&mut self, rows: &[Row]) {
         let widest = rows.iter().map(|row| row.name.chars().count()).max().unwrap_or_default();
         while self.bars.len() < rows.len() {
-            let bar = ProgressBar::new(RESOLUTION).with_style(style());
-            self.bars.push(self.all.add(bar));
+            self.bars.push(self.all.add(ProgressBar::new(RESOLUTION)));
         }
-        for (row, bar) in rows.iter().zip(&self.bars) {
+        let texts: Vec<String> = rows.iter().map(Row::describe).collect();
+        let longest = texts.iter().map(|text| text.chars().count()).max().unwrap_or_default();
+        let (_, columns) = Term::stderr().size();
+        let style = style(bar_width(columns.into(), widest + longest));
+        for ((row, text), bar) in rows.iter().zip(texts).zip(&self.bars) {
+            bar.set_style(style.clone());
             bar.set_prefix(format!("{:widest$}", row.name));
-            bar.set_message(row.describe());
+            bar.set_message(text);
             bar.set_position(position(row.fraction()));
         }
     }
@@ -167,8 +172,16 @@ fn position(fraction: f64) -> u64 {
     (fraction * RESOLUTION as f64).round() as u64
 }
 
-fn style() -> ProgressStyle {
-    ProgressStyle::with_template("{prefix}  {bar:32.cyan/blue}  {wide_msg}")
+/// The width of bars beside names and texts that together have `words` characters.
+fn bar_width(columns: usize, words: usize) -> usize {
+    /// The spaces between name, bar and text.
+    const SPACES: usize = 4;
+
+    columns.saturating_sub(words + SPACES).clamp(8, 32)
+}
+
+fn style(width: usize) -> ProgressStyle {
+    ProgressStyle::with_template(&format!("{{prefix}}  {{bar:{width}.cyan/blue}}  {{wide_msg}}"))
         .unwrap_or_else(|_| ProgressStyle::default_bar())
         .progress_chars("━╸─")
 }
@@ -260,6 +273,14 @@ mod tests {
             progress,
             rate_per_second: None,
         }
+    }
+
+    #[test]
+    fn bars_leave_room_for_the_words_beside_them() {
+        let words =
+            "train".len() + "178 of 400 steps, 88.1/s, ETA 2s, validation 1.234°".chars().count();
+        assert_eq!(bar_width(80, words), 80 - words - 4);
+        assert_eq!([bar_width(40, words), bar_width(200, words)], [8, 32]);
     }
 
     #[test]
