@@ -36,8 +36,9 @@ beforeEach(async () => {
   });
   page.on("pageerror", (error) => complaints.push(error.message));
   page.on("requestfailed", (request) => {
-    // A stream of events ends only with the page.
-    if (request.resourceType() !== "eventsource") complaints.push(`${request.url()} failed`);
+    // A stream of events ends only with the page, and so do requests of a page that is left.
+    const isLeft = request.failure()?.errorText === "net::ERR_ABORTED";
+    if (request.resourceType() !== "eventsource" && !isLeft) complaints.push(`${request.url()} failed`);
   });
   page.on("response", (response) => {
     if (response.status() >= 400) complaints.push(`${response.url()}: ${response.status()}`);
@@ -119,7 +120,8 @@ test("a figure answers: values, a part drawn larger, a curve switched off, a PNG
   // The reading has the numbers of the table.
   const box = await chart.boundingBox();
   const at = (across, down) => page.mouse.move(box.x + box.width * across, box.y + box.height * down);
-  await at(0.5, 0.5);
+  // In the first half only the truth is drawn.
+  await at(0.8, 0.5);
   const reading = figure.locator(".reading");
   const time = Number((await reading.locator("strong").innerText()).match(/: ([-\d.e]+) s/)[1]);
   const rows = table.trim().split("\n").slice(1).map((line) => line.split(","));
