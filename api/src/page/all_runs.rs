@@ -42,7 +42,7 @@ struct AllRunsPage {
     /// Why the filter or the order is refused; empty if it is not.
     problem: String,
     columns: Vec<Column>,
-    /// What the field of columns may become: those that are chosen, and one more that a run of the page has.
+    /// The values that the field of columns may get: the chosen columns, and one more that a run of the page has.
     suggested: Vec<String>,
     /// Chosen columns that no run of the page has.
     unknown: Vec<String>,

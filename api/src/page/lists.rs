@@ -42,7 +42,7 @@ struct ListTemplate {
     /// The columns that the reader chose, in one text.
     chosen: String,
     columns: Vec<Heading>,
-    /// What the field of chosen columns may become: those that are chosen, and one more that an item of the page has.
+    /// The values that the field of columns may get: the chosen columns, and one more that an item of the page has.
     suggested: Vec<String>,
     /// Chosen columns that no item of the page has.
     unknown: Vec<String>,

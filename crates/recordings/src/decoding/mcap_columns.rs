@@ -9,7 +9,7 @@ use crate::error::{Place, RowError};
 /// The most names of joints in an error.
 const MAX_NAMED_JOINTS: usize = 32;
 
-/// What a row takes from a message.
+/// The parts of a message that a row takes.
 pub(super) struct Columns {
     pub time: Option<Time>,
     /// Fields for u, q and, if there is one, qd.
